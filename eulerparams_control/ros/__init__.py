@@ -1,0 +1,1 @@
+"""The ROS layer: everything that imports rclpy or messages, besides the bag recorder."""

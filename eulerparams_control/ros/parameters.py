@@ -1,0 +1,175 @@
+"""Node parameters as one frozen dataclass a node, checked where they enter.
+
+A field is declared with :func:`parameter`; :func:`declare` makes the ROS parameters,
+reads the overrides (YAML, ``-p``) and returns the filled dataclass.  Names that the
+node does not have are refused with the name that was probably meant.
+"""
+
+import array
+import dataclasses
+import math
+import typing
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+
+P = TypeVar("P")
+
+# Declared by rclpy itself in every node.
+_RCLPY_NAMES = ("use_sim_time", "start_type_description_service")
+_RCLPY_PREFIXES = ("qos_overrides.",)
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    bounds: tuple[float, float] | None = None,
+    choices: Sequence[str] | None = None,
+    live: bool = False,
+) -> Any:
+    """Return a dataclass field that stands for one ROS parameter.
+
+    Args:
+        default: its value when nothing overrides it; its type is the parameter's.
+        description: what it is, as ``ros2 param describe`` shows it.
+        unit: of each number.
+        bounds: lowest and highest number allowed, both included.
+        choices: the words allowed.
+        live: whether it may be changed while the node is active.
+    """
+    metadata = {
+        "description": description,
+        "unit": unit,
+        "bounds": bounds,
+        "choices": choices,
+        "live": live,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def declare(
+    node: Node, parameters: type[P], on_change: Callable[[P, P], None] | None = None
+) -> P:
+    """Declare the fields of ``parameters`` on ``node`` and return them filled.
+
+    Args:
+        node: the node whose overrides count.
+        parameters: a frozen dataclass whose fields come from :func:`parameter`.
+        on_change: called with (old, new) when a parameter is set while running; what
+            it raises as ConfigurationError refuses the change.  Without it no
+            parameter can be changed.
+
+    Raises:
+        UnknownNameError: if an override names no parameter of the node.
+        ConfigurationError: if a value has the wrong type, size, or is out of bounds.
+    """
+    fields = {field.name: field for field in dataclasses.fields(parameters)}  # type: ignore[arg-type]
+    _refuse_unknown(node._parameter_overrides, fields)
+    hints = typing.get_type_hints(parameters)
+    values = {}
+    for name, field in fields.items():
+        node.declare_parameter(name, _default(field, hints[name]), _descriptor(field))
+        values[name] = _convert(name, node.get_parameter(name).value, field, hints[name])
+    filled = parameters(**values)
+    _watch(node, filled, fields, hints, on_change)
+    return filled
+
+
+def _refuse_unknown(overrides: typing.Iterable[str], fields: dict[str, Any]) -> None:
+    for name in overrides:
+        if name in fields or name in _RCLPY_NAMES or name.startswith(_RCLPY_PREFIXES):
+            continue
+        raise UnknownNameError("parameter", name, fields)
+
+
+def _default(field: Any, hint: Any) -> Any:
+    """Return the default in a form whose ROS type rclpy recognises.
+
+    An empty list would be declared as bytes: no numbers are an empty array of
+    doubles, no words are one empty word, which :func:`_convert` drops.
+    """
+    if typing.get_origin(hint) is not tuple:
+        return field.default
+    return list(field.default) or ([""] if str in typing.get_args(hint) else array.array("d"))
+
+
+def _descriptor(field: Any) -> ParameterDescriptor:
+    meta = field.metadata
+    text = meta["description"] + (f" [{meta['unit']}]" if meta["unit"] else "")
+    constraints = []
+    if meta["bounds"]:
+        constraints.append(f"between {meta['bounds'][0]:g} and {meta['bounds'][1]:g}")
+    if meta["choices"]:
+        constraints.append("one of " + ", ".join(meta["choices"]))
+    return ParameterDescriptor(
+        description=text, additional_constraints="; ".join(constraints), dynamic_typing=True
+    )
+
+
+def _convert(name: str, value: Any, field: Any, hint: Any) -> Any:
+    """Return ``value`` as the type of the field, checked."""
+    item = typing.get_args(hint)[0] if typing.get_origin(hint) is tuple else hint
+    if item is hint:
+        return _convert_item(name, value, field, item)
+    if isinstance(value, str) or not isinstance(value, typing.Iterable):
+        raise ConfigurationError(f"parameter '{name}' is {value!r}; expected a list")
+    return tuple(_convert_item(name, entry, field, item) for entry in value if entry != "")
+
+
+def _convert_item(name: str, value: Any, field: Any, kind: type) -> Any:
+    meta = field.metadata
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise ConfigurationError(
+            f"parameter '{name}' is {value!r}, a {type(value).__name__}; expected a {kind.__name__}"
+        )
+    unit = f" {meta['unit']}" if meta["unit"] else ""
+    if kind is float and not math.isfinite(value):
+        raise ConfigurationError(f"parameter '{name}' is {value}; expected a finite number{unit}")
+    if meta["bounds"] and not meta["bounds"][0] <= value <= meta["bounds"][1]:
+        low, high = meta["bounds"]
+        raise ConfigurationError(
+            f"parameter '{name}' is {value:g}{unit}; expected between {low:g} and {high:g}"
+        )
+    if meta["choices"] and value not in meta["choices"]:
+        raise UnknownNameError(f"value of parameter '{name}':", value, meta["choices"])
+    return value
+
+
+def _watch(
+    node: Node,
+    current: Any,
+    fields: dict[str, Any],
+    hints: dict[str, Any],
+    on_change: Callable[[Any, Any], None] | None,
+) -> None:
+    """Check every later change; one that is refused changes nothing."""
+
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        nonlocal current
+        try:
+            values = {}
+            for change in changes:
+                if change.name not in fields:
+                    continue
+                field = fields[change.name]
+                if on_change is None or not field.metadata["live"]:
+                    raise ConfigurationError(f"'{change.name}' cannot be changed while running")
+                values[change.name] = _convert(change.name, change.value, field, hints[change.name])
+            if values and on_change is not None:
+                changed = dataclasses.replace(current, **values)
+                on_change(current, changed)
+                current = changed
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(check)

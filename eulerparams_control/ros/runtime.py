@@ -1,0 +1,66 @@
+"""How every executable of the package runs: signals, executor, exit codes."""
+
+import gc
+import signal
+import sys
+from collections.abc import Callable
+from typing import Protocol
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from eulerparams_control.errors import EulerParamsError
+
+# How often the loop looks whether a signal came; messages are handled at once.
+_POLL_SECONDS = 0.05
+
+
+class Runnable(Protocol):
+    """What :func:`run` asks of a node besides being a node."""
+
+    done: bool  # ends the loop when true
+
+    def close(self) -> None:
+        """Send the last safe command, finish files; called once, context still valid."""
+
+
+def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
+
+    The default handlers of rclpy kill the context before a last command can be
+    published, so the signals are handled here.  Errors of this package end the
+    process with one line on stderr and exit code 1.
+    """
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: stopped.append(received))
+    node: Node | None = None
+    try:
+        node = make_node()
+        _spin(node, stopped)
+        return 0
+    except EulerParamsError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 1
+    finally:
+        _end(node)
+
+
+def _spin(node: Node, stopped: list[int]) -> None:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # a full collection of the start-up objects would cost milliseconds
+    while not stopped and not node.done:
+        executor.spin_once(timeout_sec=_POLL_SECONDS)
+
+
+def _end(node: Node | None) -> None:
+    try:
+        if node is not None:
+            node.close()
+    finally:
+        rclpy.try_shutdown()
