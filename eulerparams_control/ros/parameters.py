@@ -5,7 +5,6 @@ reads the overrides (YAML, ``-p``) and returns the filled dataclass.  Names that
 node does not have are refused with the name that was probably meant.
 """
 
-import array
 import dataclasses
 import math
 import typing
@@ -75,8 +74,8 @@ def declare(
     hints = typing.get_type_hints(parameters)
     values = {}
     for name, field in fields.items():
-        node.declare_parameter(name, _default(field, hints[name]), _descriptor(field))
-        values[name] = _convert(name, node.get_parameter(name).value, field, hints[name])
+        value = _declare_one(node, name, field, hints[name])
+        values[name] = _convert(name, value, field, hints[name])
     filled = parameters(**values)
     _watch(node, filled, fields, hints, on_change)
     return filled
@@ -89,15 +88,16 @@ def _refuse_unknown(overrides: typing.Iterable[str], fields: dict[str, Any]) -> 
         raise UnknownNameError("parameter", name, fields)
 
 
-def _default(field: Any, hint: Any) -> Any:
-    """Return the default in a form whose ROS type rclpy recognises.
-
-    An empty list would be declared as bytes: no numbers are an empty array of
-    doubles, no words are one empty word, which :func:`_convert` drops.
-    """
-    if typing.get_origin(hint) is not tuple:
-        return field.default
-    return list(field.default) or ([""] if str in typing.get_args(hint) else array.array("d"))
+def _declare_one(node: Node, name: str, field: Any, hint: Any) -> Any:
+    """Declare one parameter and return its value, unchecked."""
+    is_list = typing.get_origin(hint) is tuple
+    default = list(field.default) if is_list else field.default
+    node.declare_parameter(name, default, _descriptor(field))
+    if is_list and len(node.get_parameter(name).value) == 0:  # rclpy takes [] for bytes
+        strings = str in typing.get_args(hint)
+        kind = Parameter.Type.STRING_ARRAY if strings else Parameter.Type.DOUBLE_ARRAY
+        node.set_parameters([Parameter(name, kind, [])])
+    return node.get_parameter(name).value
 
 
 def _descriptor(field: Any) -> ParameterDescriptor:
@@ -118,9 +118,9 @@ def _convert(name: str, value: Any, field: Any, hint: Any) -> Any:
     item = typing.get_args(hint)[0] if typing.get_origin(hint) is tuple else hint
     if item is hint:
         return _convert_item(name, value, field, item)
-    if isinstance(value, str) or not isinstance(value, typing.Iterable):
+    if isinstance(value, (str, int, float)):
         raise ConfigurationError(f"parameter '{name}' is {value!r}; expected a list")
-    return tuple(_convert_item(name, entry, field, item) for entry in value if entry != "")
+    return tuple(_convert_item(name, entry, field, item) for entry in value)
 
 
 def _convert_item(name: str, value: Any, field: Any, kind: type) -> Any:
