@@ -93,7 +93,7 @@ def _declare_one(node: Node, name: str, field: Any, hint: Any) -> Any:
     is_list = typing.get_origin(hint) is tuple
     default = list(field.default) if is_list else field.default
     node.declare_parameter(name, default, _descriptor(field))
-    if is_list and len(node.get_parameter(name).value) == 0:  # rclpy takes [] for bytes
+    if node.get_parameter(name).type_ is Parameter.Type.BYTE_ARRAY:  # rclpy's guess for []
         strings = str in typing.get_args(hint)
         kind = Parameter.Type.STRING_ARRAY if strings else Parameter.Type.DOUBLE_ARRAY
         node.set_parameters([Parameter(name, kind, [])])
