@@ -33,6 +33,10 @@ class UnknownNameError(ConfigurationError):
         )
 
 
+class SingularityError(EulerParamsError):
+    """A representation has no finite answer at this orientation."""
+
+
 class RobotError(EulerParamsError):
     """The robot description lacks what is asked of it (a frame, a joint, a limit)."""
 

@@ -1,0 +1,34 @@
+"""The representations of the orientation displacement; importing this registers them."""
+
+from eulerparams_control.orientation import (
+    angle_axis,
+    euler_angles,
+    euler_parameters,
+    relative_euler_angles,
+    rotation_vector,
+)
+from eulerparams_control.orientation.base import (
+    OrientationOptions,
+    OrientationRepresentation,
+    representation,
+)
+from eulerparams_control.orientation.sequences import SEQUENCES, EulerSequence
+from eulerparams_control.orientation.sign import SIGNS, SignRule
+
+ORIENTATIONS = tuple(sorted(OrientationRepresentation.registry))
+
+__all__ = [
+    "ORIENTATIONS",
+    "SEQUENCES",
+    "SIGNS",
+    "EulerSequence",
+    "OrientationOptions",
+    "OrientationRepresentation",
+    "SignRule",
+    "angle_axis",
+    "euler_angles",
+    "euler_parameters",
+    "relative_euler_angles",
+    "representation",
+    "rotation_vector",
+]

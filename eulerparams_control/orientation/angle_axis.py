@@ -1,0 +1,62 @@
+"""Angle/axis: sin(theta) r = 2 eta eps of the mutual rotation (refs. [9], [10])."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.errors import SingularityError
+from eulerparams_control.orientation.base import OrientationRepresentation
+from eulerparams_control.rotations import Array, angle_between, mutual_R
+
+
+class AngleAxisDisplacement(NamedTuple):
+    """The error sin(theta) r and the matrix of its derivative.
+
+    Attributes:
+        o_de: (3,) R_e 2 eta_de eps_de_e, base frame.
+        L: (3, 3) (tr(Q) I - Q') / 2 with Q = R_d R_e'; do_de = L' omega_d - L omega_e.
+    """
+
+    o_de: Array
+    L: Array
+
+    @property
+    def error(self) -> Array:
+        """sin(theta) r (3,), base frame."""
+        return self.o_de
+
+
+class AngleAxisRepresentation(OrientationRepresentation):
+    """The orientation error is sin(theta) r; L is singular at 90 deg of error."""
+
+    name = "angle_axis"
+
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: AngleAxisDisplacement | None = None
+    ) -> AngleAxisDisplacement:
+        """Return o_de = 2 eta eps_de and L; neither depends on the sign of the quaternion."""
+        eta, eps = mutual_R(R_e, R_d)
+        Q = R_d @ R_e.T
+        return AngleAxisDisplacement(2 * eta * (R_e @ eps), (np.trace(Q) * np.eye(3) - Q.T) / 2)
+
+    def resolved_velocity(
+        self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float
+    ) -> Array:
+        """Return L^-1 (L' omega_d + k_Po o_de), which gives do_de = -k_Po o_de.
+
+        Raises:
+            SingularityError: if L is exactly singular.
+        """
+        try:
+            return np.linalg.solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.o_de)
+        except np.linalg.LinAlgError:
+            raise SingularityError(
+                "L of angle_axis is singular: the orientation error is 90 deg; use "
+                "orientation: euler_parameters for errors that large"
+            ) from None
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""
+        theta = angle_between(R_e, R_d)
+        return min(abs(theta - math.pi / 2), math.pi - theta)

@@ -1,0 +1,53 @@
+"""Rotation vector: theta r, the log map that current packages use (not in the paper)."""
+
+import math
+from typing import NamedTuple
+
+from eulerparams_control.orientation.base import OrientationRepresentation
+from eulerparams_control.rotations import (
+    Array,
+    EulerParameters,
+    angle_between,
+    mutual_R,
+    rotation_vector,
+)
+
+
+class RotationVectorDisplacement(NamedTuple):
+    """The mutual quaternion and its rotation vector.
+
+    Attributes:
+        Q_de: {eta_de, eps_de_e} with the sign chosen, as for Euler parameters.
+        rho_de: (3,) theta r [rad], base frame; theta exceeds pi while eta_de < 0.
+    """
+
+    Q_de: EulerParameters
+    rho_de: Array
+
+    @property
+    def error(self) -> Array:
+        """theta r (3,) [rad], base frame."""
+        return self.rho_de
+
+
+class RotationVectorRepresentation(OrientationRepresentation):
+    """The orientation error is theta r; its law jumps where theta passes pi."""
+
+    name = "rotation_vector"
+
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None
+    ) -> RotationVectorDisplacement:
+        """Return theta r of R_e' R_d, in the base frame."""
+        Q_de = self.options.sign.choose(mutual_R(R_e, R_d), previous and previous.Q_de)
+        return RotationVectorDisplacement(Q_de, R_e @ rotation_vector(Q_de))
+
+    def resolved_velocity(
+        self, x_de: RotationVectorDisplacement, omega_d: Array, k_Po: float
+    ) -> Array:
+        """Return omega_d + k_Po theta r, which gives dtheta = -k_Po theta about a fixed axis."""
+        return omega_d + k_Po * x_de.rho_de
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the angle [rad] by which the error is away from 180 deg."""
+        return math.pi - angle_between(R_e, R_d)

@@ -1,0 +1,139 @@
+"""The 12 sequences of Euler angles: R(phi), T(phi), its derivative, extraction.
+
+A sequence (i, j, k) is intrinsic: R = R_i(alpha) R_j(beta) R_k(gamma), eq. (2).
+Six have three different axes (XYZ, ...), six have the last equal to the first
+(ZYZ, ...).  The derivations for all 12 are in the errata of the paper's equations;
+NOTATION.md lists them.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eulerparams_control.errors import SingularityError, UnknownNameError
+from eulerparams_control.rotations import Array, R_axis, cross
+
+SEQUENCES = (
+    *("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
+    *("XYX", "XZX", "YXY", "YZY", "ZXZ", "ZYZ"),
+)
+
+# Below this sine of the distance to the pole, alpha and gamma are rounding noise one by
+# one (only their sum or difference is defined): the previous gamma is kept.
+POLE_SINE = 1e-12
+
+
+def wrap(phi: Array) -> Array:
+    """Return the angles phi (any shape) [rad] wrapped to (-pi, pi]."""
+    return np.pi - (np.pi - phi) % (2 * np.pi)
+
+
+@dataclass(frozen=True)
+class EulerSequence:
+    """One of the 12 sequences of Euler angles.
+
+    Args:
+        name: three letters such as ``"XYZ"``.
+
+    Raises:
+        UnknownNameError: if it is none of the 12; lists them.
+    """
+
+    name: str = "XYZ"
+
+    def __post_init__(self) -> None:
+        if self.name not in SEQUENCES:
+            raise UnknownNameError("Euler sequence", self.name, SEQUENCES)
+
+    @cached_property
+    def axes(self) -> tuple[int, int, int]:
+        """The axes i, j, k as 0, 1, 2."""
+        i, j, k = ("XYZ".index(letter) for letter in self.name)
+        return i, j, k
+
+    @cached_property
+    def is_proper(self) -> bool:
+        """Whether the last axis is the first (ZYZ and its kin)."""
+        return self.axes[0] == self.axes[2]
+
+    @cached_property
+    def _s_and_l(self) -> tuple[int, int]:
+        """Sign s of the permutation (i, j, l) and the axis l that is neither i nor j."""
+        i, j, _ = self.axes
+        return (1 if (j - i) % 3 == 1 else -1), 3 - i - j
+
+    def R(self, phi: Array) -> Array:
+        """Return R(phi) (3, 3) of the angles phi (3,) [rad], eq. (2)."""
+        i, j, k = self.axes
+        alpha, beta, gamma = phi.tolist()
+        return R_axis(i, alpha) @ R_axis(j, beta) @ R_axis(k, gamma)
+
+    def T(self, phi: Array) -> Array:
+        """Return T(phi) (3, 3) with omega = T dphi in the base frame, eq. (3)."""
+        i, j, k = self.axes
+        alpha, beta, _ = phi.tolist()
+        R_i = R_axis(i, alpha)
+        T = np.zeros((3, 3))
+        T[i, 0] = 1.0  # t1 = a_i
+        T[:, 1] = R_i[:, j]  # t2 = R_i(alpha) a_j
+        T[:, 2] = R_i @ R_axis(j, beta)[:, k]  # t3 = R_i(alpha) R_j(beta) a_k
+        return T
+
+    def dT(self, phi: Array, dphi: Array) -> Array:
+        """Return the derivative of T (3, 3) [1/s] along the rates dphi (3,) [rad/s]."""
+        t1, t2, t3 = self.T(phi).T
+        omega_2 = t1 * dphi[0]
+        dT = np.zeros((3, 3))
+        dT[:, 1] = cross(omega_2, t2)
+        dT[:, 2] = cross(omega_2 + t2 * dphi[1], t3)
+        return dT
+
+    def rates(self, phi: Array, omega: Array) -> Array:
+        """Return dphi = T(phi)^-1 omega (3,) [rad/s]; unbounded towards the pole.
+
+        Raises:
+            SingularityError: if T is exactly singular.
+        """
+        try:
+            return np.linalg.solve(self.T(phi), omega)
+        except np.linalg.LinAlgError:
+            raise SingularityError(
+                f"T(phi) of the Euler angles {self.name} is singular: at this orientation no "
+                "rates of the angles give the desired angular velocity; choose another "
+                "euler_sequence or orientation: euler_parameters"
+            ) from None
+
+    def extract(self, R: Array, previous: Array | None = None) -> Array:
+        """Return phi (3,) [rad] with R(phi) = R.
+
+        Args:
+            R: rotation matrix (3, 3).
+            previous: the angles before, whose gamma is kept at the pole (else 0).
+        """
+        alpha, beta, gamma, sine = self._angles(R.tolist())
+        if sine > POLE_SINE:
+            return np.array([alpha, beta, gamma])
+        gamma = 0.0 if previous is None else float(previous[2])
+        i, j, k = self.axes
+        R_i = R @ R_axis(k, gamma).T @ R_axis(j, beta).T
+        y, z = (i + 1) % 3, (i + 2) % 3
+        return np.array([math.atan2(R_i[z, y], R_i[y, y]), beta, gamma])
+
+    def _angles(self, R: list[list[float]]) -> tuple[float, float, float, float]:
+        """Return alpha, beta, gamma and the sine of the distance to the pole."""
+        i, j, k = self.axes
+        s, l = self._s_and_l
+        if self.is_proper:
+            sine = math.hypot(R[i][j], R[i][l])
+            beta = math.atan2(sine, R[i][i])
+            return math.atan2(R[j][i], -s * R[l][i]), beta, math.atan2(R[i][j], s * R[i][l]), sine
+        sine = math.hypot(R[i][i], R[i][j])
+        beta = math.atan2(s * R[i][k], sine)
+        alpha = math.atan2(-s * R[j][k], R[k][k])
+        return alpha, beta, math.atan2(-s * R[i][j], R[i][i]), sine
+
+    def pole_distance(self, R: Array) -> float:
+        """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest singularity of T."""
+        return math.asin(min(1.0, self._angles(R.tolist())[3]))
