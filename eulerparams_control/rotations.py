@@ -17,6 +17,10 @@ Array = NDArray[np.float64]
 # omitted term is then below 1e-16.
 SMALL_ANGLE = 1e-4
 
+# The coefficients of the right Jacobian lose 1e-16 / theta^4 by cancellation; below this
+# angle four terms of their series are exact to 1e-13.
+SMALL_JACOBIAN_ANGLE = 0.1
+
 
 def S(v: Array) -> Array:
     """Return the skew-symmetric (3, 3) with S(v) w = v x w, as in eq. (1)."""
@@ -170,6 +174,39 @@ def rotation_vector(Q: EulerParameters) -> Array:
     if norm < SMALL_ANGLE and Q.eta > 0:
         return (2 / Q.eta) * (1 - norm**2 / (3 * Q.eta**2)) * Q.eps
     return (theta / norm) * Q.eps if norm > 0 else np.zeros(3)
+
+
+def right_jacobian(x: Array) -> Array:
+    """Return J_r(x) (3, 3): the angular velocity in the turned frame is J_r(x) dx.
+
+    Of R = exp(x), x = theta r (3,) [rad]: J_r = I - a S(x) + b S(x)^2 with
+    a = (1 - cos(theta)) / theta^2 and b = (theta - sin(theta)) / theta^3.
+    """
+    (a, b), _ = _jacobian_coefficients(math.sqrt(x @ x))
+    Sx = S(x)
+    return np.eye(3) - a * Sx + b * (Sx @ Sx)
+
+
+def right_jacobian_rate(x: Array, dx: Array) -> Array:
+    """Return the time derivative of J_r(x) (3, 3) [1/s] along dx (3,) [rad/s]."""
+    (a, b), (da, db) = _jacobian_coefficients(math.sqrt(x @ x))  # da, db: d/dtheta over theta
+    rate = float(x @ dx)  # theta dtheta
+    Sx, Sdx = S(x), S(dx)
+    return -a * Sdx + b * (Sdx @ Sx + Sx @ Sdx) + rate * (db * (Sx @ Sx) - da * Sx)
+
+
+def _jacobian_coefficients(theta: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return (a, b) of J_r and (a'(theta) / theta, b'(theta) / theta)."""
+    t2 = theta * theta
+    if theta < SMALL_JACOBIAN_ANGLE:
+        a = 1 / 2 - t2 / 24 + t2**2 / 720 - t2**3 / 40320
+        b = 1 / 6 - t2 / 120 + t2**2 / 5040 - t2**3 / 362880
+        da = -1 / 12 + t2 / 180 - t2**2 / 6720 + t2**3 / 453600
+        db = -1 / 60 + t2 / 1260 - t2**2 / 60480 + t2**3 / 4989600
+        return (a, b), (da, db)
+    sin, cos = math.sin(theta), math.cos(theta)
+    a, b = (1 - cos) / t2, (theta - sin) / (t2 * theta)
+    return (a, b), ((sin / theta - 2 * a) / t2, ((1 - cos) / t2 - 3 * b) / t2)
 
 
 def angle_between(R_1: Array, R_2: Array) -> float:

@@ -20,10 +20,6 @@ SEQUENCES = (
     *("XYX", "XZX", "YXY", "YZY", "ZXZ", "ZYZ"),
 )
 
-# Below this sine of the distance to the pole, alpha and gamma are rounding noise one by
-# one (only their sum or difference is defined): the previous gamma is kept.
-POLE_SINE = 1e-12
-
 
 def wrap(phi: Array) -> Array:
     """Return the angles phi (any shape) [rad] wrapped to (-pi, pi]."""
@@ -108,12 +104,15 @@ class EulerSequence:
     def extract(self, R: Array, previous: Array | None = None) -> Array:
         """Return phi (3,) [rad] with R(phi) = R.
 
+        At the pole, where alpha and gamma are not unique, gamma is kept.  Next to it the
+        angles are those of R as it is, however little its last bits may mean.
+
         Args:
             R: rotation matrix (3, 3).
             previous: the angles before, whose gamma is kept at the pole (else 0).
         """
         alpha, beta, gamma, sine = self._angles(R.tolist())
-        if sine > POLE_SINE:
+        if sine > 0:
             return np.array([alpha, beta, gamma])
         gamma = 0.0 if previous is None else float(previous[2])
         i, j, k = self.axes

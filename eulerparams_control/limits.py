@@ -1,0 +1,41 @@
+"""Joint limits, and how a velocity command is kept within them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.rotations import Array
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of n joints; infinite where there is none.
+
+    Attributes:
+        lower, upper: (n,) positions [rad or m].
+        velocity: (n,) speeds [rad/s or m/s].
+        effort: (n,) efforts [Nm or N].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+    def limit_velocity(self, q: Array, dq: Array, dt: float) -> tuple[Array, bool]:
+        """Return dq within the limits, and whether it had to change.
+
+        Too fast a motion is slowed as a whole, so that its direction is kept.  A joint
+        that would pass its position limit within dt stops there, the others go on.
+
+        Args:
+            q: (n,) positions now.
+            dq: (n,) velocities wanted; finite.
+            dt: time that dq will last [s]; positive.
+        """
+        excess = float(np.max(np.abs(dq) / self.velocity))
+        slowed = dq / excess if excess > 1 else dq
+        low = np.minimum((self.lower - q) / dt, 0.0)  # outside already: inwards is allowed
+        high = np.maximum((self.upper - q) / dt, 0.0)
+        limited = np.clip(slowed, low, high)
+        return limited, bool(np.any(limited != dq))

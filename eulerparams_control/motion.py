@@ -1,0 +1,314 @@
+"""Desired motion: the desired frame at any time, from way-points, circles or messages.
+
+A trajectory is a row of frames with their derivatives.  Between two of them the
+position is a polynomial of degree 5 and so is the rotation vector x of R = R_0 exp(x):
+both pass the frames with their velocities and accelerations, so the desired frame is
+consistent, continuous to acceleration, and exact at every time.
+
+Notation: ``p_d`` (3,) [m], ``R_d`` (3, 3), ``dp_d, omega_d`` [m/s, rad/s], ``ddp_d,
+domega_d`` [m/s^2, rad/s^2], all in the base frame, of the tip.
+"""
+
+import bisect
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.rotations import (
+    Array,
+    R_angle_axis,
+    cross,
+    exp,
+    log,
+    right_jacobian,
+    right_jacobian_rate,
+)
+
+_ZERO = np.zeros(3)
+_ZERO.setflags(write=False)
+
+
+class DesiredFrame(NamedTuple):
+    """The desired frame at one instant, base frame.
+
+    Attributes:
+        p_d: (3,) [m].
+        R_d: (3, 3).
+        dp_d, omega_d: (3,) [m/s], [rad/s].
+        ddp_d, domega_d: (3,) [m/s^2], [rad/s^2].
+    """
+
+    p_d: Array
+    R_d: Array
+    dp_d: Array = _ZERO
+    omega_d: Array = _ZERO
+    ddp_d: Array = _ZERO
+    domega_d: Array = _ZERO
+
+    def at_rest(self) -> "DesiredFrame":
+        """Return the same pose without velocity and acceleration."""
+        return DesiredFrame(self.p_d, self.R_d)
+
+
+class _Segment:
+    """Motion between two frames ``duration`` seconds apart."""
+
+    def __init__(self, start: DesiredFrame, end: DesiredFrame, duration: float) -> None:
+        self.R_0 = start.R_d
+        self.p = _quintic(
+            (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
+        )
+        self.x = _quintic(
+            (np.zeros(3), start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d),
+            _rotation_vector_at_end(start, end),
+            duration,
+        )
+
+    def sample(self, t: float) -> DesiredFrame:
+        p_d, dp_d, ddp_d = _evaluate(self.p, t)
+        x, dx, ddx = _evaluate(self.x, t)
+        R_d = self.R_0 @ exp(x)
+        J_r = right_jacobian(x)
+        omega = J_r @ dx  # in the desired frame
+        domega = J_r @ ddx + right_jacobian_rate(x, dx) @ dx
+        return DesiredFrame(p_d, R_d, dp_d, R_d @ omega, ddp_d, R_d @ domega)
+
+
+def _rotation_vector_at_end(
+    start: DesiredFrame, end: DesiredFrame
+) -> tuple[Array, Array, Array]:
+    """Return x, dx, ddx at the end of a segment: the inverse of ``_Segment.sample``."""
+    x = log(start.R_d.T @ end.R_d)
+    J_r = right_jacobian(x)
+    dx = np.linalg.solve(J_r, end.R_d.T @ end.omega_d)
+    domega = end.R_d.T @ end.domega_d
+    return x, dx, np.linalg.solve(J_r, domega - right_jacobian_rate(x, dx) @ dx)
+
+
+def _quintic(
+    start: tuple[Array, Array, Array], end: tuple[Array, Array, Array], T: float
+) -> Array:
+    """Return the coefficients (6, 3), constant first, of value, rate and acceleration given."""
+    x_0, v_0, a_0 = start
+    x_1, v_1, a_1 = end
+    h = x_1 - x_0 - v_0 * T - a_0 * T**2 / 2
+    v = v_1 - v_0 - a_0 * T
+    a = a_1 - a_0
+    return np.array(
+        [
+            x_0,
+            v_0,
+            a_0 / 2,
+            (10 * h - 4 * v * T + a * T**2 / 2) / T**3,
+            (-15 * h + 7 * v * T - a * T**2) / T**4,
+            (6 * h - 3 * v * T + a * T**2 / 2) / T**5,
+        ]
+    )
+
+
+def _evaluate(coefficients: Array, t: float) -> tuple[Array, Array, Array]:
+    """Return value, rate and acceleration (3,) of the polynomial at t."""
+    t2, t3 = t * t, t * t * t
+    powers = np.array(
+        [
+            [1.0, t, t2, t3, t2 * t2, t2 * t3],
+            [0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t2 * t2],
+            [0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3],
+        ]
+    )
+    x, dx, ddx = powers @ coefficients
+    return x, dx, ddx
+
+
+class Trajectory:
+    """A motion through frames at given times; it holds the last one afterwards.
+
+    Args:
+        times: [s] strictly increasing, from the start of the trajectory.
+        frames: the desired frames at these times.  Two neighbours differ by less than
+            half a turn: the rotation between them is about the equivalent axis.
+
+    Raises:
+        ConfigurationError: if there is none, the numbers differ, or times do not increase.
+    """
+
+    def __init__(self, times: Sequence[float], frames: Sequence[DesiredFrame]) -> None:
+        if not frames or len(times) != len(frames):
+            raise ConfigurationError(
+                f"a trajectory needs as many times as frames, at least one; got {len(times)} "
+                f"times and {len(frames)} frames"
+            )
+        if not np.all(np.diff(times) > 0):
+            raise ConfigurationError("the times of a trajectory must increase from point to point")
+        self.times = [float(t) for t in times]
+        self.frames = list(frames)
+        self._segments: dict[int, _Segment] = {}
+
+    @property
+    def duration(self) -> float:
+        """Time [s] of the last frame."""
+        return self.times[-1]
+
+    def sample(self, t: float) -> DesiredFrame:
+        """Return the desired frame at t [s]; at rest before the first and after the last."""
+        if t < self.times[0]:
+            return self.frames[0].at_rest()
+        if t == self.times[-1]:
+            return self.frames[-1]
+        if t > self.times[-1]:
+            return self.frames[-1].at_rest()
+        index = bisect.bisect_right(self.times, t) - 1
+        if index not in self._segments:
+            self._segments = {index: self._segment(index)}
+        return self._segments[index].sample(t - self.times[index])
+
+    def _segment(self, index: int) -> _Segment:
+        duration = self.times[index + 1] - self.times[index]
+        return _Segment(self.frames[index], self.frames[index + 1], duration)
+
+    def from_frame(self, frame: DesiredFrame) -> "Trajectory":
+        """Return the trajectory that starts with ``frame`` at 0 if its first time is later."""
+        if self.times[0] <= 0:
+            return self
+        return Trajectory([0.0, *self.times], [frame, *self.frames])
+
+
+def way_points(times: Sequence[float], poses: Sequence[tuple[Array, Array]]) -> Trajectory:
+    """Return the motion that rests at each pose (p (3,), R (3, 3)) at its time [s]."""
+    return Trajectory(times, [DesiredFrame(p, R) for p, R in poses])
+
+
+class Circle(NamedTuple):
+    """A circle of the tip that begins at a pose, with a conical motion of the tool.
+
+    Attributes:
+        radius: [m].
+        normal: (3,) axis of the circle, base frame; need not be of unit length.
+        period: [s] of one turn.
+        turns: how many.
+        tilt: [rad] half angle of the cone on which the tool axis turns, once a turn.
+        ramp: [s] to get up to speed and down again; 0 starts at speed.
+    """
+
+    radius: float
+    normal: Array
+    period: float
+    turns: float = 1.0
+    tilt: float = 0.0
+    ramp: float = 1.0
+
+    def trajectory(self, p_0: Array, R_0: Array, points_per_turn: int = 60) -> Trajectory:
+        """Return the circle from the pose p_0 (3,), R_0 (3, 3).
+
+        Raises:
+            ConfigurationError: if period or turns are not positive, or the ramp is too long.
+        """
+        duration = self.turns * self.period + self.ramp
+        if not (self.period > 0 and self.turns > 0 and 0 <= self.ramp <= self.turns * self.period):
+            raise ConfigurationError(
+                f"circle: period {self.period} s, {self.turns} turns, ramp {self.ramp} s; expected "
+                "positive period and turns, and a ramp from 0 to period * turns"
+            )
+        if not np.linalg.norm(self.normal) > 0:
+            raise ConfigurationError("circle: the normal is zero; expected a direction")
+        step = min(self.period / points_per_turn, self.ramp / 10 or self.period)
+        times = np.linspace(0.0, duration, max(2, math.ceil(duration / step) + 1))
+        return Trajectory(times.tolist(), [self._frame(t, p_0, R_0) for t in times])
+
+    def _phase(self, t: float) -> tuple[float, float, float]:
+        """Return the angle on the circle [rad] with its first and second derivative."""
+        speed, ramp = 2 * math.pi / self.period, self.ramp
+        end = self.turns * self.period + ramp
+        if ramp > 0 and t < ramp:
+            return _ramp(t / ramp, speed, ramp)
+        if ramp > 0 and t > end - ramp:
+            phi, dphi, ddphi = _ramp((end - t) / ramp, speed, ramp)
+            return 2 * math.pi * self.turns - phi, dphi, -ddphi
+        return speed * (t - ramp / 2), speed, 0.0
+
+    def _frame(self, t: float, p_0: Array, R_0: Array) -> DesiredFrame:
+        phi, dphi, ddphi = self._phase(t)
+        n = self.normal / np.linalg.norm(self.normal)
+        u = _perpendicular(n)
+        arm = self.radius * (R_angle_axis(phi, n) @ u)  # from the centre to the tip
+        turn = cross(n, arm)
+        A = R_angle_axis(phi, n) @ R_angle_axis(self.tilt, u) @ R_angle_axis(-phi, n)
+        C = R_angle_axis(-self.tilt, u) @ R_0
+        lag = n - A @ n
+        omega = dphi * lag
+        return DesiredFrame(
+            p_d=p_0 + arm - self.radius * u,
+            R_d=A @ C,
+            dp_d=dphi * turn,
+            omega_d=omega,
+            ddp_d=ddphi * turn - dphi**2 * arm,
+            domega_d=ddphi * lag - dphi * cross(omega, A @ n),
+        )
+
+
+def _ramp(s: float, speed: float, ramp: float) -> tuple[float, float, float]:
+    """Return phase, rate and acceleration where the rate grows smoothly from 0 to speed."""
+    phi = speed * ramp * (2.5 * s**4 - 3 * s**5 + s**6)
+    return phi, speed * (10 * s**3 - 15 * s**4 + 6 * s**5), speed / ramp * 30 * (s * (1 - s)) ** 2
+
+
+def _perpendicular(n: Array) -> Array:
+    """Return a unit vector (3,) perpendicular to the unit vector n."""
+    u = cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
+    return u / np.linalg.norm(u)
+
+
+class SetPoint:
+    """One streamed frame: extrapolated at its twist for a while, then held.
+
+    Args:
+        frame: the desired frame at time 0.
+        lasting: [s] for which its twist holds without a successor.
+    """
+
+    def __init__(self, frame: DesiredFrame, lasting: float) -> None:
+        self.frames = [frame]
+        self.lasting = lasting
+
+    def sample(self, t: float) -> DesiredFrame:
+        """Return the desired frame at t [s]."""
+        frame = self.frames[0]
+        dt = min(max(t, 0.0), self.lasting)
+        moved = frame._replace(
+            p_d=frame.p_d + dt * frame.dp_d, R_d=exp(dt * frame.omega_d) @ frame.R_d
+        )
+        return moved if t <= self.lasting else moved.at_rest()
+
+
+class DesiredMotion:
+    """What a controller follows: a trajectory, a set-point, or the frame that it holds.
+
+    Its state is explicit: the motion, the time at which it started (None until the first
+    sample, if it was given without one), and the frame sampled last.
+    """
+
+    def __init__(self, held: DesiredFrame) -> None:
+        self.hold(held)
+
+    def hold(self, frame: DesiredFrame) -> None:
+        """Hold the pose of ``frame`` from now on."""
+        self._motion: Trajectory | SetPoint | None = None
+        self._start: int | None = None
+        self.last = frame.at_rest()
+
+    def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
+        """Follow a motion from the time ``start`` [ns], or from the next sample if None."""
+        if isinstance(motion, Trajectory):
+            motion = motion.from_frame(self.last)
+        self._motion, self._start = motion, start
+
+    def sample(self, t: int) -> DesiredFrame:
+        """Return the desired frame at the time t [ns]."""
+        if self._motion is not None:
+            if self._start is None:
+                self._start = t
+            self.last = self._motion.sample((t - self._start) / 1e9)
+        return self.last

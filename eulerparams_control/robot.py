@@ -1,0 +1,147 @@
+"""The robot arm: from joint values to the frozen state that the laws take.
+
+The only user of Pinocchio, and the one place that chooses its reference frame
+(LOCAL_WORLD_ALIGNED, turned into the base frame): eqs. (18)-(20).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin  # type: ignore[import-untyped]
+
+from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.rotations import Array
+from eulerparams_control.urdf import UrdfTree, joint_limits
+
+_REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class RobotState(NamedTuple):
+    """Kinematics of the arm at one instant; having one proves that they are up to date.
+
+    Attributes:
+        q: (n,) joint positions [rad or m], in the order of ``Robot.joints``.
+        dq: (n,) joint velocities [rad/s or m/s].
+        p_e: (3,) [m] origin of the tip, base frame, eq. (18).
+        R_e: (3, 3) orientation of the tip, base frame, eq. (19).
+        dp_e: (3,) [m/s] velocity of the tip, base frame, eq. (20).
+        omega_e: (3,) [rad/s] angular velocity of the tip, base frame, eq. (20).
+        J: (6, n) geometric Jacobian, base frame, linear part first, eq. (20).
+    """
+
+    q: Array
+    dq: Array
+    p_e: Array
+    R_e: Array
+    dp_e: Array
+    omega_e: Array
+    J: Array
+
+
+class Robot:
+    """A serial arm of n active joints, from a URDF.
+
+    Joints that are not active (grippers, mimics, other arms) are held still in the
+    model.  Revolute, continuous and prismatic joints may be mixed.
+
+    Args:
+        urdf: the text of the URDF.
+        base_frame: the link that poses and twists refer to; "" is the root link.
+        tip_frame: the link that is controlled.
+        joints: names of the active joints; () is all that move between base and tip.
+
+    Attributes:
+        base_frame, tip_frame: as given, "" resolved.
+        joints: the n active joints, base to tip.
+        limits: of the active joints.
+
+    Raises:
+        RobotError: if the URDF is broken, or a frame or joint is not there.
+    """
+
+    def __init__(
+        self, urdf: str, base_frame: str, tip_frame: str, joints: Sequence[str] = ()
+    ) -> None:
+        tree = UrdfTree(urdf)
+        self.base_frame = _frame(tree, base_frame or tree.root, "base_frame")
+        self.tip_frame = _frame(tree, tip_frame, "tip_frame")
+        self.joints = _active_joints(tree, self.base_frame, self.tip_frame, joints)
+        self.n = len(self.joints)
+        self.limits = JointLimits(
+            *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T
+        )
+        if not np.all(self.limits.velocity > 0):
+            raise RobotError("the URDF has a velocity limit of 0 for a joint that has to move")
+        self._model = _reduced_model(urdf, self.joints)
+        self._data = self._model.createData()
+        self._tip = self._model.getFrameId(self.tip_frame)
+        self._R_base, self._p_base = self._base_placement()
+        self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
+        self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
+
+    def state(self, q: Array, dq: Array) -> RobotState:
+        """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        if q.shape != (self.n,) or dq.shape != (self.n,):
+            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
+        J = pin.computeFrameJacobian(
+            self._model, self._data, self._configuration(q), self._tip, _REFERENCE
+        )
+        placement = self._data.oMf[self._tip]
+        p_e, R_e = placement.translation.copy(), placement.rotation.copy()
+        if not self._base_is_root:
+            p_e, R_e = self._R_base.T @ (p_e - self._p_base), self._R_base.T @ R_e
+            J = np.vstack([self._R_base.T @ J[:3], self._R_base.T @ J[3:]])
+        v_e = J @ dq  # eq. (20)
+        return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
+
+    def _configuration(self, q: Array) -> Array:
+        """Return Pinocchio's configuration: cosine and sine for each continuous joint."""
+        if self._model.nq == self.n:
+            return q
+        values: list[float] = []
+        for angle, continuous in zip(q.tolist(), self._continuous, strict=True):
+            values += (math.cos(angle), math.sin(angle)) if continuous else (angle,)
+        return np.array(values)
+
+    def _base_placement(self) -> tuple[Array, Array]:
+        """Return rotation and origin of the base frame in the root frame, which are constant."""
+        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
+        placement = self._data.oMf[self._model.getFrameId(self.base_frame)]
+        return placement.rotation.copy(), placement.translation.copy()
+
+
+def _frame(tree: UrdfTree, name: str, parameter: str) -> str:
+    if name not in tree.links:
+        raise RobotError(f"{parameter}: {UnknownNameError('frame', name, tree.links)}")
+    return name
+
+
+def _active_joints(
+    tree: UrdfTree, base: str, tip: str, joints: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the active joints from base to tip, checked against the tree."""
+    moving = tree.moving(base, tip)
+    for joint in joints:
+        if joint not in moving:
+            raise RobotError(f"joints: {UnknownNameError('joint', joint, moving)}")
+    active = tuple(joint for joint in moving if joint in joints or not joints)
+    if not active:
+        raise RobotError(f"no joint moves between base_frame '{base}' and tip_frame '{tip}'")
+    return active
+
+
+def _reduced_model(urdf: str, joints: tuple[str, ...]) -> pin.Model:
+    """Return the Pinocchio model in which only ``joints`` move."""
+    try:
+        model = pin.buildModelFromXML(urdf)
+    except ValueError as error:
+        raise RobotError(f"Pinocchio cannot read the URDF: {error}") from error
+    locked = [model.getJointId(name) for name in model.names[1:] if name not in joints]
+    return pin.buildReducedModel(model, locked, pin.neutral(model))

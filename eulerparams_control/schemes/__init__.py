@@ -1,0 +1,1 @@
+"""The control schemes: kinematic control, and what the others share with it."""

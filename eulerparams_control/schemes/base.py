@@ -1,0 +1,60 @@
+"""What a control scheme is to the controller that runs it."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.robot import RobotState
+from eulerparams_control.rotations import Array
+
+
+class JointCommand(NamedTuple):
+    """What a scheme asks of the joints; what it does not command is None.
+
+    Attributes:
+        q: (n,) positions [rad or m].
+        dq: (n,) velocities [rad/s or m/s].
+        effort: (n,) efforts [Nm or N].
+    """
+
+    q: Array | None = None
+    dq: Array | None = None
+    effort: Array | None = None
+
+
+class Tick(NamedTuple):
+    """One tick of a scheme.
+
+    Attributes:
+        command: for the joints.
+        state: kinematics on which the loop was closed.
+        desired: the desired frame.
+        dp_de: (3,) [m] position error, eq. (21).
+        x_de: orientation displacement of the representation, eqs. (22), (27).
+        saturated: whether a limit changed the command.
+    """
+
+    command: JointCommand
+    state: RobotState
+    desired: DesiredFrame
+    dp_de: Array
+    x_de: Any
+    saturated: bool
+
+
+class Scheme(ABC):
+    """A control scheme of the paper, with its unavoidable state."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def reset(self, q: Array) -> None:
+        """Forget the past; begin at the measured positions q (n,)."""
+
+    @abstractmethod
+    def start_frame(self) -> DesiredFrame:
+        """Return the frame at which the scheme has zero error after :meth:`reset`."""
+
+    @abstractmethod
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the command for the measured q, dq (n,), dt [s] after the tick before."""

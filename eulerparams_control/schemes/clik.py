@@ -1,0 +1,187 @@
+"""Kinematic control: closed-loop inverse kinematics (CLIK), section III, Fig. 1.
+
+Notation: ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of the
+representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, SingularityError
+from eulerparams_control.inverse import DampedInverse
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.orientation import OrientationRepresentation
+from eulerparams_control.robot import Robot, RobotState
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+
+FEEDBACKS = ("internal", "measured")
+
+
+@dataclass(frozen=True)
+class ClikLaw:
+    """The law (23), (28): the joint velocity for a state and a desired frame.
+
+    Attributes:
+        orientation: the representation of the orientation displacement.
+        k_Pp: position gain [1/s].
+        k_Po: orientation gain [1/s]; see the errata on fair gains between representations.
+        inverse: of the Jacobian.
+        posture: (n,) [rad or m] to which a redundant arm tends, or None.
+        k_posture: gain of that tendency [1/s].
+    """
+
+    orientation: OrientationRepresentation
+    k_Pp: float = 100.0
+    k_Po: float = 100.0
+    inverse: DampedInverse = DampedInverse()
+    posture: Array | None = None
+    k_posture: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("k_Pp", "k_Po", "k_posture"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+
+    def velocity(self, state: RobotState, desired: DesiredFrame, previous: Any) -> tuple[Any, ...]:
+        """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.
+
+        dq = J^-1 [dp_d + k_Pp dp_de; omega(x_de)], eqs. (23), (28), where omega is
+        omega_d + k_Po eps_de for Euler parameters.
+
+        Args:
+            state: kinematics of the arm.
+            desired: the desired frame.
+            previous: x_de of the tick before, or None.
+
+        Raises:
+            SingularityError: if the representation has no finite answer.
+        """
+        dp_de = desired.p_d - state.p_e  # eq. (21)
+        x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
+        v = np.concatenate(
+            (
+                desired.dp_d + self.k_Pp * dp_de,
+                self.orientation.resolved_velocity(x_de, desired.omega_d, self.k_Po),
+            )
+        )
+        J_inverse = self.inverse(state.J)
+        dq = J_inverse @ v  # eqs. (23), (28)
+        if self.posture is not None:
+            dq_0 = self.k_posture * (self.posture - state.q)
+            dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
+        return dq, dp_de, x_de
+
+
+class Clik(Scheme):
+    """CLIK as in Fig. 1: integrates dq from the first measured q.
+
+    At each tick q is the integral of the velocities commanded before, and dq the answer
+    of the law to it, so q and dq belong to the same instant as the desired frame.
+
+    Args:
+        robot: the arm.
+        law: the law with its gains.
+        feedback: ``"internal"`` closes the loop on the integrated q, as in Fig. 1;
+            ``"measured"`` on the measured q.
+        enforce_limits: whether the limits of the URDF bound the command.
+        blend_time: [s] in which the command goes over to a law that replaces another.
+
+    Raises:
+        ConfigurationError: if the feedback is unknown or the posture has the wrong size.
+    """
+
+    name = "clik"
+
+    def __init__(
+        self,
+        robot: Robot,
+        law: ClikLaw,
+        feedback: str = "internal",
+        enforce_limits: bool = True,
+        blend_time: float = 0.1,
+    ) -> None:
+        if feedback not in FEEDBACKS:
+            raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
+        self.robot = robot
+        self.feedback = feedback
+        self.enforce_limits = enforce_limits
+        self.blend_time = blend_time
+        self._replaced: ClikLaw | None = None
+        self.law = _checked(law, robot)
+        self.reset(np.zeros(robot.n))
+
+    def replace_law(self, law: ClikLaw) -> None:
+        """Go over to another law, without a jump of the command.
+
+        Raises:
+            ConfigurationError: if its posture has the wrong size.
+        """
+        self._replaced, self.law = self.law, _checked(law, self.robot)
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,) with zero velocity."""
+        self._q = q.copy()
+        self._dq = np.zeros_like(q)
+        self._x_de: Any = None
+        self._offset = np.zeros_like(q)
+        self._replaced = None
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the integrated q."""
+        state = self.robot.state(self._q, self._dq)
+        return DesiredFrame(state.p_e, state.R_e)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Integrate over dt [s] and return q, dq for this instant.
+
+        Raises:
+            SingularityError: if the law has no finite answer; nothing is integrated then.
+        """
+        q_c = self._integrate(dt)
+        if self.feedback == "internal":
+            state = self.robot.state(q_c, self._dq)
+        else:
+            state = self.robot.state(q, dq)
+        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de)
+        dq_c = dq_c + self._blend(dt, dq_c, state, desired)
+        saturated = False
+        if not np.all(np.isfinite(dq_c)):
+            raise SingularityError("the law asks for an infinite joint velocity")
+        if self.enforce_limits:
+            dq_c, saturated = self.robot.limits.limit_velocity(q_c, dq_c, max(dt, 1e-3))
+        self._q, self._dq, self._x_de = q_c, dq_c, x_de
+        return Tick(JointCommand(q_c, dq_c), state, desired, dp_de, x_de, saturated)
+
+    def _integrate(self, dt: float) -> Array:
+        """Return q (n,) after dt [s] of the velocity commanded last."""
+        q = self._q + dt * self._dq
+        if not self.enforce_limits:
+            return q
+        limits = self.robot.limits  # where it started outside, only outward motion is cut
+        return np.clip(q, np.minimum(limits.lower, self._q), np.maximum(limits.upper, self._q))
+
+    def _blend(self, dt: float, dq: Array, state: RobotState, desired: DesiredFrame) -> Array:
+        """Return what remains of the difference (n,) to the law that was replaced."""
+        if self._replaced is not None:
+            replaced, self._replaced = self._replaced, None
+            dq_before, _, _ = replaced.velocity(state, desired, None)
+            self._offset = self._offset + dq_before - dq
+        else:
+            self._offset = self._offset * math.exp(-dt / self.blend_time)
+        return self._offset
+
+
+def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
+    """Return the law, whose posture fits the robot."""
+    if law.posture is not None and law.posture.shape != (robot.n,):
+        raise ConfigurationError(
+            f"posture has {law.posture.size} values; expected one for each of the {robot.n} "
+            f"joints {', '.join(robot.joints)}"
+        )
+    return law
+
+
