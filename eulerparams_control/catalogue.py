@@ -80,13 +80,13 @@ def _resolve(urdf: str, folder: Path) -> Path:
     package, separator, path = urdf.partition(":")
     if not separator:
         return folder / Path(urdf).expanduser()
-    folders = list(_package_folders(package))
-    for folder in folders:
-        if (folder / path).is_file():
-            return folder / path
+    roots = list(_package_folders(package))
+    for root in roots:
+        if (root / path).is_file():
+            return root / path
     raise RobotError(
         f"'{path}' of the package '{package}' was not found; is it installed? looked in: "
-        + ", ".join(str(folder) for folder in folders)
+        + ", ".join(map(str, roots))
     )
 
 

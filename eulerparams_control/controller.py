@@ -7,7 +7,7 @@ gives it measured states and references, and gets commands or nothing.
 import math
 from dataclasses import dataclass
 
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
@@ -39,6 +39,11 @@ class Controller:
         scheme: the control scheme.
         options: how it treats time and references.
         q: (n,) measured positions at activation; their pose is held at first.
+
+    Attributes:
+        tick_now: the last tick of the scheme; None before the first.
+        fault: why the arm is held still instead of moved; "" if it is not.
+        resets: how often it started anew after a jump of the stamps.
     """
 
     def __init__(self, scheme: Scheme, options: ControllerOptions, q: Array) -> None:
@@ -46,14 +51,22 @@ class Controller:
         self.options = options
         self.resets = 0
         self.tick_now: Tick | None = None
+        self.fault = ""
         self._waiting = options.require_reference
         self._t: int | None = None
+        self._command: JointCommand | None = None
         self._begin(q)
 
     def _begin(self, q: Array) -> None:
         """Start at the measured q with zero error, holding its pose."""
         self.scheme.reset(q)
         self._motion = DesiredMotion(self.scheme.start_frame())
+
+    def stop(self) -> JointCommand:
+        """Return the command that holds still, and hold from now on."""
+        command = self.scheme.hold()
+        self._motion.hold(self.scheme.start_frame())
+        return command
 
     def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
@@ -73,16 +86,25 @@ class Controller:
         """
         if self._waiting:
             return None
-        if t == self._t and self.tick_now is not None:
-            return self.tick_now.command
+        if t == self._t:
+            return self._command
         dt = 0.0 if self._t is None else (t - self._t) / 1e9
         if not 0 <= dt <= self.options.state_timeout:
             self.resets += 1
             self._begin(q)
             dt = 0.0
-        self.tick_now = self.scheme.tick(dt, q, dq, self._motion.sample(t))
         self._t = t
-        return self.tick_now.command
+        self._command = self._tick(t, dt, q, dq)
+        return self._command
+
+    def _tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
+        try:
+            self.tick_now = self.scheme.tick(dt, q, dq, self._motion.sample(t))
+            self.fault = ""
+            return self.tick_now.command
+        except SingularityError as error:
+            self.fault = str(error)
+            return self.stop()
 
     def _refuse_jump(self, motion: Trajectory | SetPoint) -> None:
         if isinstance(motion, Trajectory) and motion.times[0] > 0:

@@ -1,6 +1,6 @@
 """Joint limits, and how a velocity command is kept within them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,10 @@ class JointLimits:
     upper: Array
     velocity: Array
     effort: Array
+
+    def scaled(self, velocity_scale: float) -> "JointLimits":
+        """Return the limits with the speeds times ``velocity_scale``."""
+        return replace(self, velocity=velocity_scale * self.velocity)
 
     def limit_velocity(self, q: Array, dq: Array, dt: float) -> tuple[Array, bool]:
         """Return dq within the limits, and whether it had to change.

@@ -10,7 +10,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints of one degree of freedom."""
 
 
-class JointLimits(NamedTuple):
+class Limits(NamedTuple):
     """The limits that a joint states: rad, rad/s, Nm (or m, m/s, N); infinite if none."""
 
     lower: float
@@ -110,7 +110,7 @@ def attribute(element: ET.Element, name: str) -> str:
     return value
 
 
-def joint_limits(joint: ET.Element) -> JointLimits:
+def joint_limits(joint: ET.Element) -> Limits:
     """Return the limits of a ``<joint>``.
 
     Raises:
@@ -121,7 +121,7 @@ def joint_limits(joint: ET.Element) -> JointLimits:
     stated = {} if element is None else element.attrib
     default = "inf" if element is None or joint.get("type") == "continuous" else "0"
     try:
-        limits = JointLimits(
+        limits = Limits(
             -math.inf if default == "inf" else float(stated.get("lower", default)),
             math.inf if default == "inf" else float(stated.get("upper", default)),
             float(stated.get("velocity", "inf")),

@@ -52,6 +52,10 @@ class Scheme(ABC):
         """Forget the past; begin at the measured positions q (n,)."""
 
     @abstractmethod
+    def hold(self) -> JointCommand:
+        """Return the command that holds the arm still where it was commanded to be."""
+
+    @abstractmethod
     def start_frame(self) -> DesiredFrame:
         """Return the frame at which the scheme has zero error after :meth:`reset`."""
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.inverse import DampedInverse
+from eulerparams_control.limits import JointLimits
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import OrientationRepresentation
 from eulerparams_control.robot import Robot, RobotState
@@ -87,7 +88,7 @@ class Clik(Scheme):
         law: the law with its gains.
         feedback: ``"internal"`` closes the loop on the integrated q, as in Fig. 1;
             ``"measured"`` on the measured q.
-        enforce_limits: whether the limits of the URDF bound the command.
+        limits: that bound the command; None is none.
         blend_time: [s] in which the command goes over to a law that replaces another.
 
     Raises:
@@ -101,14 +102,14 @@ class Clik(Scheme):
         robot: Robot,
         law: ClikLaw,
         feedback: str = "internal",
-        enforce_limits: bool = True,
+        limits: JointLimits | None = None,
         blend_time: float = 0.1,
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
         self.robot = robot
         self.feedback = feedback
-        self.enforce_limits = enforce_limits
+        self.limits = limits
         self.blend_time = blend_time
         self._replaced: ClikLaw | None = None
         self.law = _checked(law, robot)
@@ -129,6 +130,12 @@ class Clik(Scheme):
         self._x_de: Any = None
         self._offset = np.zeros_like(q)
         self._replaced = None
+
+    def hold(self) -> JointCommand:
+        """Return the command that holds still: the integrated q, no velocity."""
+        self._dq = np.zeros_like(self._q)
+        self._x_de = None
+        return JointCommand(self._q, self._dq)
 
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the integrated q."""
@@ -151,18 +158,19 @@ class Clik(Scheme):
         saturated = False
         if not np.all(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
-        if self.enforce_limits:
-            dq_c, saturated = self.robot.limits.limit_velocity(q_c, dq_c, max(dt, 1e-3))
+        if self.limits is not None:
+            dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, max(dt, 1e-3))
         self._q, self._dq, self._x_de = q_c, dq_c, x_de
         return Tick(JointCommand(q_c, dq_c), state, desired, dp_de, x_de, saturated)
 
     def _integrate(self, dt: float) -> Array:
         """Return q (n,) after dt [s] of the velocity commanded last."""
         q = self._q + dt * self._dq
-        if not self.enforce_limits:
+        if self.limits is None:
             return q
-        limits = self.robot.limits  # where it started outside, only outward motion is cut
-        return np.clip(q, np.minimum(limits.lower, self._q), np.maximum(limits.upper, self._q))
+        # where it started outside, only outward motion is cut
+        lower = np.minimum(self.limits.lower, self._q)
+        return np.clip(q, lower, np.maximum(self.limits.upper, self._q))
 
     def _blend(self, dt: float, dq: Array, state: RobotState, desired: DesiredFrame) -> Array:
         """Return what remains of the difference (n,) to the law that was replaced."""

@@ -1,0 +1,76 @@
+"""The node ``clik``: kinematic control, section III; publishes ``joint_reference``."""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.inverse import DampedInverse
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros.commands import CommandPublisher
+from eulerparams_control.ros.control_node import ControlNode, ControlParameters
+from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.ros.runtime import run
+from eulerparams_control.schemes.base import Scheme
+from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw
+
+
+@dataclass(frozen=True)
+class ClikParameters(ControlParameters):
+    """Parameters of the node ``clik``."""
+
+    k_Pp: float = parameter(100.0, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(100.0, "orientation gain", unit="1/s", bounds=(0.0, 1e4), live=True)
+    feedback: str = parameter("internal", "which q closes the loop", choices=FEEDBACKS)
+    posture: tuple[float, ...] = parameter(
+        (), "joint positions that a redundant arm tends to; empty: none", unit="rad", live=True
+    )
+    k_posture: float = parameter(
+        1.0, "gain of the posture", unit="1/s", bounds=(0.0, 1e3), live=True
+    )
+
+    def law(self) -> ClikLaw:
+        """Return the law with these parameters."""
+        return ClikLaw(
+            self.representation(),
+            self.k_Pp,
+            self.k_Po,
+            DampedInverse(self.damping_eps, self.damping_max),
+            np.array(self.posture) if self.posture else None,
+            self.k_posture,
+        )
+
+
+class ClikNode(ControlNode):
+    """Kinematic control of one arm."""
+
+    parameters_type = ClikParameters
+
+    def __init__(self) -> None:
+        super().__init__("clik")
+
+    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
+        """Return CLIK for a robot."""
+        return Clik(robot, self._params.law(), self._params.feedback, limits)
+
+    def change_scheme(
+        self, scheme: Scheme, parameters: ClikParameters, limits: JointLimits | None
+    ) -> None:
+        """Go over to new parameters."""
+        assert isinstance(scheme, Clik)
+        scheme.replace_law(parameters.law())
+        scheme.limits = limits
+
+    def make_commands(self, joints: tuple[str, ...]) -> CommandPublisher:
+        """Return the publisher of ``joint_reference``."""
+        return CommandPublisher(self, "joint_reference", self._params.command_type, joints)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(ClikNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

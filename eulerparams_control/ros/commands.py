@@ -1,0 +1,76 @@
+"""The joint command as a message: the types that ros2_control's controllers take."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from eulerparams_control.schemes.base import JointCommand
+
+
+class CommandPublisher:
+    """Publishes commands of one type on one topic.
+
+    ``joint_state``       sensor_msgs/JointState: what the scheme commands.
+    ``joint_trajectory``  trajectory_msgs/JointTrajectory of one point.
+    ``forward``           std_msgs/Float64MultiArray: efforts, else positions.
+
+    Args:
+        node: the node that publishes.
+        topic: where.
+        kind: one of ``TYPES``.
+        joints: names of the joints, in the order of the commands.
+    """
+
+    TYPES: ClassVar[tuple[str, ...]] = ("joint_state", "joint_trajectory", "forward")
+
+    def __init__(self, node: Node, topic: str, kind: str, joints: Sequence[str]) -> None:
+        self._node = node
+        self._joints = list(joints)
+        message, self._fill = self._kinds()[kind]
+        self._message = message
+        self._publisher = node.create_publisher(type(message), topic, QoSProfile(depth=10))
+
+    def publish(self, stamp: Time, command: JointCommand) -> None:
+        """Publish a command under the stamp of the joint_states that it answers."""
+        self._fill(stamp, command)
+        self._publisher.publish(self._message)
+
+    def destroy(self) -> None:
+        """Take the publisher off the graph."""
+        self._node.destroy_publisher(self._publisher)
+
+    def _kinds(self) -> dict[str, tuple[Any, Callable[[Time, JointCommand], None]]]:
+        trajectory = JointTrajectory(joint_names=self._joints, points=[JointTrajectoryPoint()])
+        return {
+            "joint_state": (JointState(name=self._joints), self._fill_joint_state),
+            "joint_trajectory": (trajectory, self._fill_trajectory),
+            "forward": (Float64MultiArray(), self._fill_forward),
+        }
+
+    def _fill_joint_state(self, stamp: Time, command: JointCommand) -> None:
+        self._message.header.stamp = stamp
+        if command.q is not None:
+            self._message.position = command.q.tolist()
+        if command.dq is not None:
+            self._message.velocity = command.dq.tolist()
+        if command.effort is not None:
+            self._message.effort = command.effort.tolist()
+
+    def _fill_trajectory(self, stamp: Time, command: JointCommand) -> None:
+        self._message.header.stamp = stamp
+        point = self._message.points[0]
+        if command.q is not None:
+            point.positions = command.q.tolist()
+        if command.dq is not None:
+            point.velocities = command.dq.tolist()
+
+    def _fill_forward(self, stamp: Time, command: JointCommand) -> None:
+        values = command.effort if command.effort is not None else command.q
+        if values is not None:
+            self._message.data = values.tolist()

@@ -1,0 +1,353 @@
+"""The control node: what the nodes of all schemes share.
+
+It is wiring: messages are converted, given to the :class:`Controller`, and its answer is
+published under the stamp of the joint_states that it answers.  A lifecycle node that by
+default starts itself as soon as it has a robot description and a state.
+"""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import ConfigurationError, EulerParamsError, InvalidMessageError
+from eulerparams_control.inverse import smallest_singular_value
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    SIGNS,
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    SignRule,
+    representation,
+)
+from eulerparams_control.messages import JointStateReader, motion_from_ros
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.commands import CommandPublisher
+from eulerparams_control.ros.conversions import error_to_ros, pose_to_ros
+from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.base import Scheme
+
+QOS = QoSProfile(depth=10)  # reliable, volatile
+QOS_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
+
+
+@dataclass(frozen=True)
+class ControlParameters:
+    """Parameters of every control node."""
+
+    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
+    base_frame: str = parameter("", "link that poses refer to; empty: the root link")
+    tip_frame: str = parameter("tool0", "link that is controlled")
+    joints: tuple[str, ...] = parameter((), "active joints; empty: all from base to tip")
+    orientation: str = parameter(
+        "euler_parameters",
+        "representation of the orientation displacement",
+        choices=ORIENTATIONS,
+        live=True,
+    )
+    euler_sequence: str = parameter(
+        "XYZ", "sequence of the Euler angles", choices=SEQUENCES, live=True
+    )
+    quaternion_sign: str = parameter(
+        "hysteretic", "sign of the mutual quaternion", choices=SIGNS, live=True
+    )
+    hysteresis: float = parameter(
+        0.2, "eta below minus this flips the sign", bounds=(0.0, 0.99), live=True
+    )
+    damping_eps: float = parameter(
+        0.05, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True
+    )
+    damping_max: float = parameter(
+        0.05, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
+    )
+    enforce_limits: bool = parameter(
+        True, "keep to the limits of the URDF; false only with use_sim_time"
+    )
+    velocity_scale: float = parameter(
+        1.0, "fraction of the URDF's velocity limits", bounds=(0.001, 1.0), live=True
+    )
+    command_type: str = parameter(
+        "joint_state", "message type of the command", choices=CommandPublisher.TYPES
+    )
+    state_timeout: float = parameter(
+        0.1, "gap of joint_states that ends commands", unit="s", bounds=(0.001, 60.0)
+    )
+    reference_timeout: float = parameter(
+        0.1, "a single streamed frame holds its twist for", unit="s", bounds=(0.0, 60.0)
+    )
+    max_jump_position: float = parameter(
+        0.05, "a reference may begin this far away", unit="m", bounds=(0.0, 100.0)
+    )
+    max_jump_rotation: float = parameter(
+        0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
+    )
+    require_reference: bool = parameter(False, "be silent until the first reference")
+    state_rate: float = parameter(
+        50.0, "rate of ~/pose and ~/error at most", unit="Hz", bounds=(0.0, 10000.0)
+    )
+    autostart: bool = parameter(True, "configure and activate as soon as possible")
+
+    def representation(self) -> OrientationRepresentation:
+        """Return the representation that they name."""
+        options = OrientationOptions(
+            EulerSequence(self.euler_sequence), SignRule(self.quaternion_sign, self.hysteresis)
+        )
+        return representation(self.orientation, options)
+
+    def controller_options(self) -> ControllerOptions:
+        """Return how the controller is to treat time and references."""
+        return ControllerOptions(
+            self.state_timeout,
+            self.reference_timeout,
+            self.max_jump_position,
+            self.max_jump_rotation,
+            self.require_reference,
+        )
+
+
+class ControlNode(LifecycleNode):
+    """A lifecycle node that runs one scheme on one arm."""
+
+    parameters_type: type[Any] = ControlParameters
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.done = False
+        self._health = diagnostics.Health(self)
+        self._params = declare(self, self.parameters_type, self._on_change)
+        self._check_limits_off()
+        self._robot: Robot | None = None
+        self._controller: Controller | None = None
+        self._description = self._params.robot_description
+        self._state: tuple[int, Array, Array] | None = None
+        self._next_report = 0
+        self._subscribe()
+        self._try_start()
+
+    @abstractmethod
+    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
+        """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
+
+    @abstractmethod
+    def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
+        """Change a running scheme to new parameters; raises ConfigurationError."""
+
+    @abstractmethod
+    def make_commands(self, joints: tuple[str, ...]) -> CommandPublisher:
+        """Return the publisher of the scheme's commands."""
+
+    # --- set-up ------------------------------------------------------------------------
+
+    def _subscribe(self) -> None:
+        def subscribe(kind: Any, topic: str, callback: Any, qos: QoSProfile) -> None:
+            self.create_subscription(
+                kind, topic, callback, qos, qos_overriding_options=QOS_OVERRIDES
+            )
+
+        subscribe(JointState, "joint_states", self._on_joint_states, QOS)
+        subscribe(MultiDOFJointTrajectory, "reference", self._on_reference, QOS)
+        if not self._description:
+            subscribe(String, "robot_description", self._on_robot_description, QOS_LATCHED)
+        self._pose_publisher = self.create_publisher(PoseStamped, "~/pose", 10)
+        self._error_publisher = self.create_publisher(TwistStamped, "~/error", 10)
+
+    def _check_limits_off(self) -> None:
+        if not self._params.enforce_limits and not self.get_parameter("use_sim_time").value:
+            raise ConfigurationError(
+                "enforce_limits: false is accepted only with use_sim_time: true, in simulation"
+            )
+
+    def _limits(self, parameters: Any, robot: Robot) -> JointLimits | None:
+        if not parameters.enforce_limits:
+            return None
+        return robot.limits.scaled(parameters.velocity_scale)
+
+    def _on_change(self, _old: Any, new: Any) -> None:
+        """Apply parameters that were changed while running, between two ticks."""
+        if self._controller is not None and self._robot is not None:
+            self.change_scheme(self._controller.scheme, new, self._limits(new, self._robot))
+        self._params = new
+
+    # --- lifecycle ---------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build the robot from its description."""
+        try:
+            if not self._description:
+                raise ConfigurationError(
+                    "no robot description: set the parameter robot_description, or publish the "
+                    "URDF on the topic robot_description (transient local)"
+                )
+            p = self._params
+            self._robot = Robot(self._description, p.base_frame, p.tip_frame, p.joints)
+            self.make_scheme(self._robot, None)  # refuses now what activation would refuse
+        except EulerParamsError as error:
+            self._health.set(diagnostics.ERROR, f"not configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        self._reader = JointStateReader(self._robot.joints)
+        self._commands = self.make_commands(self._robot.joints)
+        self._health.set(diagnostics.OK, "configured, waiting for joint_states")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin at the measured pose with zero error."""
+        if self._state is None or self._robot is None:
+            self._health.set(
+                diagnostics.ERROR,
+                "not activated: no valid joint_states yet; expected the joints "
+                + (", ".join(self._robot.joints) if self._robot else ""),
+            )
+            return TransitionCallbackReturn.FAILURE
+        scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
+        self._controller = Controller(
+            scheme, self._params.controller_options(), self._state[1]
+        )
+        waiting = self._params.require_reference
+        doing = "waiting for a reference" if waiting else "holding the measured pose"
+        self._health.set(
+            diagnostics.OK,
+            f"active with {self._params.orientation}, {self._robot.base_frame} to "
+            f"{self._robot.tip_frame}: {doing}",
+        )
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then command nothing."""
+        self._send_hold()
+        self._controller = None
+        self._health.set(diagnostics.WARN, "inactive")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the robot."""
+        self._robot = self._state = None
+        self._commands.destroy()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _send_hold(self) -> None:
+        if self._controller is not None and self._controller.tick_now is not None:
+            self._commands.publish(self._stamp, self._controller.stop())
+
+    def close(self) -> None:
+        """Command to hold still, as the last thing before the process ends."""
+        self._send_hold()
+
+    def _try_start(self) -> None:
+        """Configure and activate, as far as what is needed has come."""
+        if not self._params.autostart or self._controller is not None:
+            return
+        if self._robot is None and self._description:
+            self.trigger_configure()
+        if self._robot is not None and self._state is not None:
+            self.trigger_activate()
+
+    # --- messages ----------------------------------------------------------------------
+
+    def _on_robot_description(self, msg: String) -> None:
+        if self._robot is None:
+            self._description = msg.data
+            self._try_start()
+
+    def _on_joint_states(self, msg: JointState) -> None:
+        if self._robot is None:
+            return
+        try:
+            self._state = t, q, dq = self._reader.from_ros(msg)
+        except InvalidMessageError as error:
+            self._reject("joint_states", error)
+            return
+        if self._controller is None:
+            self._try_start()
+        if self._controller is None:
+            return
+        command = self._controller.step(t, q, dq)
+        if command is not None:
+            self._stamp = msg.header.stamp
+            self._commands.publish(self._stamp, command)
+            self._report(t)
+
+    def _on_reference(self, msg: MultiDOFJointTrajectory) -> None:
+        if self._controller is None or self._robot is None:
+            self._health.complain("a reference came before activation and was refused")
+            return
+        try:
+            self._refuse_two_publishers()
+            motion, start = motion_from_ros(
+                msg,
+                self._robot.base_frame,
+                self._robot.tip_frame,
+                self._params.reference_timeout,
+            )
+            self._controller.follow(motion, start)
+            self._health.set(diagnostics.OK, "following a reference")
+        except InvalidMessageError as error:
+            self._reject("reference", error)
+
+    def _refuse_two_publishers(self) -> None:
+        if self.count_publishers("reference") > 1:
+            names = [
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in self.get_publishers_info_by_topic("reference")
+            ]
+            raise InvalidMessageError(
+                f"two publishers on 'reference': {', '.join(sorted(names))}; expected one"
+            )
+
+    def _reject(self, topic: str, error: InvalidMessageError) -> None:
+        self._health.count(f"{topic} rejected")
+        self._health.complain(f"{topic} rejected: {error}", error=True)
+
+    # --- reports -----------------------------------------------------------------------
+
+    def _report(self, t: int) -> None:
+        """Publish pose, error and health, at most at ``state_rate``."""
+        controller = self._controller
+        if controller is None or t < self._next_report <= t + 10**10:
+            return
+        if self._params.state_rate <= 0 or controller.tick_now is None:
+            return
+        self._next_report = t + int(1e9 / self._params.state_rate)
+        tick = controller.tick_now
+        frame = self._robot.base_frame if self._robot else ""
+        p_e, R_e = tick.state.p_e, tick.state.R_e
+        self._pose_publisher.publish(pose_to_ros(p_e, R_e, self._stamp, frame))
+        self._error_publisher.publish(
+            error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), self._stamp, frame)
+        )
+        self._report_health(controller)
+
+    def _report_health(self, controller: Controller) -> None:
+        tick = controller.tick_now
+        if tick is None:
+            return
+        distance = self._params.representation().singularity_distance(
+            tick.desired.R_d, tick.state.R_e
+        )
+        self._health.values.update(
+            {
+                "orientation": self._params.orientation,
+                "distance to representation singularity [rad]": distance,
+                "smallest singular value of J": smallest_singular_value(tick.state.J),
+                "saturated": int(tick.saturated),
+                "restarts after a gap of joint_states": controller.resets,
+            }
+        )
+        if controller.fault:
+            self._health.set(diagnostics.ERROR, f"holding still: {controller.fault}")
+

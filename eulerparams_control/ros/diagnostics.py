@@ -1,0 +1,72 @@
+"""What a node reports on /diagnostics: counters, events, its health; 1 Hz and at changes."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+# The same complaint is logged again after this time at the earliest.
+_REPEAT_SECONDS = 5.0
+
+
+class Health:
+    """The health of a node: a level, a message, counters and values.
+
+    Args:
+        node: the node that reports.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._level, self._message = WARN, "starting"
+        self._logged: dict[str, float] = {}
+        self.values: dict[str, str | int | float] = {}
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(1.0, self.publish, clock=steady)
+
+    def set(self, level: bytes, message: str) -> None:
+        """Change the state; what is new is logged and published at once."""
+        if (level, message) == (self._level, self._message):
+            return
+        self._level, self._message = level, message
+        if level == OK:
+            self._node.get_logger().info(message)
+        else:
+            self.complain(message, error=level == ERROR)
+        self.publish()
+
+    def complain(self, message: str, *, error: bool = False) -> None:
+        """Log a warning or an error, the same one not more than every few seconds."""
+        now = time.monotonic()
+        if now - self._logged.get(message, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
+            return
+        self._logged = {message: now, **dict(list(self._logged.items())[:20])}
+        if error:
+            self._node.get_logger().error(message)
+        else:
+            self._node.get_logger().warning(message)
+
+    def count(self, name: str) -> None:
+        """Add one to a counter."""
+        self.values[name] = int(self.values.get(name, 0)) + 1
+
+    def publish(self) -> None:
+        """Publish the state now."""
+        status = DiagnosticStatus(
+            level=self._level,
+            name=self._node.get_fully_qualified_name().lstrip("/"),
+            message=self._message,
+            hardware_id="",
+            values=[KeyValue(key=key, value=_text(value)) for key, value in self.values.items()],
+        )
+        msg = DiagnosticArray(status=[status])
+        msg.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(msg)
+
+
+def _text(value: str | float) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,231 @@
+"""The node ``reference``: a desired motion from parameters, or to a pose that is sent."""
+
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
+from eulerparams_control.messages import JointStateReader, pose_from_ros
+from eulerparams_control.motion import Circle, DesiredFrame, Trajectory, way_points
+from eulerparams_control.orientation import SEQUENCES, EulerSequence
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.conversions import motion_to_ros
+from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.runtime import run
+from eulerparams_control.rotations import Array, EulerParameters, angle_between, exp
+
+MOTIONS = ("none", "way_points", "circle")
+FORMATS = ("quaternion_xyzw", "rotation_vector", *SEQUENCES)
+
+
+@dataclass(frozen=True)
+class ReferenceParameters:
+    """Parameters of the node ``reference``."""
+
+    motion: str = parameter("none", "motion to send at the start", choices=MOTIONS)
+    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
+    base_frame: str = parameter("", "link that poses refer to; empty: the root link")
+    tip_frame: str = parameter("tool0", "link that is controlled")
+    joints: tuple[str, ...] = parameter((), "active joints; empty: all from base to tip")
+    times: tuple[float, ...] = parameter((), "of the way-points, from the start", unit="s")
+    positions: tuple[float, ...] = parameter((), "x, y, z of each way-point in a row", unit="m")
+    orientations: tuple[float, ...] = parameter((), "of each way-point in a row")
+    orientation_format: str = parameter(
+        "quaternion_xyzw", "of orientations; angles of a sequence in rad", choices=FORMATS
+    )
+    circle_radius: float = parameter(0.05, "of the circle", unit="m", bounds=(0.0, 10.0))
+    circle_normal: tuple[float, ...] = parameter((0.0, 0.0, 1.0), "axis of the circle")
+    circle_period: float = parameter(4.0, "of one turn", unit="s", bounds=(0.01, 1e6))
+    circle_turns: float = parameter(1.0, "how many", bounds=(0.01, 1e6))
+    circle_tilt: float = parameter(
+        0.0, "half angle of the cone on which the tool turns", unit="rad", bounds=(0.0, math.pi)
+    )
+    circle_ramp: float = parameter(
+        1.0, "to get up to speed; 0 starts at speed", unit="s", bounds=(0.0, 1e6)
+    )
+    linear_speed: float = parameter(
+        0.1, "of the motion to target_pose, on average", unit="m/s", bounds=(1e-4, 10.0)
+    )
+    angular_speed: float = parameter(
+        0.5, "of the motion to target_pose, on average", unit="rad/s", bounds=(1e-3, 10.0)
+    )
+    wait_for_subscribers: int = parameter(
+        1, "of the topic reference, before the motion is sent", bounds=(0, 100)
+    )
+
+    def way_points(self) -> Trajectory:
+        """Return the motion through the way-points.
+
+        Raises:
+            ConfigurationError: if the numbers of values do not fit together.
+        """
+        width = 4 if self.orientation_format == "quaternion_xyzw" else 3
+        n = len(self.times)
+        if n == 0 or len(self.positions) != 3 * n or len(self.orientations) != width * n:
+            raise ConfigurationError(
+                f"way-points: {n} times, {len(self.positions)} numbers in positions, "
+                f"{len(self.orientations)} in orientations; expected N, 3 N and {width} N with "
+                f"orientation_format {self.orientation_format}"
+            )
+        positions = np.reshape(self.positions, (n, 3))
+        rotations = [self._rotation(v) for v in np.reshape(self.orientations, (n, width))]
+        return way_points(self.times, list(zip(positions, rotations, strict=True)))
+
+    def _rotation(self, values: Array) -> Array:
+        if self.orientation_format == "quaternion_xyzw":
+            norm = float(np.linalg.norm(values))
+            if abs(norm - 1) > 1e-3:
+                raise ConfigurationError(
+                    f"quaternion xyzw {values.tolist()} has norm {norm:g}; expected 1"
+                )
+            return EulerParameters(values[3] / norm, values[:3] / norm).R
+        if self.orientation_format == "rotation_vector":
+            return exp(values)
+        return EulerSequence(self.orientation_format).R(values)
+
+    def circle(self) -> Circle:
+        """Return the circle.
+
+        Raises:
+            ConfigurationError: if the normal has not three numbers.
+        """
+        if len(self.circle_normal) != 3:
+            raise ConfigurationError(
+                f"circle_normal has {len(self.circle_normal)} numbers; expected 3"
+            )
+        return Circle(
+            self.circle_radius,
+            np.array(self.circle_normal),
+            self.circle_period,
+            self.circle_turns,
+            self.circle_tilt,
+            self.circle_ramp,
+        )
+
+
+class ReferenceNode(Node):
+    """Sends one motion when its subscribers are there, and one for each target pose."""
+
+    def __init__(self) -> None:
+        super().__init__("reference")
+        self.done = False
+        self._health = diagnostics.Health(self)
+        self._params = declare(self, ReferenceParameters)
+        self._pending = self._params.motion != "none"
+        self._way_points = (
+            self._params.way_points() if self._params.motion == "way_points" else None
+        )
+        self._robot: Robot | None = None
+        self._latest = b""
+        self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
+        self._subscribe()
+        self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._health.set(diagnostics.OK, "waiting for a robot description")
+
+    def _subscribe(self) -> None:
+        self.create_subscription(PoseStamped, "target_pose", self._on_target_pose, QOS)
+        self.create_subscription(
+            JointState,
+            "joint_states",
+            self._on_joint_states,
+            QOS,
+            raw=True,
+            qos_overriding_options=QOS_OVERRIDES,
+        )
+        if self._params.robot_description:
+            self._set_robot(self._params.robot_description)
+        else:
+            self.create_subscription(
+                String, "robot_description", self._on_robot_description, QOS_LATCHED
+            )
+
+    def _set_robot(self, urdf: str) -> None:
+        p = self._params
+        self._robot = Robot(urdf, p.base_frame, p.tip_frame, p.joints)
+        self._reader = JointStateReader(self._robot.joints)
+        self._health.set(diagnostics.OK, "ready")
+
+    def _on_robot_description(self, msg: String) -> None:
+        try:
+            self._set_robot(msg.data)
+        except RobotError as error:
+            self._health.set(diagnostics.ERROR, f"robot_description refused: {error}")
+
+    def _on_joint_states(self, serialized: bytes) -> None:
+        self._latest = serialized  # read when a motion starts from it
+
+    def _present_pose(self) -> DesiredFrame | None:
+        """Return the pose of the arm measured last, None while there is none."""
+        if self._robot is None or not self._latest:
+            self._health.complain("no robot description or joint_states yet")
+            return None
+        try:
+            _, q, dq = self._reader.from_ros(deserialize_message(self._latest, JointState))
+        except InvalidMessageError as error:
+            self._health.complain(f"joint_states rejected: {error}", error=True)
+            return None
+        state = self._robot.state(q, dq)
+        return DesiredFrame(state.p_e, state.R_e)
+
+    def _on_target_pose(self, msg: PoseStamped) -> None:
+        pose = self._present_pose()
+        if self._robot is None or pose is None:
+            return
+        try:
+            p, R = pose_from_ros(msg, self._robot.base_frame)
+        except InvalidMessageError as error:
+            self._health.complain(f"target_pose refused: {error}", error=True)
+            return
+        self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
+
+    def _duration(self, pose: DesiredFrame, p: Array, R: Array) -> float:
+        """Return the time [s] of a motion at the speeds wanted."""
+        distance, angle = float(np.linalg.norm(p - pose.p_d)), angle_between(pose.R_d, R)
+        speeds = self._params
+        return max(distance / speeds.linear_speed, angle / speeds.angular_speed, 0.1)
+
+    def _try_send(self) -> None:
+        """Send the motion of the parameters once subscribers and what it needs are there."""
+        enough = self._publisher.get_subscription_count() >= self._params.wait_for_subscribers
+        if not self._pending or self._robot is None or not enough:
+            return
+        if self._way_points is not None:
+            self._send(self._way_points)
+        else:
+            pose = self._present_pose()
+            if pose is None:
+                return
+            self._send(self._params.circle().trajectory(pose.p_d, pose.R_d))
+        self._pending = False
+
+    def _send(self, trajectory: Trajectory) -> None:
+        assert self._robot is not None
+        msg = motion_to_ros(trajectory, self._robot.base_frame, self._robot.tip_frame)
+        self._publisher.publish(msg)
+        self._health.set(
+            diagnostics.OK,
+            f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points",
+        )
+
+    def close(self) -> None:
+        """Nothing has to be undone."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(ReferenceNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""What is simulated besides the robot: rate, control, tool, friction, noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.rotations import Array
+from sim_bridge.urdf import Body
+
+CONTROLS = ("position", "torque")
+"""A joint servo, or motors that compensate nothing."""
+
+_ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
+
+
+@dataclass(frozen=True)
+class SimulatorParameters:
+    """Parameters of :class:`sim_bridge.simulator.Simulator`.
+
+    Attributes:
+        rate: steps per second, Hz.
+        control: one of ``CONTROLS``.
+        gui: open PyBullet's window.
+        collisions: keep the collision shapes, for an environment to touch.
+        gravity: in the world frame, m/s^2; 3.
+        servo_bandwidth: of the joint servo, rad/s; at most ``rate``.
+        enforce_limits: clip commands to the limits of the URDF, and stop joints there.
+        tool_mass: of the tool beyond the sensor, kg.
+        tool_com: its centre of mass in the sensor frame, m; 3.
+        tool_inertia: xx, xy, xz, yy, yz, zz about that, sensor axes, kg m^2; 6.
+        friction_viscous: Nm s/rad; one for all joints or one for each.
+        friction_coulomb: Nm; one for all joints or one for each.
+        noise_position, noise_velocity: standard deviations, rad and rad/s.
+        noise_force, noise_torque: standard deviations, N and Nm.
+        wrench_bias: added to the wrench, N and Nm; 6.
+        seed: of the noise.
+
+    Raises:
+        ConfigurationError: if a value is impossible.
+    """
+
+    rate: float = 1000.0
+    control: str = "position"
+    gui: bool = False
+    collisions: bool = False
+    gravity: Sequence[float] = (0.0, 0.0, -9.81)
+    servo_bandwidth: float = 100.0
+    enforce_limits: bool = True
+    tool_mass: float = 0.0
+    tool_com: Sequence[float] = (0.0,) * 3
+    tool_inertia: Sequence[float] = (0.0,) * 6
+    friction_viscous: float | Sequence[float] = 0.0
+    friction_coulomb: float | Sequence[float] = 0.0
+    noise_position: float = 0.0
+    noise_velocity: float = 0.0
+    noise_force: float = 0.0
+    noise_torque: float = 0.0
+    wrench_bias: Sequence[float] = (0.0,) * 6
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _require(
+            self.control in CONTROLS, f"control must be one of {CONTROLS}, got {self.control!r}"
+        )
+        for name, size in {
+            "gravity": 3,
+            "tool_com": 3,
+            "tool_inertia": 6,
+            "wrench_bias": 6,
+        }.items():
+            _require(np.shape(getattr(self, name)) == (size,), f"{name} must be {size} numbers")
+            _require(np.isfinite(getattr(self, name)).all(), f"{name} must be finite")
+        for name in ("rate", "servo_bandwidth"):
+            _require(0.0 < getattr(self, name) < np.inf, f"{name} must be positive")
+        _require(
+            self.servo_bandwidth <= self.rate,
+            f"servo_bandwidth {self.servo_bandwidth} rad/s exceeds the rate {self.rate} Hz: unstable",
+        )
+        for name in ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
+                     "noise_velocity", "noise_force", "noise_torque"):  # fmt: skip
+            value = np.asarray(getattr(self, name))
+            _require(bool(np.all((value >= 0.0) & (value < np.inf))), f"{name} must be 0 or more")
+        inertia = np.linalg.eigvalsh(self.tool.inertia)
+        _require(inertia[0] >= 0.0, f"tool_inertia has a negative principal moment: {inertia}")
+        _require(
+            self.tool_mass > 0.0 or not np.any(self.tool_inertia),
+            "tool_inertia is given without tool_mass",
+        )
+
+    @property
+    def tool(self) -> Body:
+        """The tool in the sensor frame."""
+        inertia = np.zeros((3, 3))
+        inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = self.tool_inertia
+        return Body(self.tool_mass, np.array(self.tool_com, dtype=float), inertia)
+
+    @property
+    def noise(self) -> tuple[Array, Array]:
+        """Standard deviations of (q, dq), (2, 1), and of the wrench, (6,)."""
+        joints = np.array([[self.noise_position], [self.noise_velocity]])
+        return joints, np.repeat([self.noise_force, self.noise_torque], 3)
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ConfigurationError(f"simulator: {message}")
