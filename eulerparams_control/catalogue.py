@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
 from eulerparams_control.resources import config_file
@@ -109,8 +109,8 @@ def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescripti
     try:
         text = path.read_text(encoding="utf-8")
         tree = UrdfTree(text)
-        base = tree.link(entry.get("base_frame", tree.root))
-        tip = tree.link(entry.get("tip_frame") or _last_link(tree))
+        base = tree.link(str(entry.get("base_frame", tree.root)))
+        tip = tree.link(str(entry.get("tip_frame") or _last_link(tree)))
         joints = _joints(tree, base, tip, entry.get("joints"))
         return RobotDescription(
             name=name,
@@ -118,7 +118,7 @@ def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescripti
             urdf=text,
             base_frame=base,
             tip_frame=tip,
-            sensor_frame=tree.link(entry.get("sensor_frame", tip)),
+            sensor_frame=tree.link(str(entry.get("sensor_frame", tip))),
             joints=joints,
             home=_home(tree, joints, entry.get("home")),
         )

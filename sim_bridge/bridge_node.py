@@ -25,7 +25,7 @@ from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
 from eulerparams_control.messages import CommandReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.runtime import run
@@ -137,8 +137,8 @@ class BridgeNode(Node):
             String, "robot_description", QOS_LATCHED
         )
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
-        self._wrench_publisher = self.create_publisher(WrenchStamped, "wrench", QOS)
-        self._state_publisher = self.create_publisher(JointState, "joint_states", QOS)
+        self._wrench_publisher = self.create_publisher(WrenchStamped, "wrench", QOS_STREAM)
+        self._state_publisher = self.create_publisher(JointState, "joint_states", QOS_STREAM)
         topic = "joint_reference" if self._params.control == "position" else "joint_effort"
         self.create_subscription(
             JointState, topic, self._on_command, QOS, qos_overriding_options=QOS_OVERRIDES

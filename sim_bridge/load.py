@@ -45,4 +45,5 @@ class Load:
         force = (self._momentum - momentum) / self._dt
         self._momentum = momentum
         force[0] += self._weight
-        return self._shift.dot(force.dot(R).ravel())
+        wrench: Array = self._shift.dot(force.dot(R).ravel())
+        return wrench

@@ -76,7 +76,7 @@ class SimulatorParameters:
             _require(0.0 < getattr(self, name) < np.inf, f"{name} must be positive")
         _require(
             self.servo_bandwidth <= self.rate,
-            f"servo_bandwidth {self.servo_bandwidth} rad/s exceeds the rate {self.rate} Hz: unstable",
+            f"servo_bandwidth {self.servo_bandwidth} rad/s must not exceed the rate {self.rate} Hz",
         )
         for name in ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
                      "noise_velocity", "noise_force", "noise_torque"):  # fmt: skip
@@ -96,11 +96,10 @@ class SimulatorParameters:
         inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = self.tool_inertia
         return Body(self.tool_mass, np.array(self.tool_com, dtype=float), inertia)
 
-    @property
-    def noise(self) -> tuple[Array, Array]:
-        """Standard deviations of (q, dq), (2, 1), and of the wrench, (6,)."""
-        joints = np.array([[self.noise_position], [self.noise_velocity]])
-        return joints, np.repeat([self.noise_force, self.noise_torque], 3)
+    def noise(self, n: int) -> Array:
+        """Return the standard deviations of (q, dq, wrench) of n joints, (2 n + 6,)."""
+        deviations = (self.noise_position, self.noise_velocity, self.noise_force, self.noise_torque)
+        return np.repeat(deviations, (n, n, 3, 3))
 
 
 def _require(condition: bool, message: str) -> None:

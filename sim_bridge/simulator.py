@@ -9,33 +9,27 @@ sensor frame and about its origin.  The root link stands at the origin of the wo
 """
 
 import math
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pybullet  # type: ignore[import-not-found]
 from numpy.typing import ArrayLike
 
 from eulerparams_control.catalogue import RobotDescription
-from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
+from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import MOVING, UrdfTree, joint_limits
+from sim_bridge.engine import Engine
 from sim_bridge.load import Load
 from sim_bridge.parameters import SimulatorParameters
-from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, simulation_urdf
+from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
 
-# The joint motors are coupled.  At its default, 1e-7, PyBullet's solver stops with joint
-# speeds wrong by 6e-4 rad/s and a braked arm sinks; this leaves less than 1e-7 rad/s.
-_SOLVER_RESIDUAL = 1e-16
-
 # Coulomb friction fades below this speed [rad/s]; an abrupt one would chatter.
-_COULOMB_SPEED = 0.05
+COULOMB_SPEED = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +53,10 @@ class SimulatorState:
 
 
 class Simulator:
-    """A robot on its own PyBullet client.
+    """A robot with its drivers, its brakes and its force/torque sensor.
 
     It stands braked until the first command, and holds a command until the next one.
-    A step is semi-implicit Euler: dq += dt ddq(q, dq, tau), then q += dt dq; the
-    dynamics are those of the URDF, without its damping.
+    Its dynamics are those of the URDF without the damping; friction is a parameter.
 
     Args:
         robot: the arm; its other moving joints are locked at zero.
@@ -72,30 +65,34 @@ class Simulator:
     Attributes:
         robot, parameters: as given.
         joint_names: all moving joints, those of the arm first.
-        client, body, sensor_link: of PyBullet, for an environment to add to.
+        engine: what moves the robot, for an environment to add to.
 
     Raises:
-        RobotError: if PyBullet cannot simulate the robot.
+        ConfigurationError: if a friction is not of n joints.
+        RobotError: if the robot cannot be simulated.
         SimulationError: if PyBullet cannot be started.
     """
 
     def __init__(self, robot: RobotDescription, parameters: SimulatorParameters) -> None:
         self.robot, self.parameters = robot, parameters
-        joints = UrdfTree(robot.urdf).joints
+        joints, n = UrdfTree(robot.urdf).joints, len(robot.joints)
         moving = (name for name, joint in joints.items() if joint.get("type") in MOVING)
         self.joint_names = tuple(dict.fromkeys([*robot.joints, *moving]))
         self._limits = _limits([joints[name] for name in robot.joints], parameters.enforce_limits)
-        self._viscous = self._each("friction_viscous", parameters.friction_viscous)
-        self._coulomb = self._each("friction_coulomb", parameters.friction_coulomb)
+        self._viscous = _each("friction_viscous", parameters.friction_viscous, n)
+        self._coulomb = _each("friction_coulomb", parameters.friction_coulomb, n)
         self._has_friction = bool(np.any(self._viscous) or np.any(self._coulomb))
         self._bias = np.array(parameters.wrench_bias, dtype=float)
-        self._dt = 1.0 / parameters.rate
-        self._reference: tuple[Array, Array] | None = None  # position mode: q_ref, dq_ref
-        self._effort: Array | None = None  # torque mode
-        self._no_effort = np.zeros(len(robot.joints))
+        self._noise = parameters.noise(n)
+        self._is_noisy = bool(np.any(self._noise))
+        self._zero = np.zeros(n)
+        self._reference: tuple[Array, Array] | None = None  # q_ref, dq_ref: the servo is on
+        self._effort: Array | None = None  # torque control is on
         self._external: list[float] | None = None
-        self.client = _connect(parameters, self._dt)
-        self._load_robot()
+        self._is_broken = False
+        self.engine = Engine(robot, parameters)
+        gravity = np.array(parameters.gravity, dtype=float)
+        self._load = Load(self.engine.load, gravity, 1.0 / parameters.rate)
         self.reset()
 
     def reset(self, q0: ArrayLike | None = None) -> None:
@@ -112,13 +109,16 @@ class Simulator:
                 raise SimulationError(
                     f"q0 of joint '{name}', {value}, is outside {lower} ... {upper}"
                 )
+        if self._is_broken:  # what is not a number once stays in PyBullet's motors
+            self.engine.close()
+            self.engine, self._is_broken = Engine(self.robot, self.parameters), False
         self._random = np.random.default_rng(self.parameters.seed)
         self._external = None
         self._count = 0
-        self._place(q)
+        self.engine.place(q)
         self.brake()
-        pybullet.stepSimulation(physicsClientId=self.client)  # the brakes take the weight
-        self._place(q)
+        self.engine.step()  # the brakes take the weight
+        self.engine.place(q)
         self._load.reset()
         self._sense()
 
@@ -155,13 +155,13 @@ class Simulator:
         self._require("torque")
         effort = self._vector("tau", tau)
         if self._effort is None:
-            self._drive_motors(self._no_effort, self._no_effort)
+            self.engine.drive(self._zero, self._zero)
         self._effort = _clip(effort, -self._limits.effort, self._limits.effort)
 
     def brake(self) -> None:
         """Stop the joints with their full effort, until the next command."""
         self._reference = self._effort = None
-        self._drive_motors(self._no_effort, self._limits.effort)
+        self.engine.drive(self._zero, self._limits.effort)
 
     def set_external_wrench(self, wrench: ArrayLike | None) -> None:
         """Push the tool with ``wrench`` (6,) from now on; None stops it.
@@ -179,107 +179,56 @@ class Simulator:
         """
         if self._reference is not None:
             self._servo(*self._reference)
-        if self._effort is not None or self._has_friction:
-            self._exert()
+        effort = self._effort
+        if self._has_friction:
+            effort = (self._zero if effort is None else effort) - self._friction()
+        if effort is not None:
+            self.engine.exert(effort)
         if self._external is not None:
-            self._push(self._external)
-        pybullet.stepSimulation(physicsClientId=self.client)
+            self.engine.push(self._external)
+        self.engine.step()
         self._count += 1
         self._sense()
 
     def close(self) -> None:
-        """End the PyBullet client."""
-        if pybullet.isConnected(self.client):
-            pybullet.disconnect(self.client)
-
-    def _load_robot(self) -> None:
-        parameters = self.parameters
-        shapes = ["collision"] * (parameters.collisions or parameters.gui)
-        shapes += ["visual"] * parameters.gui
-        model = simulation_urdf(
-            self.robot, parameters.tool, stops=parameters.enforce_limits, shapes=shapes
-        )
-        self.body = _load_urdf(self.client, model.text)
-        joints, links = _indices(self.client, self.body)
-        for link, index in links.items():
-            pybullet.changeDynamics(
-                self.body, index, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=NO_LIMIT,
-                localInertiaDiagonal=model.moments[link].tolist(), physicsClientId=self.client,
-            )  # fmt: skip
-        self._arm = [joints[name] for name in self.robot.joints]
-        self.sensor_link = links[SENSOR_LINK]
-        self._sensed = [*self._arm, self.sensor_link]
-        pybullet.enableJointForceTorqueSensor(self.body, self.sensor_link, 1, self.client)
-        self._load = Load(model.load, np.array(parameters.gravity, dtype=float), self._dt)
-        self._is_loaded = model.load.mass > 0.0
-
-    def _place(self, q: Array) -> None:
-        for joint, value in zip(self._arm, q.tolist(), strict=True):
-            pybullet.resetJointState(self.body, joint, value, 0.0, physicsClientId=self.client)
-
-    def _drive_motors(self, dq: Array, effort: Array) -> None:
-        """Let the joint motors reach dq (n,) within a step, with at most the effort (n,)."""
-        pybullet.setJointMotorControlArray(
-            self.body, self._arm, pybullet.VELOCITY_CONTROL, targetVelocities=dq.tolist(),
-            forces=effort.tolist(), physicsClientId=self.client,
-        )  # fmt: skip
+        """End the simulation."""
+        self.engine.close()
 
     def _servo(self, q_ref: Array, dq_ref: Array) -> None:
         dq = dq_ref + self.parameters.servo_bandwidth * (q_ref - self._q)
         limit = self._limits.velocity
-        self._drive_motors(_clip(dq, -limit, limit), self._limits.effort)
+        self.engine.drive(_clip(dq, -limit, limit), self._limits.effort)
 
-    def _exert(self) -> None:
-        """Give the joints the commanded effort less the friction."""
-        tau = self._no_effort if self._effort is None else self._effort
-        if self._has_friction:
-            tau = tau - self._viscous * self._dq
-            tau -= self._coulomb * np.tanh(self._dq / _COULOMB_SPEED)
-        pybullet.setJointMotorControlArray(
-            self.body, self._arm, pybullet.TORQUE_CONTROL, forces=tau.tolist(),
-            physicsClientId=self.client,
-        )  # fmt: skip
-
-    def _push(self, wrench: list[float]) -> None:
-        """Apply a wrench at the massless sensor link, whose frame is the sensor frame."""
-        pybullet.applyExternalForce(
-            self.body,
-            self.sensor_link,
-            wrench[:3],
-            (0.0, 0.0, 0.0),
-            pybullet.LINK_FRAME,
-            self.client,
-        )
-        pybullet.applyExternalTorque(
-            self.body, self.sensor_link, wrench[3:], pybullet.LINK_FRAME, self.client
-        )
+    def _friction(self) -> Array:
+        return self._viscous * self._dq + self._coulomb * np.tanh(self._dq / COULOMB_SPEED)
 
     def _sense(self) -> None:
-        """Read the joints and the sensor, which shows the reaction of what touches the tool."""
-        *joints, sensor = pybullet.getJointStates(
-            self.body, self._sensed, physicsClientId=self.client
-        )
-        q, dq, _, tau = zip(*joints, strict=True)
-        if not math.isfinite(sum(q) + sum(dq)):
-            raise SimulationError(f"the robot's state is not finite after step {self._count}")
-        self._q, self._dq = np.array(q), np.array(dq)
-        wrench = self._bias - np.array(sensor[2])
-        if self._is_loaded:
-            wrench += self._weigh()
-        self._state = SimulatorState(
-            step=self._count,
-            t=self._count / self.parameters.rate,
-            q=self._q,
-            dq=self._dq,
-            tau=np.array(tau) if self._effort is None else self._effort,
-            wrench=wrench,
-        )
+        """Let the sensors measure.
 
-    def _weigh(self) -> Array:
-        """Return what the sensor feels of its own load."""
-        state = pybullet.getLinkState(self.body, self.sensor_link, 1, physicsClientId=self.client)
-        R = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
-        return self._load.wrench(R, np.array(state[6:8]))
+        What the arm exerts on the massless links beyond the sensor is minus what touches
+        them; the weight and the inertia of the load come on top.
+        """
+        sample = self.engine.sample()
+        if not math.isfinite(sum(sample.q) + sum(sample.dq)):
+            self._is_broken = True
+            raise SimulationError(f"the state of the robot is not finite after step {self._count}")
+        self._q: Array = np.array(sample.q)
+        self._dq: Array = np.array(sample.dq)
+        tau = np.array(sample.motors) if self._effort is None else self._effort
+        wrench = self._bias - np.array(sample.reaction)
+        if self.engine.load.mass > 0.0:
+            wrench += self._load.wrench(*self.engine.sensor_motion())
+        measured = self._q, self._dq, tau, wrench
+        if self._is_noisy:
+            measured = self._disturb(*measured)
+        self._state = SimulatorState(self._count, self._count / self.parameters.rate, *measured)
+
+    def _disturb(
+        self, q: Array, dq: Array, tau: Array, wrench: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Add the noise of the sensors."""
+        noise, n = self._noise * self._random.standard_normal(len(self._noise)), len(q)
+        return q + noise[:n], dq + noise[n : 2 * n], tau, wrench + noise[2 * n :]
 
     def _require(self, control: str) -> None:
         if self.parameters.control != control:
@@ -289,51 +238,18 @@ class Simulator:
 
     def _vector(self, name: str, values: ArrayLike, size: int | None = None) -> Array:
         """Return a copy of ``size`` (default: n) finite numbers."""
-        size = len(self._arm) if size is None else size
+        size = len(self.robot.joints) if size is None else size
         vector = np.array(values, dtype=float)
         if vector.shape != (size,) or not math.isfinite(sum(vector.tolist())):
             raise SimulationError(f"{name} must be {size} finite numbers, got {values!r}")
         return vector
 
-    def _each(self, name: str, value: float | Sequence[float]) -> Array:
-        """Return the value (n,) of each joint."""
-        n = len(self.robot.joints)
-        if np.shape(value) not in ((), (n,)):
-            raise ConfigurationError(f"simulator: {name} must be one number or {n}, got {value}")
-        return np.broadcast_to(np.asarray(value, dtype=float), n)
 
-
-def _connect(parameters: SimulatorParameters, dt: float) -> int:
-    client = int(pybullet.connect(pybullet.GUI if parameters.gui else pybullet.DIRECT))
-    if client < 0:
-        raise SimulationError("PyBullet cannot open its window; set gui to false")
-    pybullet.setPhysicsEngineParameter(
-        fixedTimeStep=dt, solverResidualThreshold=_SOLVER_RESIDUAL, enableFileCaching=0,
-        physicsClientId=client,
-    )  # fmt: skip
-    pybullet.setGravity(*parameters.gravity, physicsClientId=client)
-    return client
-
-
-def _load_urdf(client: int, text: str) -> int:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        path.write_text(text, encoding="utf-8")
-        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-        try:
-            return int(
-                pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
-            )
-        except pybullet.error as error:
-            raise RobotError(f"PyBullet cannot load the robot: {error}") from error
-
-
-def _indices(client: int, body: int) -> tuple[dict[str, int], dict[str, int]]:
-    """Return PyBullet's index of each joint and of each link but the root."""
-    count = pybullet.getNumJoints(body, physicsClientId=client)
-    infos = [pybullet.getJointInfo(body, index, physicsClientId=client) for index in range(count)]
-    joints = {info[1].decode(): info[0] for info in infos}
-    return joints, {info[12].decode(): info[0] for info in infos}
+def _each(name: str, value: float | Sequence[float], n: int) -> Array:
+    """Return the value (n,) of each joint."""
+    if np.shape(value) not in ((), (n,)):
+        raise ConfigurationError(f"simulator: {name} must be one number or {n}, got {value}")
+    return np.broadcast_to(np.asarray(value, dtype=float), n)
 
 
 def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:

@@ -1,9 +1,9 @@
 """The URDF that PyBullet is given: the robot's own, made exact and complete.
 
 PyBullet takes liberties with a URDF: a link without ``<inertial>`` gets 1 kg, a full
-inertia tensor is diagonalised to 1e-6 only, a tensor that no body can have becomes
-zero, stated damping cannot be taken back.  And its joint reaction counts the velocity
-terms of the mass beyond that joint twice.  So the text is edited before it is loaded:
+inertia tensor is diagonalised to 1e-6 only, one that no body can have becomes zero.
+And its joint reaction counts the velocity terms of the mass beyond that joint twice.
+So the text is edited before it is loaded:
 
 - the mass of links that are fixed to each other is lumped, about principal axes;
 - a massless link at the sensor frame carries what is distal, on a fixed joint.  With
@@ -112,7 +112,7 @@ def _simplify_joint(joint: ET.Element, *, active: bool, stops: bool) -> None:
     kind, name = joint.get("type"), joint.get("name")
     if kind not in (*MOVING, "fixed"):
         raise RobotError(f"joint '{name}' is of type '{kind}', expected one of {MOVING} or fixed")
-    _drop(joint, "dynamics", "mimic", "safety_controller")
+    _drop(joint, "dynamics")
     limit = joint.find("limit")
     if not active:
         joint.set("type", "fixed")
@@ -204,15 +204,17 @@ def _read_body(link: ET.Element) -> Body:
 
 
 def _write_body(link: ET.Element, body: Body) -> Array:
-    """State the inertia of a link about its principal axes, and return its moments (3,)."""
+    """State the principal axes of a link, and return its moments (3,).
+
+    The text does not state the moments: PyBullet would refuse those that no body can have.
+    """
     moments, axes = np.linalg.eigh(body.inertia)
     axes = axes * np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     _drop(link, "inertial")
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=_text(body.com), rpy=_text(_rpy(axes)))
     ET.SubElement(inertial, "mass", value=repr(body.mass))
-    diagonal = dict(zip(("ixx", "iyy", "izz"), map(repr, moments.tolist()), strict=True))
-    ET.SubElement(inertial, "inertia", {**dict.fromkeys(_INERTIA, "0"), **diagonal})
+    ET.SubElement(inertial, "inertia", dict.fromkeys(_INERTIA, "0"))
     return moments
 
 

@@ -28,7 +28,7 @@ class AngleAxisDisplacement(NamedTuple):
 
 
 class AngleAxisRepresentation(OrientationRepresentation):
-    """The orientation error is sin(theta) r; L is singular at 90 deg of error."""
+    """The orientation error is sin(theta) r: zero at 180 deg too; L is singular at 90 deg."""
 
     name = "angle_axis"
 

@@ -23,7 +23,7 @@ class Displacement(Protocol):
 
     @property
     def error(self) -> Array:
-        """The orientation error (3,) that the gains act on; zero if and only if aligned."""
+        """The orientation error (3,) that the gains act on; zero where aligned."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ class RotationVectorDisplacement(NamedTuple):
 
 
 class RotationVectorRepresentation(OrientationRepresentation):
-    """The orientation error is theta r; its law jumps where theta passes pi."""
+    """The orientation error is theta r; its law jumps where the sign of the quaternion flips."""
 
     name = "rotation_vector"
 
@@ -49,5 +49,5 @@ class RotationVectorRepresentation(OrientationRepresentation):
         return omega_d + k_Po * x_de.rho_de
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
-        """Return the angle [rad] by which the error is away from 180 deg."""
+        """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""
         return math.pi - angle_between(R_e, R_d)

@@ -23,7 +23,8 @@ SEQUENCES = (
 
 def wrap(phi: Array) -> Array:
     """Return the angles phi (any shape) [rad] wrapped to (-pi, pi]."""
-    return np.pi - (np.pi - phi) % (2 * np.pi)
+    wrapped = np.pi - (np.pi - phi) % (2 * np.pi)
+    return np.where(wrapped <= -np.pi, np.pi, wrapped)  # rounding may reach -pi
 
 
 @dataclass(frozen=True)
@@ -111,28 +112,32 @@ class EulerSequence:
             R: rotation matrix (3, 3).
             previous: the angles before, whose gamma is kept at the pole (else 0).
         """
-        alpha, beta, gamma, sine = self._angles(R.tolist())
-        if sine > 0:
-            return np.array([alpha, beta, gamma])
-        gamma = 0.0 if previous is None else float(previous[2])
         i, j, k = self.axes
+        s, l = self._s_and_l
+        alpha, beta, sine = self._alpha_beta(R.tolist())
+        if sine > 0:
+            v = math.cos(alpha) * R[j] + s * math.sin(alpha) * R[l]  # row j of R_i(alpha)' R
+            y = -s * v[l] if self.is_proper else s * v[i]
+            return np.array([alpha, beta, math.atan2(y, v[j])])
+        gamma = 0.0 if previous is None else float(previous[2])
         R_i = R @ R_axis(k, gamma).T @ R_axis(j, beta).T
         y, z = (i + 1) % 3, (i + 2) % 3
         return np.array([math.atan2(R_i[z, y], R_i[y, y]), beta, gamma])
 
-    def _angles(self, R: list[list[float]]) -> tuple[float, float, float, float]:
-        """Return alpha, beta, gamma and the sine of the distance to the pole."""
+    def _alpha_beta(self, R: list[list[float]]) -> tuple[float, float, float]:
+        """Return alpha, beta and the sine of the distance to the pole.
+
+        Gamma does not come from its own entries: next to the pole these and those of
+        alpha are rounding noise one by one, and R(phi) would not be R.
+        """
         i, j, k = self.axes
         s, l = self._s_and_l
         if self.is_proper:
             sine = math.hypot(R[i][j], R[i][l])
-            beta = math.atan2(sine, R[i][i])
-            return math.atan2(R[j][i], -s * R[l][i]), beta, math.atan2(R[i][j], s * R[i][l]), sine
+            return math.atan2(R[j][i], -s * R[l][i]), math.atan2(sine, R[i][i]), sine
         sine = math.hypot(R[i][i], R[i][j])
-        beta = math.atan2(s * R[i][k], sine)
-        alpha = math.atan2(-s * R[j][k], R[k][k])
-        return alpha, beta, math.atan2(-s * R[i][j], R[i][i]), sine
+        return math.atan2(-s * R[j][k], R[k][k]), math.atan2(s * R[i][k], sine), sine
 
     def pole_distance(self, R: Array) -> float:
         """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest singularity of T."""
-        return math.asin(min(1.0, self._angles(R.tolist())[3]))
+        return math.asin(min(1.0, self._alpha_beta(R.tolist())[2]))

@@ -9,7 +9,7 @@ from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher
-from eulerparams_control.ros.control_node import ControlNode, ControlParameters
+from eulerparams_control.ros.control_node import QOS_STREAM, ControlNode, ControlParameters
 from eulerparams_control.ros.parameters import parameter
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.schemes.base import Scheme
@@ -64,7 +64,8 @@ class ClikNode(ControlNode):
 
     def make_commands(self, joints: tuple[str, ...]) -> CommandPublisher:
         """Return the publisher of ``joint_reference``."""
-        return CommandPublisher(self, "joint_reference", self._params.command_type, joints)
+        kind = self._params.command_type
+        return CommandPublisher(self, "joint_reference", kind, joints, QOS_STREAM)
 
 
 def main(args: list[str] | None = None) -> int:

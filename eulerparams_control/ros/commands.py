@@ -25,16 +25,19 @@ class CommandPublisher:
         topic: where.
         kind: one of ``TYPES``.
         joints: names of the joints, in the order of the commands.
+        qos: of the publisher.
     """
 
     TYPES: ClassVar[tuple[str, ...]] = ("joint_state", "joint_trajectory", "forward")
 
-    def __init__(self, node: Node, topic: str, kind: str, joints: Sequence[str]) -> None:
+    def __init__(
+        self, node: Node, topic: str, kind: str, joints: Sequence[str], qos: QoSProfile
+    ) -> None:
         self._node = node
         self._joints = list(joints)
         message, self._fill = self._kinds()[kind]
         self._message = message
-        self._publisher = node.create_publisher(type(message), topic, QoSProfile(depth=10))
+        self._publisher = node.create_publisher(type(message), topic, qos)
 
     def publish(self, stamp: Time, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""

@@ -15,6 +15,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -43,6 +44,7 @@ from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import Scheme
 
 QOS = QoSProfile(depth=10)  # reliable, volatile
+QOS_STREAM = QoSProfile(depth=1000)  # what publishers keep for readers that lag, a recorder say
 QOS_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
 
@@ -135,8 +137,9 @@ class ControlNode(LifecycleNode):
         self._robot: Robot | None = None
         self._controller: Controller | None = None
         self._description = self._params.robot_description
-        self._state: tuple[int, Array, Array] | None = None
+        self._measured: tuple[int, Array, Array] | None = None
         self._next_report = 0
+        self._reference: Subscription | None = None
         self._subscribe()
         self._try_start()
 
@@ -155,17 +158,16 @@ class ControlNode(LifecycleNode):
     # --- set-up ------------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        def subscribe(kind: Any, topic: str, callback: Any, qos: QoSProfile) -> None:
-            self.create_subscription(
-                kind, topic, callback, qos, qos_overriding_options=QOS_OVERRIDES
-            )
-
-        subscribe(JointState, "joint_states", self._on_joint_states, QOS)
-        subscribe(MultiDOFJointTrajectory, "reference", self._on_reference, QOS)
+        self._listen(JointState, "joint_states", self._on_joint_states, QOS)
         if not self._description:
-            subscribe(String, "robot_description", self._on_robot_description, QOS_LATCHED)
+            self._listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
         self._pose_publisher = self.create_publisher(PoseStamped, "~/pose", 10)
         self._error_publisher = self.create_publisher(TwistStamped, "~/error", 10)
+
+    def _listen(self, kind: Any, topic: str, callback: Any, qos: QoSProfile) -> Subscription:
+        return self.create_subscription(
+            kind, topic, callback, qos, qos_overriding_options=QOS_OVERRIDES
+        )
 
     def _check_limits_off(self) -> None:
         if not self._params.enforce_limits and not self.get_parameter("use_sim_time").value:
@@ -207,7 +209,7 @@ class ControlNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
-        if self._state is None or self._robot is None:
+        if self._measured is None or self._robot is None:
             self._health.set(
                 diagnostics.ERROR,
                 "not activated: no valid joint_states yet; expected the joints "
@@ -216,7 +218,11 @@ class ControlNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
         self._controller = Controller(
-            scheme, self._params.controller_options(), self._state[1]
+            scheme, self._params.controller_options(), self._measured[1]
+        )
+        # only now: who publishes a reference can see by it that somebody follows
+        self._reference = self._listen(
+            MultiDOFJointTrajectory, "reference", self._on_reference, QOS
         )
         waiting = self._params.require_reference
         doing = "waiting for a reference" if waiting else "holding the measured pose"
@@ -231,12 +237,14 @@ class ControlNode(LifecycleNode):
         """Command to hold still once more, then command nothing."""
         self._send_hold()
         self._controller = None
+        if self._reference is not None:
+            self.destroy_subscription(self._reference)
         self._health.set(diagnostics.WARN, "inactive")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the robot."""
-        self._robot = self._state = None
+        self._robot = self._measured = None
         self._commands.destroy()
         return TransitionCallbackReturn.SUCCESS
 
@@ -254,7 +262,7 @@ class ControlNode(LifecycleNode):
             return
         if self._robot is None and self._description:
             self.trigger_configure()
-        if self._robot is not None and self._state is not None:
+        if self._robot is not None and self._measured is not None:
             self.trigger_activate()
 
     # --- messages ----------------------------------------------------------------------
@@ -268,7 +276,7 @@ class ControlNode(LifecycleNode):
         if self._robot is None:
             return
         try:
-            self._state = t, q, dq = self._reader.from_ros(msg)
+            self._measured = t, q, dq = self._reader.from_ros(msg)
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
@@ -284,7 +292,6 @@ class ControlNode(LifecycleNode):
 
     def _on_reference(self, msg: MultiDOFJointTrajectory) -> None:
         if self._controller is None or self._robot is None:
-            self._health.complain("a reference came before activation and was refused")
             return
         try:
             self._refuse_two_publishers()

@@ -16,17 +16,16 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.messages import JointStateReader, pose_from_ros
 from eulerparams_control.motion import Circle, DesiredFrame, Trajectory, way_points
-from eulerparams_control.orientation import SEQUENCES, EulerSequence
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.conversions import motion_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.rotations import Array, EulerParameters, angle_between, exp
+from eulerparams_control.rotations import Array, angle_between
+from eulerparams_control.way_points import FORMATS, parse_way_points
 
 MOTIONS = ("none", "way_points", "circle")
-FORMATS = ("quaternion_xyzw", "rotation_vector", *SEQUENCES)
 
 
 @dataclass(frozen=True)
@@ -65,34 +64,10 @@ class ReferenceParameters:
     )
 
     def way_points(self) -> Trajectory:
-        """Return the motion through the way-points.
-
-        Raises:
-            ConfigurationError: if the numbers of values do not fit together.
-        """
-        width = 4 if self.orientation_format == "quaternion_xyzw" else 3
-        n = len(self.times)
-        if n == 0 or len(self.positions) != 3 * n or len(self.orientations) != width * n:
-            raise ConfigurationError(
-                f"way-points: {n} times, {len(self.positions)} numbers in positions, "
-                f"{len(self.orientations)} in orientations; expected N, 3 N and {width} N with "
-                f"orientation_format {self.orientation_format}"
-            )
-        positions = np.reshape(self.positions, (n, 3))
-        rotations = [self._rotation(v) for v in np.reshape(self.orientations, (n, width))]
-        return way_points(self.times, list(zip(positions, rotations, strict=True)))
-
-    def _rotation(self, values: Array) -> Array:
-        if self.orientation_format == "quaternion_xyzw":
-            norm = float(np.linalg.norm(values))
-            if abs(norm - 1) > 1e-3:
-                raise ConfigurationError(
-                    f"quaternion xyzw {values.tolist()} has norm {norm:g}; expected 1"
-                )
-            return EulerParameters(values[3] / norm, values[:3] / norm).R
-        if self.orientation_format == "rotation_vector":
-            return exp(values)
-        return EulerSequence(self.orientation_format).R(values)
+        """Return the motion through the way-points; raises ConfigurationError."""
+        return parse_way_points(
+            self.times, self.positions, self.orientations, self.orientation_format
+        )
 
     def circle(self) -> Circle:
         """Return the circle.

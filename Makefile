@@ -1,0 +1,39 @@
+# eulerparams_control: `make demo` and `make test` set up .venv by themselves.
+
+SHELL := /bin/bash
+VENV := .venv
+PYTHON := $(VENV)/bin/python
+READY := $(VENV)/.ready
+OUT ?= out
+
+export ROS_PYTHON_CHECK_FIELDS ?= 1
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: setup demo test bench paper lint clean
+
+setup: $(READY)
+
+$(READY): setup.py setup.cfg package.xml tools/setup
+	@bash tools/setup $(VENV)
+
+demo: $(READY)
+	@rm -rf $(OUT)/demo
+	@$(VENV)/bin/experiment demo --out $(OUT)
+
+test: $(READY)
+	@$(PYTHON) -m pytest $(ARGS)
+
+bench: $(READY)
+	@$(PYTHON) benchmarks/run.py
+
+paper: $(READY)
+	@rm -rf $(OUT)/paper
+	@$(VENV)/bin/experiment e3 e4 e6 --out $(OUT)/paper
+
+lint: $(READY)
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/mypy eulerparams_control sim_bridge
+
+clean:
+	rm -rf $(VENV) $(OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,99 @@
+"""One tick of each law, state to command, against the Pinocchio calls that it needs."""
+
+import numpy as np
+import pinocchio as pin
+from timing import side_by_side
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.motion import Circle, SetPoint
+from eulerparams_control.orientation import ORIENTATIONS, representation
+from eulerparams_control.robot import Robot
+from eulerparams_control.schemes.clik import Clik, ClikLaw
+
+
+def tick_call(robot: Robot, q: np.ndarray, orientation: str, moving: bool = False):
+    """Return a call that makes one tick of CLIK, at 1 kHz of stamps."""
+    law = ClikLaw(representation(orientation))
+    controller = Controller(Clik(robot, law, limits=robot.limits), ControllerOptions(), q)
+    frame = controller.scheme.start_frame()
+    circle = Circle(0.02, np.array([1.0, 0.0, 0.0]), 4.0, 1e5)
+    if moving:
+        controller.follow(circle.trajectory(frame.p_d, frame.R_d, 60), None)
+    else:
+        controller.follow(SetPoint(frame, 0.0), None)
+    stamp, dq = 0, np.zeros(robot.n)
+
+    def tick():
+        nonlocal stamp
+        stamp += 1_000_000
+        return controller.step(stamp, q, dq)
+
+    return tick
+
+
+def bare_call(urdf: str, tip_frame: str, q: np.ndarray):
+    """Return the bare calls: Jacobian with forward kinematics, and one solve."""
+    model = pin.buildModelFromXML(urdf)
+    data, tip = model.createData(), model.getFrameId(tip_frame)
+    v = np.ones(6)
+
+    def bare():
+        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        return np.linalg.solve(J, v), data.oMf[tip].rotation, data.oMf[tip].translation
+
+    return bare
+
+
+def pink_call(urdf: str, tip_frame: str, q: np.ndarray):
+    """Return one solve_ik of pink for the same robot and target; None if it is not there."""
+    try:
+        import pink
+        from pink.tasks import FrameTask
+    except ImportError:
+        return None
+    model = pin.buildModelFromXML(urdf)
+    data = model.createData()
+    configuration = pink.Configuration(model, data, q)
+    task = FrameTask(tip_frame, position_cost=1.0, orientation_cost=1.0)
+    task.set_target_from_configuration(configuration)
+
+    def solve():
+        configuration.update(q)
+        return pink.solve_ik(configuration, [task], 1e-3, solver="quadprog")
+
+    return solve
+
+
+def run() -> list[tuple[str, str, str]]:
+    """Return rows: what, against what, ratio."""
+    ur5 = load_robot("ur5")
+    robot, q = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
+    calls = {name: tick_call(robot, q, name) for name in ORIENTATIONS}
+    calls["moving"] = tick_call(robot, q, "euler_parameters", moving=True)
+    calls["bare"] = bare_call(ur5.urdf, ur5.tip_frame, q)
+    pink = pink_call(ur5.urdf, ur5.tip_frame, q)
+    if pink:
+        calls["pink"] = pink
+    times = side_by_side(calls)
+    bare = f"Pinocchio calls and one 6x6 solve ({times['bare'] * 1e6:.1f} us)"
+    rows = [
+        (f"CLIK tick, {name} ({times[name] * 1e6:.1f} us)", bare, f"{times[name] / times['bare']:.2f}")
+        for name in ORIENTATIONS
+    ]
+    rows.append(
+        (f"CLIK tick on a trajectory ({times['moving'] * 1e6:.1f} us)", bare,
+         f"{times['moving'] / times['bare']:.2f}")
+    )  # fmt: skip
+    if pink:
+        rows.append(
+            (f"CLIK tick ({times['euler_parameters'] * 1e6:.1f} us)",
+             f"pink solve_ik ({times['pink'] * 1e6:.1f} us)",
+             f"{times['euler_parameters'] / times['pink']:.2f}")
+        )  # fmt: skip
+    return rows
+
+
+if __name__ == "__main__":
+    for row in run():
+        print(*row, sep=" | ")

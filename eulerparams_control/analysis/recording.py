@@ -1,0 +1,239 @@
+"""A recorded run as arrays: from a bag to what was measured, commanded and desired.
+
+    recording = Recording.load("out/demo/euler_parameters")
+    recording.command.orientation_error     # (N,) [rad]
+
+Needs no ROS.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.bags.reader import Bag, DecodedMessage
+from eulerparams_control.errors import BagError, InvalidMessageError
+from eulerparams_control.inverse import smallest_singular_value
+from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
+from eulerparams_control.motion import DesiredFrame, DesiredMotion
+from eulerparams_control.orientation import EulerSequence
+from eulerparams_control.robot import Robot, RobotState
+from eulerparams_control.rotations import Array, angle_between
+
+_LASTING = 0.1  # [s] for which a streamed frame holds its twist: the controllers' default
+
+
+@dataclass(frozen=True)
+class Series:
+    """Motion of the arm over time, with the desired frame at the same instants.
+
+    Attributes:
+        robot: the arm.
+        t: (N,) [s] from the beginning of the recording.
+        q, dq: (N, n) positions and velocities [rad, rad/s].
+        desired: N desired frames, or None where nothing was desired yet.
+    """
+
+    robot: Robot
+    t: Array
+    q: Array
+    dq: Array
+    desired: Sequence[DesiredFrame | None]
+
+    @cached_property
+    def states(self) -> list[RobotState]:
+        """Kinematics at each instant."""
+        return [self.robot.state(q, dq) for q, dq in zip(self.q, self.dq, strict=True)]
+
+    @cached_property
+    def position_error(self) -> Array:
+        """(N,) [m] distance of the tip from the desired one; NaN where there is none."""
+        return np.array([_distance(d, s) for d, s in zip(self.desired, self.states, strict=True)])
+
+    @cached_property
+    def orientation_error(self) -> Array:
+        """(N,) [rad] angle of the tip from the desired one; NaN where there is none."""
+        return np.array([_angle(d, s) for d, s in zip(self.desired, self.states, strict=True)])
+
+    @cached_property
+    def joint_speed(self) -> Array:
+        """(N,) [rad/s] largest absolute joint velocity."""
+        return np.abs(self.dq).max(axis=1)
+
+    @cached_property
+    def smallest_singular_value(self) -> Array:
+        """(N,) smallest singular value of J: distance to the kinematic singularities."""
+        return np.array([smallest_singular_value(state.J) for state in self.states])
+
+    def pole_distance(self, sequence: EulerSequence) -> Array:
+        """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
+        return np.array([sequence.pole_distance(state.R_e) for state in self.states])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run: what was measured, what was commanded, and how it was set up.
+
+    Attributes:
+        path: of the bag.
+        robot: the arm.
+        measured: from joint_states.
+        command: from joint_reference; None if there is none.
+        parameters: of the recorded nodes, by node and name.
+        warning: what is wrong with the bag; "" if nothing.
+    """
+
+    path: Path
+    robot: Robot
+    measured: Series
+    command: Series | None
+    parameters: dict[str, dict[str, Any]]
+    warning: str
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], urdf: str = "", tip_frame: str = "") -> "Recording":
+        """Read a bag.
+
+        Args:
+            path: folder or file of the bag.
+            urdf: text of a URDF; "" takes the robot_description in the bag.
+            tip_frame: the link to look at; "" takes that of the reference.
+
+        Raises:
+            BagError: if it is no bag, or holds no joint_states.
+            RobotError: if the URDF does not fit.
+        """
+        bag = Bag(path)
+        topics = _Topics(bag)
+        references = list(topics.messages("reference"))
+        base, tip = _frames(references, bag, tip_frame)
+        robot = Robot(urdf or bag.robot_description(), base, tip)
+        states = list(topics.messages("joint_states"))
+        if not states:
+            raise BagError(f"{path}: no joint_states; found {', '.join(bag.topics) or 'nothing'}")
+        commands = list(topics.messages("joint_reference"))
+        start = ns_from_ros(states[0].message.header.stamp)
+        desired = _Desired(references, commands or states, robot)
+        measured = _series(robot, states, start, desired)
+        command = _series(robot, commands, start, desired) if commands else None
+        return cls(Path(path), robot, measured, command, _parameters(bag), bag.warning)
+
+    @property
+    def name(self) -> str:
+        """The name of the bag's folder."""
+        return self.path.name
+
+    @property
+    def leading(self) -> Series:
+        """What the controller answers for: its command, else the measured motion."""
+        return self.command or self.measured
+
+    def parameter(self, name: str, default: Any = None) -> Any:
+        """Return the parameter of that name of the first node that has it."""
+        for values in self.parameters.values():
+            if name in values:
+                return values[name]
+        return default
+
+
+class _Topics:
+    """The topics of a bag by the last part of their names."""
+
+    def __init__(self, bag: Bag) -> None:
+        self._bag = bag
+
+    def messages(self, name: str) -> Iterator[DecodedMessage]:
+        names = [topic for topic in self._bag.topics if topic.rsplit("/", 1)[-1] == name]
+        if len(names) > 1:
+            raise BagError(f"{self._bag.path} has several topics {name}: {', '.join(names)}")
+        return self._bag.messages(names) if names else iter(())
+
+
+class _Desired:
+    """The desired frame at the stamps of a recording, from the references in it."""
+
+    def __init__(
+        self, references: list[DecodedMessage], ticks: list[DecodedMessage], robot: Robot
+    ) -> None:
+        self._frames: dict[int, DesiredFrame] = {}
+        pending = list(references)
+        motion: DesiredMotion | None = None
+        for stamp, log_time in _instants(ticks):
+            while pending and pending[0].log_time <= log_time:
+                motion = self._follow(motion, pending.pop(0).message, robot)
+            if motion is not None:
+                self._frames[stamp] = motion.sample(stamp)
+
+    def _follow(
+        self, motion: DesiredMotion | None, message: Any, robot: Robot
+    ) -> DesiredMotion | None:
+        try:
+            new, start = motion_from_ros(message, robot.base_frame, robot.tip_frame, _LASTING)
+        except InvalidMessageError:
+            return motion  # the controller refused it too
+        motion = motion or DesiredMotion(new.frames[0])
+        motion.follow(new, start)
+        return motion
+
+    def at(self, stamp: int) -> DesiredFrame | None:
+        return self._frames.get(stamp)
+
+
+def _instants(messages: list[DecodedMessage]) -> Iterator[tuple[int, int]]:
+    """Yield stamp and log time of each message whose stamp is new."""
+    last = -1
+    for message in messages:
+        stamp = ns_from_ros(message.message.header.stamp)
+        if stamp > last:
+            yield stamp, message.log_time
+            last = stamp
+
+
+def _series(
+    robot: Robot, messages: list[DecodedMessage], start: int, desired: _Desired
+) -> Series:
+    """Return the series of messages, each stamp once, messages that are not valid left out."""
+    reader = JointStateReader(robot.joints)
+    rows: dict[int, tuple[Array, Array]] = {}
+    for message in messages:
+        try:
+            stamp, q, dq = reader.from_ros(message.message)
+        except InvalidMessageError:
+            continue
+        rows.setdefault(stamp, (q, dq))
+    if not rows:
+        raise BagError(f"no valid message with the joints {', '.join(robot.joints)}")
+    stamps = sorted(rows)
+    q, dq = (np.array([rows[stamp][i] for stamp in stamps]) for i in (0, 1))
+    t = (np.array(stamps) - start) / 1e9
+    return Series(robot, t, q, dq, [desired.at(stamp) for stamp in stamps])
+
+
+def _frames(references: list[DecodedMessage], bag: Bag, tip_frame: str) -> tuple[str, str]:
+    """Return base and tip frame: from the references, else from the parameters."""
+    for reference in references:
+        if len(reference.message.joint_names) == 1:
+            return reference.message.header.frame_id, tip_frame or reference.message.joint_names[0]
+    for values in _parameters(bag).values():
+        if "tip_frame" in values:
+            return values.get("base_frame", ""), tip_frame or values["tip_frame"]
+    if not tip_frame:
+        raise BagError(f"{bag.path}: nothing names the tip frame; give it with --tip-frame")
+    return "", tip_frame
+
+
+def _parameters(bag: Bag) -> dict[str, dict[str, Any]]:
+    nodes = bag.parameters()
+    return {name: dict(node.get("ros__parameters", {})) for name, node in nodes.items()}
+
+
+def _distance(desired: DesiredFrame | None, state: RobotState) -> float:
+    return np.nan if desired is None else float(np.linalg.norm(desired.p_d - state.p_e))
+
+
+def _angle(desired: DesiredFrame | None, state: RobotState) -> float:
+    return np.nan if desired is None else angle_between(desired.R_d, state.R_e)

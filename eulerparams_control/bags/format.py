@@ -1,0 +1,189 @@
+"""The words of a rosbag2 bag, version 9: metadata.yaml and QoS profiles, as Jazzy writes them.
+
+A bag is a folder with ``metadata.yaml`` and MCAP files.  The same metadata, without its
+outer key, stands in each file as records named ``rosbag2``.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml  # type: ignore[import-untyped]
+
+from eulerparams_control.errors import BagError
+
+METADATA_FILE = "metadata.yaml"
+METADATA_RECORD = "rosbag2"
+METADATA_KEY = "serialized_metadata"
+PARAMETERS_ATTACHMENT = "parameters.yaml"
+
+_OUTER_KEY = "rosbag2_bagfile_information"
+_VERSION = 9
+_NEVER = 2**63 - 1  # the starting time of a bag without messages
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    """One recorded topic.
+
+    Args:
+        name: with its namespace, ``/joint_states``.
+        type: ``sensor_msgs/msg/JointState``.
+        type_hash: ``RIHS01_...``, or empty if unknown.
+        qos_profiles: one for each publisher, made by :func:`qos_profile`.
+    """
+
+    name: str
+    type: str
+    type_hash: str = ""
+    qos_profiles: tuple[Mapping[str, Any], ...] = ()
+    serialization_format: str = "cdr"
+
+
+@dataclasses.dataclass
+class FileContents:
+    """What one file of a bag holds; times are log times in nanoseconds."""
+
+    name: str
+    topics: dict[str, Topic] = dataclasses.field(default_factory=dict)
+    counts: dict[str, int] = dataclasses.field(default_factory=dict)
+    start: int = _NEVER
+    end: int = 0
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages on all topics."""
+        return sum(self.counts.values())
+
+
+def qos_profile(
+    reliability: str = "reliable",
+    durability: str = "volatile",
+    liveliness: str = "automatic",
+    history: str = "unknown",
+    depth: int = 0,
+    **durations_ns: int,
+) -> dict[str, Any]:
+    """Return a QoS profile in the words of metadata version 9.
+
+    History and depth of a remote publisher cannot be known.  ``durations_ns`` are
+    ``deadline``, ``lifespan`` and ``liveliness_lease_duration``; endless by default.
+    """
+
+    def duration(name: str) -> dict[str, int]:
+        sec, nsec = divmod(durations_ns.get(name, _NEVER), 10**9)
+        return {"sec": sec, "nsec": nsec}
+
+    return {
+        "history": history,
+        "depth": depth,
+        "reliability": reliability,
+        "durability": durability,
+        "deadline": duration("deadline"),
+        "lifespan": duration("lifespan"),
+        "liveliness": liveliness,
+        "liveliness_lease_duration": duration("liveliness_lease_duration"),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+def bag_information(files: Iterable[FileContents]) -> dict[str, Any]:
+    """Return the metadata of the bag that consists of ``files``."""
+    files = list(files)
+    topics = {name: topic for file in files for name, topic in file.topics.items()}
+    return {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        **_times(files),
+        "message_count": sum(file.message_count for file in files),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": _topic_metadata(topic),
+                "message_count": sum(file.counts.get(name, 0) for file in files),
+            }
+            for name, topic in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {"path": file.name, **_times([file]), "message_count": file.message_count}
+            for file in files
+        ],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def _times(files: list[FileContents]) -> dict[str, dict[str, int]]:
+    start = min((file.start for file in files), default=_NEVER)
+    end = max((file.end for file in files), default=0)
+    return {
+        "duration": {"nanoseconds": max(0, end - start)},
+        "starting_time": {"nanoseconds_since_epoch": start},
+    }
+
+
+def _topic_metadata(topic: Topic) -> dict[str, Any]:
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "serialization_format": topic.serialization_format,
+        "offered_qos_profiles": [dict(profile) for profile in topic.qos_profiles],
+        "type_description_hash": topic.type_hash,
+    }
+
+
+def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
+    """Write ``metadata.yaml`` whole or not at all.
+
+    Raises:
+        OSError: if the disk is full or not writable.
+    """
+    part = folder / f".{METADATA_FILE}.part"
+    part.write_text(dump_yaml({_OUTER_KEY: dict(information)}), encoding="utf-8")
+    os.replace(part, folder / METADATA_FILE)
+
+
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """Return what ``metadata.yaml`` says, of whatever version.
+
+    Raises:
+        BagError: if it is missing, is no YAML, or is not about a bag.
+    """
+    path = folder / METADATA_FILE
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = "it is missing" if isinstance(error, FileNotFoundError) else str(error)
+        raise BagError(
+            f"{path} cannot be read: {reason}; bag_recorder --recover rebuilds it"
+        ) from error
+    document = load_yaml(text, str(path))
+    information = document.get(_OUTER_KEY) if isinstance(document, dict) else None
+    if not isinstance(information, dict):
+        raise BagError(f"{path} has no '{_OUTER_KEY}'; bag_recorder --recover rebuilds it")
+    return information
+
+
+def dump_yaml(value: Any) -> str:
+    """Return ``value``, of plain types with text as keys, as block YAML, keys in their order."""
+    unshared = json.loads(json.dumps(value))  # YAML would write anchors for shared objects
+    text: str = yaml.safe_dump(unshared, sort_keys=False, allow_unicode=True)
+    return text
+
+
+def load_yaml(text: str, source: str) -> Any:
+    """Return what the YAML ``text`` says; plain data only, nothing is executed.
+
+    Raises:
+        BagError: if it is no YAML; names ``source``.
+    """
+    try:
+        return yaml.safe_load(text)
+    except Exception as error:  # PyYAML leaks a dozen types on odd tags and deep nesting
+        reason = " ".join(str(error).split())
+        raise BagError(f"{source} is not valid YAML: {reason}") from error

@@ -1,0 +1,249 @@
+"""Read a bag without ROS: a folder, an MCAP file, or what a killed recorder left."""
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.records import Channel, Message, Schema
+from mcap_ros2.decoder import DecoderFactory
+
+from eulerparams_control.bags.format import (
+    PARAMETERS_ATTACHMENT,
+    bag_information,
+    load_yaml,
+    read_metadata,
+)
+from eulerparams_control.bags.scan import Scan, read_attachment
+from eulerparams_control.bags.survey import survey
+from eulerparams_control.errors import BagError, did_you_mean
+
+_DESCRIPTION = "robot_description"
+
+
+@dataclasses.dataclass(frozen=True)
+class TopicInfo:
+    """Type of a topic and number of its messages."""
+
+    type: str
+    count: int
+
+
+class RawMessage(NamedTuple):
+    """A message as it was recorded, serialised; times in nanoseconds."""
+
+    topic: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class DecodedMessage(NamedTuple):
+    """A message with its fields as attributes; times in nanoseconds."""
+
+    topic: str
+    log_time: int
+    publish_time: int
+    message: Any
+
+
+class Bag:
+    """A bag that is read; opening it reads no messages, unless its index is missing.
+
+    Args:
+        path: of the folder, or of one MCAP file.
+
+    Raises:
+        BagError: if there is no bag, or it is of another kind.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._files = [survey(file) for file in bag_files(self.path)]
+        self._damage: dict[str, None] = {}  # an ordered set
+        for file in self._files:
+            if file.scan is not None:
+                self._note(file.scan)
+
+    @property
+    def truncated(self) -> bool:
+        """Whether the recorder was killed, or the disk was full, or the end is damaged."""
+        return any(file.scan is not None and not file.scan.ended for file in self._files)
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the bag, as far as it was read until now; empty if nothing."""
+        return "; ".join(self._damage)
+
+    @property
+    def topics(self) -> dict[str, TopicInfo]:
+        """Type and number of messages of each topic."""
+        topics: dict[str, TopicInfo] = {}
+        for contents in (file.contents for file in self._files):
+            for name, topic in contents.topics.items():
+                count = topics[name].count if name in topics else 0
+                topics[name] = TopicInfo(topic.type, count + contents.counts[name])
+        return topics
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What metadata.yaml says; if it is missing or broken, what it should say."""
+        try:
+            return read_metadata(self.path)
+        except BagError:
+            return bag_information(file.contents for file in self._files)
+
+    def read_raw(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
+        """Return the serialised messages in the order of recording, one at a time.
+
+        Args:
+            topics: names of those wanted; all by default.
+
+        Raises:
+            BagError: if a topic is not in the bag.
+        """
+        return (
+            RawMessage(scan.channels[message.channel_id].topic, *_times(message), message.data)
+            for scan, message in self._scan(self._chosen(topics))
+        )
+
+    def messages(self, topics: Iterable[str] | None = None) -> Iterator[DecodedMessage]:
+        """Return the decoded messages in the order of recording, one at a time.
+
+        Args:
+            topics: names of those wanted; all by default.
+
+        Raises:
+            BagError: if a topic is not in the bag; while iterating, if a message cannot
+                be decoded.
+        """
+        return self._decoded(self._chosen(topics))
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of the recorded nodes, as ``ros2 param dump`` shows them.
+
+        Empty if the recorder stored none.
+
+        Raises:
+            BagError: if they are damaged.
+        """
+        parameters: dict[str, Any] = {}
+        for file in self._files:
+            if PARAMETERS_ATTACHMENT in file.attachments:
+                offset = file.attachments[PARAMETERS_ATTACHMENT]
+                text = read_attachment(file.path, offset).data.decode(errors="replace")
+                nodes = load_yaml(text, f"{PARAMETERS_ATTACHMENT} in {file.path}")
+                parameters |= nodes if isinstance(nodes, dict) else {}
+        return parameters
+
+    def robot_description(self, topic: str | None = None) -> str:
+        """Return the first message of the topic ``robot_description``: the URDF.
+
+        Args:
+            topic: its name; needed only if there are several.
+
+        Raises:
+            BagError: if there is none, or there are several and none was named.
+        """
+        names = [name for name, info in self.topics.items() if _is_description(name, info)]
+        if topic is None and len(names) != 1:
+            found = f"several: {', '.join(names)}" if names else "none"
+            raise BagError(
+                f"{self.path}: expected one topic robot_description, found {found}; "
+                "name the topic, or give the URDF as a file"
+            )
+        for message in self.messages([topic or names[0]]):
+            return str(message.message.data)
+        raise BagError(f"{self.path}: {topic or names[0]} has no message; give the URDF as a file")
+
+    def _chosen(self, topics: Iterable[str] | None) -> set[str]:
+        known = self.topics
+        chosen = set(known if topics is None else topics)
+        for name in sorted(chosen - known.keys()):
+            raise BagError(
+                f"{self.path} has no topic {name}{did_you_mean(name, known)}; "
+                f"it has: {', '.join(sorted(known)) or 'none'}"
+            )
+        return chosen
+
+    def _scan(self, topics: set[str]) -> Iterator[tuple[Scan, Message]]:
+        """Yield the messages of ``topics``, each with the scan that found it."""
+        for file in self._files:
+            scan = file.rescan()
+            wanted = {number for number, c in scan.channels.items() if c.topic in topics}
+            missing = sum(n for topic, n in file.contents.counts.items() if topic in topics)
+            for record in scan:
+                if isinstance(record, Channel):
+                    if record.topic in topics:
+                        wanted.add(record.id)
+                elif record.channel_id in wanted:
+                    missing -= 1
+                    yield scan, record
+            if missing:
+                scan.damage.append(f"{missing} messages")
+            self._note(scan)
+
+    def _decoded(self, topics: set[str]) -> Iterator[DecodedMessage]:
+        decoders: dict[tuple[Path, int], Callable[[bytes], Any]] = {}
+        for scan, message in self._scan(topics):
+            key = (scan.path, message.channel_id)
+            topic = scan.channels[message.channel_id].topic
+            try:
+                if key not in decoders:
+                    decoders[key] = _decoder(scan, message.channel_id)
+                decoded = decoders[key](message.data)
+            except BagError:
+                raise
+            except Exception as error:  # the decoder leaks any type
+                raise BagError(
+                    f"{scan.path}: a message of {topic} at {message.log_time} ns cannot be "
+                    f"decoded ({type(error).__name__}: {error}); read the other topics, or read_raw"
+                ) from error
+            yield DecodedMessage(topic, *_times(message), decoded)
+
+    def _note(self, scan: Scan) -> None:
+        """Remember what a pass over a file could not read."""
+        notes = [f"{scan.path}: left out {damage}" for damage in scan.damage]
+        if not scan.ended:
+            tail = f"; its last {scan.unread} bytes are incomplete" if scan.unread else ""
+            notes.append(f"{scan.path}: was not finished{tail}")
+        self._damage.update(dict.fromkeys(notes))
+
+
+def _times(message: Message) -> tuple[int, int]:
+    return message.log_time, message.publish_time
+
+
+def _is_description(name: str, info: TopicInfo) -> bool:
+    return name.rpartition("/")[2] == _DESCRIPTION and info.type == "std_msgs/msg/String"
+
+
+def _decoder(scan: Scan, number: int) -> Callable[[bytes], Any]:
+    channel = scan.channels[number]
+    schema: Schema | None = scan.schemas.get(channel.schema_id)
+    decoder = DecoderFactory().decoder_for(channel.message_encoding, schema)
+    if decoder is None:
+        raise BagError(
+            f"{scan.path}: {channel.topic} is encoded as {channel.message_encoding} with a schema "
+            f"of {schema.encoding if schema else 'none'}; only cdr with ros2msg can be decoded"
+        )
+    return decoder
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the MCAP files of the bag at ``path``, in the order of recording.
+
+    Raises:
+        BagError: if there are none.
+    """
+    if not path.is_dir():
+        return [path]
+    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if files:
+        return files
+    if list(path.glob("*.db3")):
+        raise BagError(f"{path} is an sqlite3 bag; convert it to mcap with: ros2 bag convert")
+    if list(path.glob("*.mcap.*")):
+        raise BagError(f"{path} holds no plain .mcap file; decompress it with: zstd -d")
+    raise BagError(f"{path} holds no .mcap file; expected the folder of a bag")

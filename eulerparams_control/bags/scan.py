@@ -1,0 +1,198 @@
+"""Read MCAP files record by record, also those that end anywhere or hold damaged bytes."""
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.records import Attachment, Channel, Chunk, Message, Schema
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
+
+from eulerparams_control.errors import BagError
+
+Record = Schema | Channel | Message
+
+_HEAD = struct.Struct("<BQ")  # opcode and length begin each record
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time, then the data
+_FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, checksum; magic
+_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+_READ = _IN_CHUNKS | {Opcode.CHUNK, Opcode.ATTACHMENT}
+
+
+class Scan:
+    """One pass over an MCAP file; iterating gives its channels and messages in file order.
+
+    What cannot be read is left out and told in ``damage``.  Memory is bounded by the
+    largest record.
+
+    Args:
+        path: of the file.
+        index: of the file, where it has one: its channels are known from the start.
+
+    Attributes (complete once the iteration has ended):
+        channels, schemas: those met, by their number.
+        attachments: where the last one of each name is, for :func:`read_attachment`.
+        ended: whether the data section has its end; not so if the recorder was killed.
+        unread: number of bytes at the end that are no whole record.
+        damage: what was left out before that, one phrase each.
+        compression: of the chunks: ``""``, ``"zstd"`` or ``"lz4"``.
+    """
+
+    def __init__(self, path: Path, index: Summary | None = None) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = dict(index.channels) if index else {}
+        self.schemas: dict[int, Schema] = dict(index.schemas) if index else {}
+        self.attachments: dict[str, int] = {}
+        self.ended = False
+        self.unread = 0
+        self.damage: list[str] = []
+        self.compression = ""
+
+    def __iter__(self) -> Iterator[Channel | Message]:
+        """Yield channels, and the messages whose channel is known.
+
+        Raises:
+            BagError: if the file cannot be opened or is no MCAP file.
+        """
+        strangers = 0
+        for record in self._records():
+            if isinstance(record, Message):
+                if record.channel_id in self.channels:
+                    yield record
+                else:
+                    strangers += 1
+            elif isinstance(record, Channel):
+                self.channels[record.id] = record
+                yield record
+            else:
+                self.schemas[record.id] = record
+        if strangers:
+            self.damage.append(f"{strangers} messages of topics whose description is lost")
+
+    def _records(self) -> Iterator[Record]:
+        with open_mcap(self.path) as file:
+            size = os.fstat(file.fileno()).st_size
+            at = file.tell()
+            while at + _HEAD.size <= size:
+                opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+                if opcode == 0 or length > size - at - _HEAD.size:
+                    break
+                if opcode == Opcode.DATA_END:
+                    self.ended = True
+                    return
+                if opcode in _READ:
+                    yield from self._parse(opcode, file.read(length), at)
+                else:
+                    file.seek(length, os.SEEK_CUR)
+                at += _HEAD.size + length
+            self.unread = size - at
+
+    def _parse(self, opcode: int, body: bytes, at: int) -> Iterator[Record]:
+        try:
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(body)
+            elif opcode == Opcode.ATTACHMENT:
+                self.attachments[_attachment(body).name] = at
+            else:
+                yield _record(opcode, body)
+        except Exception as error:  # the parsers leak any type on damaged bytes
+            reason = str(error) or type(error).__name__
+            self.damage.append(f"the {Opcode(opcode).name.lower()} at byte {at}: {reason}")
+
+    def _chunk(self, body: bytes) -> Iterator[Record]:
+        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+        self.compression = chunk.compression
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        data = stream.read(size)
+        at = 0
+        while at < size:
+            opcode, length = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if length > size - at:
+                raise ValueError("a record does not fit into its chunk")
+            if opcode in _IN_CHUNKS:
+                yield _record(opcode, data[at : at + length])
+            at += length
+
+
+def _record(opcode: int, body: bytes) -> Record:
+    if opcode == Opcode.MESSAGE:
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
+        return Message(channel, log_time, body[_MESSAGE.size :], publish_time, sequence)
+    stream = ReadDataStream(BytesIO(body))
+    record: Schema | Channel = (Schema if opcode == Opcode.SCHEMA else Channel).read(stream)
+    return record
+
+
+def _attachment(body: bytes) -> Attachment:
+    (checksum,) = struct.unpack("<I", body[-4:])
+    if checksum not in (0, zlib.crc32(body[:-4])):
+        raise ValueError("its checksum is wrong")
+    attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(body)))
+    return attachment
+
+
+@contextlib.contextmanager
+def open_mcap(path: Path) -> Iterator[BinaryIO]:
+    """Open an MCAP file behind its first bytes, which say that it is one.
+
+    Raises:
+        BagError: if it cannot be read, is empty, or is something else.
+    """
+    try:
+        with open(path, "rb") as file:
+            begin = file.read(len(MCAP0_MAGIC))
+            if begin != MCAP0_MAGIC:
+                found = f"begins with {begin!r}" if begin else "is empty"
+                raise BagError(f"{path} {found}; expected an MCAP file")
+            yield file
+    except OSError as error:
+        raise BagError(f"cannot read {path}: {error.strerror}") from error
+
+
+def read_summary(path: Path) -> Summary | None:
+    """Return the index at the end of a finished file; None if it has none that is whole.
+
+    Raises:
+        BagError: if ``path`` is no MCAP file.
+    """
+    with open_mcap(path) as file:
+        try:
+            end = file.seek(-_FOOTER.size, os.SEEK_END)
+            _, _, start, _, checksum, magic = _FOOTER.unpack(file.read())
+            if magic != MCAP0_MAGIC or start == 0:
+                return None
+            file.seek(start)
+            data = file.read(end + _FOOTER.size - 12 - start)  # up to the checksum
+            if checksum not in (0, zlib.crc32(data)):
+                return None
+            file.seek(0)
+            return SeekingReader(file).get_summary()
+        except Exception:  # the parsers leak any type on damaged bytes
+            return None
+
+
+def read_attachment(path: Path, offset: int) -> Attachment:
+    """Return the attachment at byte ``offset``.
+
+    Raises:
+        BagError: if there is none that is whole.
+    """
+    with open_mcap(path) as file:
+        file.seek(offset)
+        try:
+            _, length = _HEAD.unpack(file.read(_HEAD.size))
+            return _attachment(file.read(length))
+        except Exception as error:  # the parsers leak any type on damaged bytes
+            raise BagError(
+                f"{path}: the attachment at byte {offset} is damaged: {error}"
+            ) from error

@@ -1,0 +1,134 @@
+"""The executable ``experiment``: run experiments, record, analyse, judge."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from eulerparams_control.analysis.page import write_page
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.text import number
+from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.experiments.criteria import Verdict, judge, write_summary
+from eulerparams_control.experiments.definition import Experiment, load_experiment
+from eulerparams_control.experiments.runner import check_names, run_variant
+from eulerparams_control.resources import config_names
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run ``experiment NAME [NAME ...] [--out DIR] [--variant V ...]``.
+
+    Returns:
+        the exit code: 0 if every criterion is met, 1 if one is not, 2 after an error.
+    """
+    options = _parse(args)
+    console = Console()
+    try:
+        if options.list or not options.names:
+            return _list(console)
+        experiments = [load_experiment(name) for name in options.names]
+        results = [_run(e, options.out / e.name, options.variant, console) for e in experiments]
+    except EulerParamsError as error:
+        console.print(f"error: {error}", style="red", markup=False, highlight=False)
+        return 2
+    except KeyboardInterrupt:
+        console.print("stopped; the nodes were ended", style="red")
+        return 130
+    return 0 if all(results) else 1
+
+
+def _parse(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="experiment", description="Run experiments in lock-step simulation and judge them."
+    )
+    parser.add_argument("names", nargs="*", help="of config/experiments, or paths of YAML files")
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the results")
+    parser.add_argument("--variant", action="append", default=[], help="run only this one")
+    parser.add_argument("--list", action="store_true", help="list the experiments")
+    return parser.parse_args(args)
+
+
+def _list(console: Console) -> int:
+    for name in config_names("experiments"):
+        experiment = load_experiment(name)
+        console.print(f"[bold]{name}[/bold]  {experiment.claim}", highlight=False)
+    return 0
+
+
+def _run(experiment: Experiment, folder: Path, names: list[str], console: Console) -> bool:
+    """Run one experiment; return whether all its criteria are met."""
+    variants = check_names(names, experiment)
+    console.print(f"[bold]{experiment.name}[/bold]: {experiment.claim}", highlight=False)
+    bags = _run_variants(experiment, variants, folder, console)
+    with console.status("analysing the bags"):
+        recordings = {variant: Recording.load(bag) for variant, bag in bags.items()}
+        verdicts = judge(experiment, recordings)
+        write_summary(folder / "summary.json", experiment, verdicts)
+        sentence = _sentence(experiment, verdicts)
+        page = folder / "report.html"
+        write_page(page, list(recordings.values()), experiment.claim, sentence, verdicts)
+    console.print(_table(verdicts))
+    console.print(sentence, highlight=False)
+    console.print(f"The page: {page.resolve()}", highlight=False, soft_wrap=True)
+    return all(verdict.met for verdict in verdicts)
+
+
+def _run_variants(
+    experiment: Experiment, variants: list[str], folder: Path, console: Console
+) -> dict[str, Path]:
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f} of {task.total:g} s simulated"),
+        TimeElapsedColumn(),
+    )
+    bags = {}
+    with Progress(*columns, console=console) as progress:
+        for variant in variants:
+            task = progress.add_task(variant, total=experiment.duration)
+            started = time.monotonic()
+            bags[variant] = run_variant(
+                experiment, variant, folder, lambda t, task=task: progress.update(task, completed=t)
+            )
+            progress.update(task, completed=experiment.duration)
+            if not console.is_terminal:
+                console.print(f"  {variant}: {time.monotonic() - started:.1f} s", highlight=False)
+    return bags
+
+
+def _sentence(experiment: Experiment, verdicts: list[Verdict]) -> str:
+    """Return the summary of the experiment with its numbers filled in.
+
+    ``{metric:variant}`` in the text stands for the number measured with its unit.
+    """
+    met = sum(verdict.met for verdict in verdicts)
+    text = experiment.summary or f"{met} of {len(verdicts)} criteria met."
+    for verdict in verdicts:
+        value = f"{number(verdict.measured)} {verdict.unit}".strip()
+        text = text.replace(f"{{{verdict.text}:{verdict.variant}}}", value)
+    return text
+
+
+def _table(verdicts: list[Verdict]) -> Table:
+    table = Table(title=None)
+    for name in ("criterion", "variant", "predicted", "measured", "bound", "met"):
+        table.add_column(name, justify="right" if name in ("predicted", "measured") else "left")
+    for verdict in verdicts:
+        table.add_row(
+            verdict.text,
+            verdict.variant,
+            verdict.predicted,
+            f"{number(verdict.measured)} {verdict.unit}",
+            verdict.bound,
+            "[green]yes[/green]" if verdict.met else "[red]no[/red]",
+        )
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,157 @@
+"""The nodes of an experiment as processes in a ROS domain of their own."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+
+from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.resources import PACKAGE
+
+# Time [s] that a node gets to end after a signal, before it is killed.
+_PATIENCE = 10.0
+
+# Domains whose ports stay below those that Linux gives to outgoing connections.
+_DOMAINS = range(1, 100)
+
+
+def module_of(executable: str) -> str:
+    """Return the module of an executable of this package; raises ConfigurationError."""
+    for point in entry_points(group="console_scripts", name=executable):
+        if point.dist is not None and point.dist.name.replace("-", "_") == PACKAGE:
+            return point.module
+    raise ConfigurationError(f"the package is not installed: it has no executable '{executable}'")
+
+
+def free_domain() -> int:
+    """Return a ROS domain in which no participant runs on this machine.
+
+    The first participant of domain d takes the UDP port 7410 + 250 d (RTPS 9.6.1.1).
+    """
+    for offset in range(len(_DOMAINS)):
+        domain = _DOMAINS[(os.getpid() + offset) % len(_DOMAINS)]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise ConfigurationError("no ROS domain is free on this machine")
+
+
+class Nodes:
+    """Processes of nodes that end together.
+
+    Args:
+        folder: for their parameter files and logs.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(free_domain()),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "RCUTILS_LOGGING_USE_STDOUT": "1",
+            "RCUTILS_COLORIZED_OUTPUT": "0",
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> "Nodes":
+        return self
+
+    def __exit__(
+        self,
+        _type: type[BaseException] | None,
+        _error: BaseException | None,
+        _traceback: TracebackType | None,
+    ) -> None:
+        self.stop(*reversed(list(self._processes)))
+
+    def start(self, executable: str, parameters: dict[str, Any]) -> None:
+        """Start a node with its parameters."""
+        file = self._folder / f"{executable}.yaml"
+        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), encoding="utf-8")
+        command = [sys.executable, "-m", module_of(executable)]
+        with open(self._log(executable), "wb") as log:
+            self._processes[executable] = subprocess.Popen(
+                [*command, "--ros-args", "--params-file", str(file)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,  # a Ctrl-C in the terminal is ours to pass on
+            )
+
+    def _log(self, executable: str) -> Path:
+        return self._folder / f"{executable}.log"
+
+    def log(self, executable: str) -> str:
+        """Return what a node has said so far."""
+        return self._log(executable).read_text(encoding="utf-8", errors="replace")
+
+    def ended(self, executable: str) -> bool:
+        """Return whether a node has ended by itself, and well.
+
+        Raises:
+            SimulationError: if any node has died; with its last words.
+        """
+        for name, process in self._processes.items():
+            if process.poll() is not None and (process.returncode != 0 or name != executable):
+                raise SimulationError(
+                    f"the node {name} died with exit code {process.returncode}:\n"
+                    + self._last_words(name)
+                    + self.complaints(but=name)
+                )
+        return self._processes[executable].poll() is not None
+
+    def stop(self, *executables: str) -> None:
+        """End nodes one after the other, those that have not ended yet."""
+        for name in executables:
+            process = self._processes[name]
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            try:
+                process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def wait_for(self, executable: str, words: str, timeout: float) -> None:
+        """Wait until a node has said some words.
+
+        Raises:
+            SimulationError: if it does not within ``timeout`` [s].
+        """
+        deadline = time.monotonic() + timeout
+        while words not in self.log(executable):
+            self.ended(executable)
+            if time.monotonic() > deadline:
+                raise SimulationError(
+                    f"{executable} did not say '{words}' within {timeout:g} s:\n"
+                    + self._last_words(executable)
+                    + self.complaints(but=executable)
+                )
+            time.sleep(0.02)
+
+    def _last_words(self, executable: str) -> str:
+        lines = [line for line in self.log(executable).splitlines() if line.strip()]
+        return "\n".join(f"  {line}" for line in lines[-8:]) or "  (it said nothing)"
+
+    def complaints(self, but: str) -> str:
+        """Return the last error of each other node: the cause is often with a neighbour."""
+        text = ""
+        for name in self._processes:
+            errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]
+            if errors and name != but:
+                text += f"\n{name} said:\n  {errors[-1]}"
+        return text

@@ -1,0 +1,204 @@
+"""The only user of PyBullet: one robot on a client of its own.
+
+Joint vectors are (n,) in the order of ``robot.joints``: rad, rad/s, Nm (m, m/s, N if
+prismatic).  The root link stands at the origin of the world.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pybullet
+
+from eulerparams_control.catalogue import RobotDescription
+from eulerparams_control.errors import RobotError, SimulationError
+from eulerparams_control.rotations import Array
+from sim_bridge.parameters import SimulatorParameters
+from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, simulation_urdf
+
+# The joint motors are coupled and solved by iteration.  At PyBullet's defaults, 50 and 1e-7,
+# joint speeds are wrong by up to 0.5 rad/s and a braked arm sinks; these leave 5e-8 rad/s.
+_SOLVER_ITERATIONS = 1000
+_SOLVER_RESIDUAL = 1e-16
+
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+class Sample(NamedTuple):
+    """What PyBullet knows after a step.
+
+    Attributes:
+        q, dq: positions and velocities; n each.
+        motors: efforts of the motors, without those of ``exert``; n.
+        reaction: force and moment of the arm on what the sensor carries, in the axes of
+            the sensor frame and about its origin, N and Nm; 6.
+    """
+
+    q: Sequence[float]
+    dq: Sequence[float]
+    motors: Sequence[float]
+    reaction: Sequence[float]
+
+
+class Engine:
+    """A robot in PyBullet, with the dynamics of its URDF.
+
+    A step is semi-implicit Euler: dq += dt ddq(q, dq, tau), then q += dt dq.
+
+    Args:
+        robot: the arm; its other moving joints are locked at zero.
+        parameters: what else is simulated.
+
+    Attributes:
+        client, body, sensor_link: of PyBullet, for an environment to add to.
+        load: the body that the sensor carries, in the sensor frame.
+
+    Raises:
+        RobotError: if PyBullet cannot simulate the robot.
+        SimulationError: if PyBullet cannot be started.
+    """
+
+    def __init__(self, robot: RobotDescription, parameters: SimulatorParameters) -> None:
+        shapes = ["collision"] * (parameters.collisions or parameters.gui)
+        shapes += ["visual"] * parameters.gui
+        model = simulation_urdf(
+            robot, parameters.tool, stops=parameters.enforce_limits, shapes=shapes
+        )
+        self.client = _connect(parameters)
+        self.body = _load(self.client, model.text)
+        self.load = model.load
+        joints, links = _indices(self.client, self.body)
+        _make_exact(self.client, self.body, links, model.moments)
+        self._arm = [joints[name] for name in robot.joints]
+        self.sensor_link = links[SENSOR_LINK]
+        self._sensed = [*self._arm, self.sensor_link]
+        pybullet.enableJointForceTorqueSensor(self.body, self.sensor_link, True, self.client)
+
+    def place(self, q: Array) -> None:
+        """Put the arm at rest at ``q``."""
+        for joint, value in zip(self._arm, q.tolist(), strict=True):
+            pybullet.resetJointState(self.body, joint, value, 0.0, self.client)
+
+    def drive(self, dq: Array, effort: Array) -> None:
+        """Let motors reach ``dq`` within each step from now on, with at most ``effort``."""
+        pybullet.setJointMotorControlArray(
+            self.body,
+            self._arm,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=dq.tolist(),
+            forces=effort.tolist(),
+            physicsClientId=self.client,
+        )
+
+    def exert(self, tau: Array) -> None:
+        """Add ``tau`` to the joints during the next step."""
+        pybullet.setJointMotorControlArray(
+            self.body,
+            self._arm,
+            pybullet.TORQUE_CONTROL,
+            forces=tau.tolist(),
+            physicsClientId=self.client,
+        )
+
+    def push(self, wrench: Sequence[float]) -> None:
+        """Add force and moment, 6, at the sensor frame, in its axes, during the next step.
+
+        The link there is massless, so that PyBullet's frame of it is the sensor frame.
+        """
+        link, axes = self.sensor_link, pybullet.LINK_FRAME
+        self._sensor_state()
+        pybullet.applyExternalForce(self.body, link, wrench[:3], _ORIGIN, axes, self.client)
+        pybullet.applyExternalTorque(self.body, link, wrench[3:], axes, self.client)
+
+    def step(self) -> None:
+        """Advance by one step."""
+        pybullet.stepSimulation(self.client)
+
+    def sample(self) -> Sample:
+        """Return joints and sensor after the last step."""
+        *joints, sensor = pybullet.getJointStates(self.body, self._sensed, self.client)
+        q, dq, _, motors = zip(*joints, strict=True)
+        return Sample(q, dq, motors, sensor[2])
+
+    def sensor_motion(self) -> tuple[Array, Array]:
+        """Return the orientation of the sensor frame, (3, 3), and its (v, omega), (2, 3).
+
+        Both in world axes, m/s and rad/s.
+        """
+        state = self._sensor_state()
+        # The frame of the centre of mass, here the same; that of the link is in float32.
+        R = np.array(pybullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
+        return R, np.array(state[6:8])
+
+    def _sensor_state(self) -> Sequence[Sequence[float]]:
+        """Return PyBullet's state of the sensor link, brought up to date with the joints.
+
+        Without this the frames of the links, and the axes of a push, are those of the
+        step before.
+        """
+        state: Sequence[Sequence[float]] = pybullet.getLinkState(
+            self.body,
+            self.sensor_link,
+            computeLinkVelocity=True,
+            computeForwardKinematics=True,
+            physicsClientId=self.client,
+        )
+        return state
+
+    def close(self) -> None:
+        """End the client."""
+        if pybullet.isConnected(self.client):
+            pybullet.disconnect(self.client)
+
+
+def _connect(parameters: SimulatorParameters) -> int:
+    client = int(pybullet.connect(pybullet.GUI if parameters.gui else pybullet.DIRECT))
+    if client < 0:
+        raise SimulationError("PyBullet cannot open its window; set gui to false")
+    pybullet.setPhysicsEngineParameter(
+        fixedTimeStep=1.0 / parameters.rate,
+        numSolverIterations=_SOLVER_ITERATIONS,
+        solverResidualThreshold=_SOLVER_RESIDUAL,
+        enableFileCaching=False,
+        physicsClientId=client,
+    )
+    pybullet.setGravity(*parameters.gravity, physicsClientId=client)
+    return client
+
+
+def _load(client: int, text: str) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        path.write_text(text, encoding="utf-8")
+        try:
+            return int(pybullet.loadURDF(str(path), useFixedBase=True, physicsClientId=client))
+        except pybullet.error as error:
+            raise RobotError(f"PyBullet cannot load the robot: {error}") from error
+
+
+def _indices(client: int, body: int) -> tuple[dict[str, int], dict[str, int]]:
+    """Return PyBullet's index of each joint, and of each link but the root."""
+    count = pybullet.getNumJoints(body, client)
+    infos = [pybullet.getJointInfo(body, index, client) for index in range(count)]
+    joints = {info[1].decode(): info[0] for info in infos}
+    return joints, {info[12].decode(): info[0] for info in infos}
+
+
+def _make_exact(client: int, body: int, links: dict[str, int], moments: dict[str, Array]) -> None:
+    """Take back the damping and the speed limit that PyBullet adds, and set the inertias.
+
+    In one call with a damping, PyBullet drops what is said of a link.
+    """
+    pybullet.changeDynamics(
+        body,
+        -1,
+        linearDamping=0.0,
+        angularDamping=0.0,
+        maxJointVelocity=NO_LIMIT,
+        physicsClientId=client,
+    )
+    for link, index in links.items():
+        inertia = moments[link].tolist()
+        pybullet.changeDynamics(body, index, localInertiaDiagonal=inertia, physicsClientId=client)

@@ -1,0 +1,141 @@
+"""Seeded samples of rotations, and frames that move; made without the code under test."""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from tolerances import POLE_CLEARANCE, STEP
+
+Array = NDArray[np.float64]
+
+SEED = 1999
+
+# Angles [rad] at which things go wrong: the identity, pi, and their neighbourhoods.
+SPECIAL_ANGLES = (0.0, 1e-12, 1e-9, 1e-7, 1e-4, 0.1, math.pi - 1e-4, math.pi - 1e-7, math.pi - 1e-9)
+
+# Distances [rad] to the pole of a sequence, on both sides of where extraction changes.
+POLE_DISTANCES = (0.0, 1e-15, 1e-13, 3e-12, 1e-11, 1e-10, 1e-9, 1e-7, 1e-5, 1e-3, 0.1)
+
+
+def generator(*key: int) -> np.random.Generator:
+    """Return a random generator that depends on the key alone."""
+    return np.random.default_rng((SEED, *key))
+
+
+def vectors(count: int, key: int = 0) -> list[Array]:
+    """Return ``count`` random vectors (3,) with components of order 1."""
+    return list(generator(1, key).normal(size=(count, 3)))
+
+
+def unit_vectors(count: int, key: int = 0) -> list[Array]:
+    """Return ``count`` unit vectors (3,), uniform on the sphere."""
+    return [v / np.linalg.norm(v) for v in generator(2, key).normal(size=(count, 3))]
+
+
+def rodrigues(theta: float, r: Array) -> Array:
+    """Return the rotation (3, 3) by theta about r: I + sin(theta) K + 2 sin^2(theta/2) K^2."""
+    x, y, z = r.tolist()
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(theta) * K + 2 * math.sin(theta / 2) ** 2 * (K @ K)
+
+
+def about(axis: int, angle: float) -> Array:
+    """Return the rotation (3, 3) by ``angle`` [rad] about x, y or z (0, 1, 2)."""
+    return rodrigues(angle, np.eye(3)[axis])
+
+
+def half_turn(r: Array) -> Array:
+    """Return the rotation (3, 3) by exactly pi about r."""
+    return 2 * np.outer(r, r) - np.eye(3)
+
+
+@cache
+def uniform(count: int, key: int = 0) -> list[Array]:
+    """Return ``count`` rotations, uniform (Haar), by QR of Gaussian matrices."""
+    rotations = []
+    for matrix in generator(3, key).normal(size=(count, 3, 3)):
+        Q, upper = np.linalg.qr(matrix)
+        Q = Q * np.sign(np.diag(upper))
+        rotations.append(Q * np.linalg.det(Q))
+    return rotations
+
+
+@cache
+def half_turns() -> list[Array]:
+    """Return rotations by exactly pi: about the axes, about diagonals, about any vector."""
+    diagonals = [(1, 1, 0), (1, -1, 0), (0, 1, 1), (-1, 0, 1), (1, 1, 1), (-1, 1, -1)]
+    axes = [*np.eye(3), *(np.array(d) / np.linalg.norm(d) for d in diagonals)]
+    return [half_turn(r) for r in [*axes, *unit_vectors(30, key=1)]]
+
+
+@cache
+def special() -> list[Array]:
+    """Return rotations by the special angles about random and about coordinate axes."""
+    axes = [*np.eye(3), *-np.eye(3), *unit_vectors(20, key=2)]
+    return [rodrigues(theta, r) for theta in SPECIAL_ANGLES for r in axes]
+
+
+@cache
+def all_rotations() -> list[Array]:
+    """Return the identity, uniform, special rotations and half turns."""
+    return [np.eye(3), *uniform(200), *special(), *half_turns()]
+
+
+def axes_of(sequence: str) -> tuple[int, int, int]:
+    """Return the axes of a sequence such as ``"XYZ"`` as 0, 1, 2."""
+    i, j, k = ("XYZ".index(letter) for letter in sequence)
+    return i, j, k
+
+
+def poles(sequence: str) -> tuple[float, float]:
+    """Return the two beta [rad] at which the first axis lies along the last."""
+    return (0.0, math.pi) if sequence[0] == sequence[2] else (-math.pi / 2, math.pi / 2)
+
+
+def by_angles(sequence: str, alpha: float, beta: float, gamma: float) -> Array:
+    """Return R_i(alpha) R_j(beta) R_k(gamma) (3, 3)."""
+    i, j, k = axes_of(sequence)
+    return about(i, alpha) @ about(j, beta) @ about(k, gamma)
+
+
+@cache
+def near_pole(sequence: str, pole: float, distance: float, count: int = 20) -> list[Array]:
+    """Return rotations at that distance [rad] from a pole; at 0 the pole is met exactly."""
+    i, j, k = axes_of(sequence)
+    R_j = np.rint(about(j, pole)) @ (about(j, distance) if distance else np.eye(3))
+    pairs = generator(4).uniform(-math.pi, math.pi, size=(count, 2))
+    return [about(i, alpha) @ R_j @ about(k, gamma) for alpha, gamma in pairs]
+
+
+def pole_clearance(sequence: str, R: Array) -> float:
+    """Return the angle [rad] between the first and the last axis of rotation, from 0 to pi/2."""
+    i, _, k = axes_of(sequence)
+    return math.atan2(np.linalg.norm(np.cross(np.eye(3)[i], R[:, k])), abs(R[i, k]))
+
+
+@cache
+def clear_of_poles(sequence: str, count: int, key: int = 0) -> list[Array]:
+    """Return uniform rotations that keep POLE_CLEARANCE from both poles."""
+    candidates = uniform(4 * count, key)
+    clear = [R for R in candidates if pole_clearance(sequence, R) > POLE_CLEARANCE]
+    return clear[:count]
+
+
+def pairs_apart(theta: float, count: int, key: int = 0) -> list[tuple[Array, Array]]:
+    """Return pairs (R_d, R_e) of frames that are theta [rad] apart, about any axis."""
+    turns = [rodrigues(theta, r) for r in unit_vectors(count, key)]
+    return [(turn @ R_e, R_e) for turn, R_e in zip(turns, uniform(count, key), strict=True)]
+
+
+def turning(R: Array, omega: Array) -> Callable[[float], Array]:
+    """Return the frame t -> R(t) that turns at omega (3,) [rad/s] and is R at t = 0."""
+    speed = float(np.linalg.norm(omega))
+    axis = omega / speed if speed else omega
+    return lambda t: rodrigues(speed * t, axis) @ R
+
+
+def derivative(function: Callable[[float], Array]) -> Array:
+    """Return the derivative of a function of time at t = 0, by central differences."""
+    return (function(STEP) - function(-STEP)) / (2 * STEP)

@@ -1,0 +1,695 @@
+"""Bags without ROS: what is written, what other readers make of it, what survives damage."""
+
+import resource
+import struct
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from mcap.records import Channel, Chunk, Header, Metadata, Statistics
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from eulerparams_control.bags import Bag, BagWriter, recover
+from eulerparams_control.bags.format import Topic, qos_profile
+from eulerparams_control.bags.schema import message_definition
+from eulerparams_control.errors import BagError
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+LOG = "rcl_interfaces/msg/Log"
+STRING = "std_msgs/msg/String"
+URDF = "<robot name='r'/>"
+PARAMETERS = {"/arm/clik": {"ros__parameters": {"k_Pp": 100.0, "gains": {"on": True}}}}
+START = 1_700_000_000_000_000_000
+CHUNK_MESSAGES = 20  # of small_bag
+
+STATES = Topic("/arm/joint_states", JOINT_STATE, JAZZY.hash_rihs01(JOINT_STATE), (qos_profile(),))
+DESCRIPTION = Topic(
+    "/arm/robot_description",
+    STRING,
+    JAZZY.hash_rihs01(STRING),
+    (qos_profile(durability="transient_local"), qos_profile(reliability="best_effort")),
+)
+
+
+def joint_state(number: int) -> bytes:
+    """Return a JointState whose position is ``number``, serialised by rosbags."""
+    types = JAZZY.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 2), "base")
+    numbers = np.array([float(number)])
+    message = types[JOINT_STATE](header, ["j"], numbers, np.zeros(1), np.zeros(1))
+    return bytes(JAZZY.serialize_cdr(message, JOINT_STATE))
+
+
+def string(text: str) -> bytes:
+    return bytes(JAZZY.serialize_cdr(JAZZY.types[STRING](text), STRING))
+
+
+def write_bag(folder: Path, messages: int) -> None:
+    states = [joint_state(number) for number in range(messages)]
+    with BagWriter(folder) as bag:
+        bag.add_topic(DESCRIPTION)
+        bag.add_topic(STATES)
+        bag.write(DESCRIPTION.name, string(URDF), START, START - 5)
+        bag.attach("parameters.yaml", yaml.safe_dump(PARAMETERS))
+        for number, state in enumerate(states):
+            time = START + number * 1_000_000
+            bag.write(STATES.name, state, time, time - 7)
+            if number % CHUNK_MESSAGES == 0:
+                bag.flush()
+
+
+def mcap_of(folder: Path) -> Path:
+    return folder / f"{folder.name}_0.mcap"
+
+
+@pytest.fixture(scope="module")
+def small_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole bag of 101 JointStates in several chunks; not to be changed."""
+    folder = tmp_path_factory.mktemp("bags") / "small"
+    write_bag(folder, 101)
+    return folder
+
+
+def rewritten(folder: Path, data: bytes) -> Path:
+    """Return a new folder with only an MCAP file of this content: what a kill leaves."""
+    folder.mkdir()
+    mcap_of(folder).write_bytes(data)
+    return folder
+
+
+# --- what is written -----------------------------------------------------------------
+
+
+def test_metadata_yaml_has_every_key_of_version_9(small_bag: Path) -> None:
+    document = yaml.safe_load((small_bag / "metadata.yaml").read_text())
+    forever = {"sec": 9223372036, "nsec": 854775807}
+    times = {
+        "duration": {"nanoseconds": 100_000_000},
+        "starting_time": {"nanoseconds_since_epoch": START},
+    }
+
+    def profile(reliability: str, durability: str) -> dict[str, Any]:
+        return {
+            "history": "unknown",
+            "depth": 0,
+            "reliability": reliability,
+            "durability": durability,
+            "deadline": forever,
+            "lifespan": forever,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": forever,
+            "avoid_ros_namespace_conventions": False,
+        }
+
+    def topic(described: Topic, count: int, *profiles: dict[str, Any]) -> dict[str, Any]:
+        metadata = {
+            "name": described.name,
+            "type": described.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": list(profiles),
+            "type_description_hash": described.type_hash,
+        }
+        return {"topic_metadata": metadata, "message_count": count}
+
+    latched, best_effort = (
+        profile("reliable", "transient_local"),
+        profile("best_effort", "volatile"),
+    )
+    assert document == {
+        "rosbag2_bagfile_information": {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **times,
+            "message_count": 102,
+            "topics_with_message_count": [
+                topic(DESCRIPTION, 1, latched, best_effort),
+                topic(STATES, 101, profile("reliable", "volatile")),
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": ["small_0.mcap"],
+            "files": [{"path": "small_0.mcap", **times, "message_count": 102}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+    }
+
+
+def test_yaml_has_no_anchors_that_other_readers_may_not_know(small_bag: Path) -> None:
+    assert "&" not in (small_bag / "metadata.yaml").read_text()
+
+
+def test_the_file_holds_the_records_that_rosbag2_writes(small_bag: Path) -> None:
+    with open(mcap_of(small_bag), "rb") as file:
+        records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+    assert isinstance(records[0], Header)
+    assert records[0].profile == "ros2"
+    notes = [record for record in records if isinstance(record, Metadata)]
+    assert [note.name for note in notes] == ["rosbag2", "rosbag2"]
+    opened, closed = (yaml.safe_load(note.metadata["serialized_metadata"]) for note in notes)
+    outside = yaml.safe_load((small_bag / "metadata.yaml").read_text())
+    assert closed == outside["rosbag2_bagfile_information"]
+    assert records[1] is notes[0]
+    assert opened["message_count"] == 0
+    assert opened["topics_with_message_count"] == []
+    assert opened["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
+    assert {record.compression for record in records if isinstance(record, Chunk)} == {""}
+    (statistics,) = (record for record in records if isinstance(record, Statistics))
+    assert statistics.message_count == 102
+    assert statistics.chunk_count >= 6
+    channels = {record.topic: record for record in records if isinstance(record, Channel)}
+    channel = channels[DESCRIPTION.name]
+    assert channel.message_encoding == "cdr"
+    assert channel.metadata.keys() == {"offered_qos_profiles", "topic_type_hash"}
+    assert channel.metadata["topic_type_hash"] == DESCRIPTION.type_hash
+    profiles = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+    assert profiles == list(DESCRIPTION.qos_profiles)
+
+
+def test_chunks_hold_64_kib(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "big") as bag:
+        bag.add_topic(STATES)
+        for number in range(3000):
+            bag.write(STATES.name, joint_state(number), START, START)
+    with open(mcap_of(tmp_path / "big"), "rb") as file:
+        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    assert len(chunks) > 4
+    assert max(len(chunk.data) for chunk in chunks) < 64 * 1024 + 1000
+
+
+def test_rosbags_reads_every_message_in_order(small_bag: Path) -> None:
+    with AnyReader([small_bag]) as reader:
+        (connection,) = (c for c in reader.connections if c.topic == STATES.name)
+        assert connection.digest == JAZZY.hash_rihs01(JOINT_STATE)
+        messages = [
+            (time, reader.deserialize(raw, connection.msgtype).position[0])
+            for _, time, raw in reader.messages([connection])
+        ]
+    assert messages == [(START + n * 1_000_000, float(n)) for n in range(101)]
+
+
+@pytest.mark.parametrize("kind", [JOINT_STATE, STRING, TRAJECTORY, LOG])
+def test_the_schema_text_hashes_to_the_type_hash_of_jazzy(kind: str) -> None:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message_definition(kind), kind))
+    assert store.hash_rihs01(kind) == JAZZY.hash_rihs01(kind)
+
+
+def test_dependencies_follow_depth_first_and_sorted_each_once() -> None:
+    parts = message_definition(TRAJECTORY).split("\n" + "=" * 80 + "\n")
+    assert [part.splitlines()[0] for part in parts[1:]] == [
+        "MSG: std_msgs/Header",
+        "MSG: builtin_interfaces/Time",
+        "MSG: trajectory_msgs/MultiDOFJointTrajectoryPoint",
+        "MSG: builtin_interfaces/Duration",
+        "MSG: geometry_msgs/Transform",
+        "MSG: geometry_msgs/Quaternion",
+        "MSG: geometry_msgs/Vector3",
+        "MSG: geometry_msgs/Twist",
+    ]
+
+
+def test_definitions_are_found_under_ament_prefix_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in (("Outer", "Inner[<=3] inner\n"), ("Inner", "float64 x # mm\n")):
+        path = tmp_path / "share/my_msgs/msg" / f"{name}.msg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    separator = "=" * 80
+    assert message_definition("my_msgs/msg/Outer") == (
+        f"Inner[<=3] inner\n\n{separator}\nMSG: my_msgs/Inner\nfloat64 x # mm\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("no_msgs/msg/None", r"definition of no_msgs/msg/None is missing.*share/no_msgs/msg"),
+        ("sensor_msgs/srv/SetCameraInfo", "expected package/msg/Type"),
+        ("../../etc/msg/passwd", "expected package/msg/Type"),
+    ],
+)
+def test_a_type_without_definition_is_refused(kind: str, words: str) -> None:
+    with pytest.raises(BagError, match=words):
+        message_definition(kind)
+
+
+def test_an_existing_folder_is_not_overwritten(small_bag: Path, tmp_path: Path) -> None:
+    before = mcap_of(small_bag).read_bytes()
+    with pytest.raises(BagError, match="exists; nothing is overwritten: choose another folder"):
+        BagWriter(small_bag)
+    assert mcap_of(small_bag).read_bytes() == before
+    (tmp_path / "file").touch()
+    with pytest.raises(BagError, match=r"cannot make the bag .*: Not a directory"):
+        BagWriter(tmp_path / "file" / "bag")
+
+
+# --- what is read --------------------------------------------------------------------
+
+
+def test_a_bag_tells_its_topics_messages_parameters_and_robot(small_bag: Path) -> None:
+    bag = Bag(small_bag)
+    assert {name: (info.type, info.count) for name, info in bag.topics.items()} == {
+        DESCRIPTION.name: (STRING, 1),
+        STATES.name: (JOINT_STATE, 101),
+    }
+    assert bag.parameters() == PARAMETERS
+    assert bag.robot_description() == URDF
+    assert bag.metadata["message_count"] == 102
+    assert (bag.truncated, bag.warning) == (False, "")
+    first, *rest = bag.messages([STATES.name])
+    assert (first.topic, first.log_time, first.publish_time) == (STATES.name, START, START - 7)
+    assert first.message.header.frame_id == "base"
+    assert [message.message.position[0] for message in rest] == list(range(1, 101))
+    assert next(bag.read_raw()) == (DESCRIPTION.name, START, START - 5, string(URDF))
+
+
+def test_one_mcap_file_is_read_without_its_folder(small_bag: Path) -> None:
+    bag = Bag(mcap_of(small_bag))
+    assert len(list(bag.read_raw())) == 102
+    assert bag.metadata == Bag(small_bag).metadata
+
+
+@pytest.mark.parametrize("options", [{"use_chunking": False}, {"chunk_size": 768 * 1024}])
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_bags_of_other_recorders_are_read(
+    tmp_path: Path, compression: CompressionType, options: dict[str, Any]
+) -> None:
+    """As by ros2 bag record: compressed or unchunked, other schema order, split, no hash."""
+    separator = "\n" + "=" * 80 + "\n"
+    root, *dependencies = message_definition(JOINT_STATE).split(separator)
+    schema = separator.join([root, *reversed(dependencies)]).encode()
+    for part in range(11):
+        with open(tmp_path / f"split_{part}.mcap", "wb") as file:
+            writer = Writer(file, compression=compression, enable_crcs=False, **options)
+            writer.start("ros2")
+            number = writer.register_schema(JOINT_STATE, "ros2msg", schema)
+            channel = writer.register_channel("/joint_states", "cdr", number)
+            writer.add_message(channel, START + part, joint_state(part), START)
+            writer.finish()
+    bag = Bag(tmp_path)
+    assert [message.message.position[0] for message in bag.messages()] == list(range(11))
+    assert bag.topics["/joint_states"].count == 11
+    assert (bag.truncated, bag.parameters()) == (False, {})
+
+
+def test_the_last_attachment_of_a_name_counts(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        for text in ("{a: {b: 1}}", "{a: {b: 2}}"):
+            bag.attach("parameters.yaml", text)
+    assert Bag(tmp_path / "bag").parameters() == {"a": {"b": 2}}
+
+
+def test_a_topic_that_is_not_there_is_refused_with_the_nearest_name(small_bag: Path) -> None:
+    with pytest.raises(BagError, match=r"no topic /arm/joint_state \(did you mean '/arm/joint_s"):
+        Bag(small_bag).read_raw(["/arm/joint_state"])
+
+
+def test_two_robots_need_the_name_of_their_topic(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        for side in ("left", "right"):
+            bag.add_topic(Topic(f"/{side}/robot_description", STRING))
+            bag.write(f"/{side}/robot_description", string(side), START, START)
+    bag = Bag(tmp_path / "bag")
+    with pytest.raises(BagError, match="several: /left/robot_description, /right/"):
+        bag.robot_description()
+    assert bag.robot_description("/right/robot_description") == "right"
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({}, "holds no .mcap file; expected the folder of a bag"),
+        ({"a.db3": b""}, "sqlite3 bag; convert it"),
+        ({"a.mcap.zstd": b""}, "decompress it"),
+        ({"a.mcap": b""}, "is empty; expected an MCAP file"),
+        ({"a.mcap": b"#ROSBAG V2.0"}, "expected an MCAP file"),
+    ],
+)
+def test_what_is_no_bag_is_refused(tmp_path: Path, files: dict[str, bytes], words: str) -> None:
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    for read in (Bag, recover):
+        with pytest.raises(BagError, match=words):
+            read(tmp_path)
+    with pytest.raises(BagError, match="No such file"):
+        Bag(tmp_path / "nowhere")
+
+
+def test_a_topic_that_cannot_be_decoded_is_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic(STATES)
+        bag.add_topic(Topic("/odd", STRING, serialization_format="json"))
+        bag.write(STATES.name, joint_state(1)[:-3], START, START)
+        bag.write("/odd", b"{}", START, START)
+    bag = Bag(tmp_path / "bag")
+    with pytest.raises(BagError, match=r"message of /arm/joint_states at \d+ ns cannot be decoded"):
+        list(bag.messages([STATES.name]))
+    with pytest.raises(BagError, match=r"/odd is encoded as json .* only cdr with ros2msg"):
+        list(bag.messages(["/odd"]))
+    assert len(list(bag.read_raw())) == 2
+
+
+def test_yaml_of_a_bag_runs_no_code(tmp_path: Path) -> None:
+    evil = f"!!python/object/apply:os.mkdir [{tmp_path}/x]"
+    with BagWriter(tmp_path / "evil") as bag:
+        bag.attach("parameters.yaml", evil)
+    (tmp_path / "evil/metadata.yaml").write_text(f"rosbag2_bagfile_information: {evil}")
+    bag = Bag(tmp_path / "evil")
+    with pytest.raises(BagError, match="not valid YAML: could not determine a constructor"):
+        bag.parameters()
+    assert bag.metadata["version"] == 9
+    assert not (tmp_path / "x").exists()
+
+
+def test_reading_needs_little_memory_however_long_the_bag(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", 20_000)
+    size = mcap_of(tmp_path / "bag").stat().st_size
+    tracemalloc.start()
+    bag = Bag(tmp_path / "bag")
+    assert sum(1 for _ in bag.read_raw()) == 20_001
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert size > 2.5e6
+    assert peak < 1e6
+
+
+# --- what survives -------------------------------------------------------------------
+
+
+def test_a_killed_recording_is_read_up_to_its_last_chunk(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag")
+    bag.add_topic(STATES)
+    for number in range(30):
+        bag.write(STATES.name, joint_state(number), START + number, START)
+        if number == 19:
+            bag.flush()
+    killed = rewritten(tmp_path / "killed", mcap_of(tmp_path / "bag").read_bytes())
+    bag.close()
+    left = Bag(killed)
+    assert left.truncated
+    assert "was not finished" in left.warning
+    assert left.topics[STATES.name].count == 20
+    assert left.metadata["message_count"] == 20
+    assert [message.message.position[0] for message in left.messages()] == list(range(20))
+
+
+def test_recovery_makes_a_killed_recording_whole(small_bag: Path, tmp_path: Path) -> None:
+    data = mcap_of(small_bag).read_bytes()
+    killed = rewritten(tmp_path / "killed", data[: data.rindex(b"serialized_metadata") - 50])
+    seen = list(Bag(killed).read_raw())
+    result = recover(killed)
+    assert (result.changed, result.messages, result.topics) == (True, 102, 2)
+    assert sorted(path.name for path in killed.iterdir()) == ["killed_0.mcap", "metadata.yaml"]
+    bag = Bag(killed)
+    assert (bag.truncated, bag.warning) == (False, "")
+    assert list(bag.read_raw()) == seen == list(Bag(small_bag).read_raw())
+    assert bag.parameters() == PARAMETERS
+    with Reader(killed) as reader:
+        assert reader.message_count == 102
+        digests = {connection.topic: connection.digest for connection in reader.connections}
+    assert digests == {STATES.name: STATES.type_hash, DESCRIPTION.name: DESCRIPTION.type_hash}
+    assert "whole" in str(recover(killed))
+
+
+def test_recovery_changes_nothing_in_a_whole_bag(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", 5)
+    before = {file: (file.read_bytes(), file.stat()) for file in (tmp_path / "bag").iterdir()}
+    result = recover(tmp_path / "bag")
+    assert (result.changed, result.messages) == (False, 6)
+    assert str(result).endswith("whole, 6 messages on 2 topics; nothing changed")
+    assert {file: (file.read_bytes(), file.stat()) for file in before} == before
+
+
+@pytest.mark.parametrize("text", [None, "", "rosbag2_bagfile_information: {message_count: 2}"])
+def test_recovery_writes_metadata_yaml_anew(tmp_path: Path, text: str | None) -> None:
+    write_bag(tmp_path / "bag", 5)
+    path = tmp_path / "bag" / "metadata.yaml"
+    whole = path.read_text()
+    path.unlink() if text is None else path.write_text(text)
+    assert recover(tmp_path / "bag").changed
+    assert path.read_text() == whole
+
+
+def test_recovery_keeps_the_compression(tmp_path: Path) -> None:
+    path = mcap_of(tmp_path)
+    with open(path, "wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start("ros2")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"x")
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for _ in range(1000):
+            writer.add_message(channel, START, bytes(100), START)
+        writer.flush()
+    assert recover(tmp_path).messages == 1000
+    with open(path, "rb") as file:
+        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    assert {chunk.compression for chunk in chunks} == {"zstd"}
+
+
+def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(
+    small_bag: Path, tmp_path: Path
+) -> None:
+    data = bytearray(mcap_of(small_bag).read_bytes())
+    data[data.index(joint_state(50)) + 30] ^= 1
+    bag = rewritten(tmp_path / "bag", bytes(data))
+    broken = Bag(bag)
+    numbers = [m.message.position[0] for m in broken.messages([STATES.name])]
+    assert numbers == [n for n in range(101) if not 41 <= n <= 60]
+    assert "left out the chunk at byte" in broken.warning
+    result = recover(bag)
+    assert result.messages == 82
+    assert result.kept == [bag / "bag_0.mcap.damaged"]
+    assert result.kept[0].read_bytes() == data
+    assert "the damaged original is" in str(result)
+    assert [m.message.position[0] for m in Bag(bag).messages([STATES.name])] == numbers
+
+
+def test_recovery_refuses_a_bag_that_is_being_recorded(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag"), pytest.raises(BagError, match="is being recorded"):
+        recover(tmp_path / "bag")
+    assert not recover(tmp_path / "bag").changed
+
+
+def test_recovery_runs_where_ros_is_not_installed(small_bag: Path, tmp_path: Path) -> None:
+    killed = rewritten(tmp_path / "killed", mcap_of(small_bag).read_bytes()[:-40])
+    program = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from eulerparams_control.bags.recorder import main\n"
+        "sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "--recover", killed, tmp_path / "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stdout == f"{killed}: recovered 102 messages on 2 topics\n"
+    assert done.stderr.startswith(f"error: {tmp_path}/nowhere is no folder; expected")
+    assert done.stderr.count("\n") == 1
+
+
+@contextmanager
+def file_size_limit(size: int) -> Iterator[None]:
+    """Let writes beyond ``size`` bytes fail, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_costs_the_last_chunk_and_is_told(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag")
+    bag.add_topic(STATES)
+    state = joint_state(0)
+
+    def fill() -> None:
+        for number in range(10_000):
+            bag.write(STATES.name, state, START + number, START)
+
+    words = r"cannot write .*/bag_0.mcap: .*make room, then run: bag_recorder --recover .*/bag$"
+    with file_size_limit(300_000):
+        with pytest.raises(BagError, match=words):
+            fill()
+        with pytest.raises(BagError, match=words):
+            bag.flush()
+    written = bag.contents.message_count
+    bag.close()
+    left = Bag(tmp_path / "bag")
+    count = left.topics[STATES.name].count
+    assert left.truncated
+    assert 0 < written - count <= 64 * 1024 / len(state)
+    assert mcap_of(tmp_path / "bag").stat().st_size > 300_000 - 80_000
+    assert [m.log_time - START for m in left.read_raw()] == list(range(count))
+    assert recover(tmp_path / "bag").messages == count
+
+
+def test_a_full_disk_stops_recovery_without_loss(small_bag: Path, tmp_path: Path) -> None:
+    killed = rewritten(tmp_path / "killed", mcap_of(small_bag).read_bytes()[:-40])
+    before = mcap_of(killed).read_bytes()
+    with file_size_limit(5000), pytest.raises(BagError, match="nothing was changed; make room"):
+        recover(killed)
+    assert [path.name for path in killed.iterdir()] == ["killed_0.mcap"]
+    assert mcap_of(killed).read_bytes() == before
+
+
+# --- property tests: no deadline, for nothing here is about time -----------------------
+
+anything = settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+CHUNK, DATA_END, MESSAGE_INDEX = 6, 15, 7
+
+
+def frames(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, first byte and end of each record of a whole file."""
+    at = 8
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        yield opcode, at, at + 9 + length
+        at += 9 + length
+
+
+def decoded_or_refused(bag: Bag) -> None:
+    """Decode all that can be decoded; anything but a BagError is a failure."""
+    for topic in bag.topics:
+        with suppress(BagError):
+            for _ in bag.messages([topic]):
+                pass
+    for read in (bag.parameters, bag.robot_description):
+        with suppress(BagError):
+            read()
+
+
+@anything
+@given(data=st.data())
+def test_a_bag_cut_at_any_byte_gives_all_messages_of_the_chunks_before(
+    data: st.DataObject, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    whole = mcap_of(small_bag).read_bytes()
+    size = data.draw(st.integers(8, len(whole) - 1))
+    folder = rewritten(tmp_path_factory.mktemp("cut") / "bag", whole[:size])
+    messages = list(Bag(small_bag).read_raw())
+    found = list(Bag(folder).read_raw())
+    assert found == messages[: len(found)]
+    last = max((end for code, _, end in frames(whole) if code == CHUNK and end <= size), default=0)
+    complete = whole[:last]
+    assert len(found) == sum(message.data in complete for message in messages)
+    data_end = next(end for code, _, end in frames(whole) if code == DATA_END)
+    assert Bag(folder).truncated == (size < data_end)
+    assert recover(folder).messages == len(found)
+    assert list(Bag(folder).read_raw()) == found
+    with Reader(folder) as reader:
+        assert reader.message_count == len(found)
+
+
+@anything
+@given(size=st.integers(0, 7))
+def test_less_than_the_first_eight_bytes_is_refused(
+    size: int, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    whole = mcap_of(small_bag).read_bytes()
+    folder = rewritten(tmp_path_factory.mktemp("cut") / "bag", whole[:size])
+    for read in (Bag, recover):
+        with pytest.raises(BagError, match="expected an MCAP file"):
+            read(folder)
+
+
+@anything
+@given(data=st.data(), bit=st.integers(0, 7))
+def test_a_flipped_bit_costs_messages_but_invents_none(
+    data: st.DataObject, bit: int, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    damaged = bytearray(mcap_of(small_bag).read_bytes())
+    at = data.draw(st.integers(0, len(damaged) - 1))
+    # The opcode of an index, which no checksum covers, can become that of a message.
+    assume(damaged[at] != MESSAGE_INDEX)
+    damaged[at] ^= 1 << bit
+    folder = rewritten(tmp_path_factory.mktemp("flip") / "bag", bytes(damaged))
+    if at < 8:
+        with pytest.raises(BagError, match="expected an MCAP file"):
+            Bag(folder)
+        return
+    originals = set(Bag(small_bag).read_raw())
+    bag = Bag(folder)
+    found = list(bag.read_raw())
+    decoded_or_refused(bag)
+    assert set(found) <= originals
+    assert len(found) == len(originals) or bag.warning
+    assert recover(folder).messages == len(found)
+    assert list(Bag(folder).read_raw()) == found
+    assert not recover(folder).changed
+
+
+@pytest.fixture(scope="module")
+def unguarded(tmp_path_factory: pytest.TempPathFactory) -> dict[CompressionType, bytes]:
+    """Files without any checksum, as ros2 bag record makes them, by their compression."""
+    files = {}
+    for compression in CompressionType:
+        path = tmp_path_factory.mktemp("unguarded") / "x.mcap"
+        with open(path, "wb") as file:
+            writer = Writer(file, compression=compression, enable_crcs=False)
+            writer.start("ros2")
+            for number, (name, kind) in enumerate([("/s", JOINT_STATE), ("/l", LOG)], start=1):
+                definition = message_definition(kind).encode()
+                writer.register_schema(kind, "ros2msg", definition)
+                writer.register_channel(name, "cdr", number)
+            for number in range(20):
+                writer.add_message(1, START, joint_state(number), START)
+                writer.add_message(2, START, bytes(60), START)
+            writer.add_attachment(0, 0, "parameters.yaml", "text/plain", b"{a: {b: 1}}")
+            writer.finish()
+        files[compression] = path.read_bytes()
+    return files
+
+
+@anything
+@given(data=st.data(), flips=st.integers(1, 5), compression=st.sampled_from(CompressionType))
+def test_damage_without_checksums_gives_messages_or_a_bag_error(
+    data: st.DataObject,
+    flips: int,
+    compression: CompressionType,
+    unguarded: dict[CompressionType, bytes],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    damaged = bytearray(unguarded[compression])
+    for _ in range(flips):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
+    folder = rewritten(tmp_path_factory.mktemp("flip") / "bag", bytes(damaged))
+    with suppress(BagError):
+        decoded_or_refused(Bag(folder))
+    with suppress(BagError):
+        recover(folder)
+        decoded_or_refused(Bag(folder))
+
+
+@anything
+@given(data=st.data())
+def test_damaged_metadata_yaml_does_no_harm(
+    data: st.DataObject, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = rewritten(tmp_path_factory.mktemp("yaml") / "bag", mcap_of(small_bag).read_bytes())
+    text = bytearray((small_bag / "metadata.yaml").read_bytes())
+    text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))
+    (folder / "metadata.yaml").write_bytes(text)
+    bag = Bag(folder)
+    assert isinstance(bag.metadata, dict)
+    assert len(list(bag.read_raw())) == 102
+    recover(folder)
+    assert Bag(folder).metadata["message_count"] == 102

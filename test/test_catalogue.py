@@ -1,0 +1,256 @@
+"""The catalogue of robots: what it holds, and what it refuses."""
+
+import dataclasses
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from eulerparams_control import catalogue
+from eulerparams_control.catalogue import RobotDescription, load_robot
+from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
+from eulerparams_control.urdf import UrdfTree, joint_limits
+
+# The smallest singular value of the Jacobian of a home: a good one of an arm of 1 m has
+# 0.2 to 0.4; below 0.1 damping or speed limits begin to show.
+WELL_CONDITIONED = 0.15
+
+# A home keeps this distance to the position limits, rad: room for an experiment.
+ROOM_TO_LIMITS = 0.5
+
+ROBOTS = ("kuka_iiwa", "panda", "ur10", "ur5")
+
+TWO_LINKS = """
+<robot name="two">
+  <link name="base"/> <link name="arm"/> <link name="finger"/>
+  <joint name="swing" type="revolute">
+    <parent link="base"/> <child link="arm"/> <axis xyz="0 0 1"/>
+    <limit lower="0.5" upper="1" velocity="2" effort="3"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="arm"/> <child link="finger"/> <mimic joint="swing"/>
+    <limit lower="0" upper="1" velocity="2" effort="3"/>
+  </joint>
+</robot>
+"""
+
+
+def reduced_model(robot: RobotDescription) -> Any:
+    model = pin.buildModelFromXML(robot.urdf)
+    others = [model.getJointId(n) for n in list(model.names)[1:] if n not in robot.joints]
+    return pin.buildReducedModel(model, others, pin.neutral(model)) if others else model
+
+
+@pytest.fixture
+def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A valid entry for TWO_LINKS, without its mimic joint."""
+    urdf = re.sub("<mimic[^>]*>", "", TWO_LINKS)
+    (tmp_path / "two.urdf").write_text(urdf)
+    monkeypatch.setattr(catalogue, "config_file", lambda _, name: tmp_path / f"{name}.yaml")
+    return {
+        "description": "two links",
+        "urdf": "two.urdf",
+        "base_frame": "base",
+        "tip_frame": "finger",
+        "sensor_frame": "finger",
+        "joints": ["swing", "slide"],
+        "home": [0.75, 0.5],
+    }
+
+
+def load_entry(entry: dict[str, Any], folder: Path) -> RobotDescription:
+    (folder / "two.yaml").write_text(yaml.safe_dump(entry))
+    return load_robot("two")
+
+
+def load_urdf(text: str, folder: Path) -> RobotDescription:
+    (folder / "my.urdf").write_text(text)
+    return load_robot(str(folder / "my.urdf"))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name: str) -> None:
+    robot = load_robot(name)
+    model = reduced_model(robot)
+    assert robot.name == name
+    assert robot.urdf == robot.urdf_path.read_text()
+    assert tuple(model.names)[1:] == robot.joints
+    for frame in (robot.base_frame, robot.tip_frame, robot.sensor_frame):
+        assert model.existFrame(frame), frame
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_home_is_away_from_singularities_and_limits(name: str) -> None:
+    robot = load_robot(name)
+    model = reduced_model(robot)
+    q = np.array(robot.home)
+    J = pin.computeFrameJacobian(model, model.createData(), q, model.getFrameId(robot.tip_frame))
+    assert np.linalg.svd(J, compute_uv=False)[-1] > WELL_CONDITIONED
+    assert np.all(q - model.lowerPositionLimit > ROOM_TO_LIMITS)
+    assert np.all(model.upperPositionLimit - q > ROOM_TO_LIMITS)
+
+
+def test_the_ur5_ends_at_tool0_and_starts_where_the_experiments_do() -> None:
+    robot = load_robot("ur5")
+    assert (robot.base_frame, robot.tip_frame) == ("base_link", "tool0")
+    assert robot.home == (-0.21662, -1.1967, 1.83698, 1.78954, -1.39217, -2.98951)
+
+
+def test_the_fingers_of_the_panda_are_not_part_of_its_arm() -> None:
+    robot = load_robot("panda")
+    assert robot.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert robot.tip_frame == "panda_hand_tcp"
+
+
+def test_a_robot_is_frozen() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        load_robot("ur5").name = "ur6"  # type: ignore[misc]
+
+
+def test_an_unknown_robot_is_refused_with_the_names_that_exist() -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        load_robot("ur55")
+    assert str(caught.value) == (
+        "unknown robot 'ur55' (did you mean 'ur5'?); known: kuka_iiwa, panda, ur10, ur5"
+    )
+
+
+def test_a_path_takes_the_root_link_the_longest_chain_and_a_home_within_limits(
+    tmp_path: Path,
+) -> None:
+    robot = load_urdf(TWO_LINKS, tmp_path)
+    assert robot == RobotDescription(
+        name="my",
+        urdf_path=tmp_path / "my.urdf",
+        urdf=TWO_LINKS,
+        base_frame="base",
+        tip_frame="finger",
+        sensor_frame="finger",
+        joints=("swing",),
+        home=(0.5,),
+    )
+
+
+def test_a_path_to_a_robot_of_the_catalogue_finds_the_same_joints() -> None:
+    for name in ROBOTS:
+        robot = load_robot(name)
+        assert load_robot(str(robot.urdf_path)).joints == robot.joints
+
+
+def test_an_entry_is_read_with_its_urdf_relative_to_the_file(
+    entry: dict[str, Any], tmp_path: Path
+) -> None:
+    robot = load_entry(entry, tmp_path)
+    assert robot.urdf_path == tmp_path / "two.urdf"
+    assert robot.joints == ("swing", "slide")
+    assert robot.home == (0.75, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("</robot>", "", "not valid XML: no element found"),
+        ("robot", "sdf", "the root element is <sdf>, expected <robot>"),
+        ('<link name="finger"/>', "", "no link 'finger' as child"),
+        ('<child link="finger"/>', "", "joint 'slide' has no <child>"),
+        ('<child link="finger"/>', '<child link="arm"/>', "link 'arm' has two parents"),
+        ('<parent link="base"/>', '<parent link="finger"/>', "is not carried by link 'base'"),
+        ('<link name="base"/>', '<link name="base"/><link name="b2"/>', "one root link, found 2"),
+        ('<link name="base"/>', "<link/>", "a <link> has no attribute 'name'"),
+        ('lower="0.5"', 'lower="2"', "impossible limits of joint 'swing'"),
+        ('lower="0.5"', 'lower="half"', "limits of joint 'swing': could not convert"),
+        ('velocity="2"', 'velocity="-2"', "impossible limits of joint 'swing'"),
+        ('"revolute"', '"fixed"', "joints must be some of"),
+    ],
+)
+def test_a_broken_urdf_is_refused_with_the_reason(
+    old: str, new: str, reason: str, tmp_path: Path
+) -> None:
+    assert old in TWO_LINKS
+    with pytest.raises(RobotError, match=re.escape(reason)) as caught:
+        load_urdf(TWO_LINKS.replace(old, new), tmp_path)
+    assert "robot 'my'" in str(caught.value)
+
+
+def test_links_that_carry_each_other_are_refused() -> None:
+    loop = TWO_LINKS.replace('<parent link="base"/>', '<parent link="finger"/>')
+    with pytest.raises(RobotError, match="'arm' is not carried by link 'base'"):
+        UrdfTree(loop)
+
+
+def test_a_limit_that_is_not_stated_is_infinite() -> None:
+    stated = UrdfTree(TWO_LINKS).joints["swing"]
+    assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)
+    stated.set("type", "continuous")
+    assert joint_limits(stated) == (-np.inf, np.inf, 2.0, 3.0)
+    bare = UrdfTree(re.sub("<limit[^>]*>", "", TWO_LINKS)).joints["swing"]
+    assert joint_limits(bare) == (-np.inf, np.inf, np.inf, np.inf)
+
+
+def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
+        load_robot(str(tmp_path / "missing.urdf"))
+    (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RobotError, match="cannot be read"):
+        load_robot(str(tmp_path / "binary.urdf"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("base_frame", "bse", "unknown frame 'bse' (did you mean 'base'?)"),
+        ("base_frame", "finger", "unknown joint 'swing'; known: none"),
+        ("base_frame", ["base"], "unknown frame '['base']'"),
+        ("tip_frame", "base", "unknown joint 'swing'; known: none"),
+        ("tip_frame", "hand", "unknown frame 'hand'; known: arm, base, finger"),
+        ("sensor_frame", "hand", "unknown frame 'hand'"),
+        ("joints", ["swing", "slyde"], "unknown joint 'slyde' (did you mean 'slide'?)"),
+        ("joints", ["slide", "swing"], "from base to tip"),
+        ("joints", ["swing", "swing"], "from base to tip"),
+        ("joints", "swing", "joints must be a list of names, got 'swing'"),
+        ("home", [0.75], "home has 1 numbers, there are 2 joints"),
+        ("home", [0.75, "x"], "home must be 2 numbers"),
+        ("home", [0.75, float("nan")], "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
+        ("home", [0.2, 0.5], "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
+        ("urdf", "pybullet_data:none.urdf", "'none.urdf' of the package 'pybullet_data'"),
+        ("urdf", "no-such-package:none.urdf", "is it installed?"),
+        ("urdf", "none.urdf", "cannot be read"),
+    ],
+)
+def test_an_impossible_entry_is_refused_with_the_reason(
+    key: str, value: Any, reason: str, entry: dict[str, Any], tmp_path: Path
+) -> None:
+    with pytest.raises((RobotError, UnknownNameError), match=re.escape(reason)):
+        load_entry({**entry, key: value}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("hom: [0, 0]\nurdf: two.urdf", "unknown key 'hom' (did you mean 'home'?)"),
+        ("description: nothing", "the key 'urdf' is missing"),
+        ("- a list", "expected the keys description, urdf"),
+        ("urdf: [", "two.yaml"),
+    ],
+)
+@pytest.mark.usefixtures("entry")
+def test_a_broken_file_is_refused_with_its_path(text: str, reason: str, tmp_path: Path) -> None:
+    (tmp_path / "two.yaml").write_text(text)
+    with pytest.raises(ConfigurationError, match=re.escape(reason)) as caught:
+        load_robot("two")
+    assert "two.yaml" in str(caught.value)
+
+
+def test_loading_a_robot_needs_neither_pybullet_nor_its_data() -> None:
+    code = (
+        "import sys; from eulerparams_control.catalogue import load_robot; load_robot('ur5');"
+        "sys.exit(bool({'pybullet', 'pybullet_data', 'rclpy'} & set(sys.modules)))"
+    )
+    root = Path(__file__).parents[1]
+    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0

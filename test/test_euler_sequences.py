@@ -1,0 +1,315 @@
+"""The 12 sequences of Euler angles: eqs. (2), (3), the derivative of T, extraction."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from samples import (
+    POLE_DISTANCES,
+    about,
+    all_rotations,
+    axes_of,
+    by_angles,
+    clear_of_poles,
+    derivative,
+    generator,
+    near_pole,
+    pole_clearance,
+    poles,
+    uniform,
+    vectors,
+)
+from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ILL_CONDITIONED, RELATIVE, UNBOUNDED
+
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.orientation import SEQUENCES, EulerSequence
+from eulerparams_control.orientation.sequences import wrap
+from eulerparams_control.rotations import S
+
+COUNT = 50
+X, Y, Z = np.eye(3)
+
+every_sequence = pytest.mark.parametrize("name", SEQUENCES)
+two_axes = pytest.mark.parametrize("name", [n for n in SEQUENCES if n[0] == n[2]])
+
+
+def random_angles(count, key=0):
+    """Return angles (3,) in (-pi, pi), beta included: T is defined everywhere."""
+    return list(generator(10, key).uniform(-math.pi, math.pi, size=(count, 3)))
+
+
+def principal_angles(name, count):
+    """Return angles (3,) with beta in the range of extraction, off the poles."""
+    lower, upper = poles(name)
+    low, high = [-math.pi, lower + 0.05, -math.pi], [math.pi, upper - 0.05, math.pi]
+    return list(generator(11).uniform(low, high, size=(count, 3)))
+
+
+def angles_at(name, pole, distance):
+    """Return random angles (3,) with beta at that distance [rad] inside a pole."""
+    lower, _ = poles(name)
+    alpha, gamma = generator(12).uniform(-math.pi, math.pi, size=2)
+    return np.array([alpha, pole + (distance if pole == lower else -distance), gamma])
+
+
+def assert_extracts(name, R, previous=None):
+    """Assert that R(extract(R)) = R, and return the angles."""
+    phi = EulerSequence(name).extract(R, previous)
+    np.testing.assert_allclose(by_angles(name, *phi), R, rtol=0, atol=ALGEBRAIC)
+    return phi
+
+
+def rounded(R, key):
+    """Return R after two products that cancel: the same but for rounding, as from an arm."""
+    (turn,) = uniform(1, key)
+    return turn.T @ (turn @ R)
+
+
+# --- the registry ----------------------------------------------------------------------------
+
+
+def test_there_are_the_12_sequences_whose_neighbours_differ():
+    letters = itertools.product("XYZ", repeat=3)
+    expected = {i + j + k for i, j, k in letters if i != j and j != k}
+    assert set(SEQUENCES) == expected
+    assert len(SEQUENCES) == 12
+
+
+def test_the_default_is_the_XYZ_of_the_paper():
+    assert EulerSequence() == EulerSequence("XYZ")
+
+
+@pytest.mark.parametrize("name", ["XYY", "xyz", "", "ABC", "XYZX"])
+def test_an_unknown_sequence_lists_the_known_ones(name):
+    with pytest.raises(UnknownNameError) as caught:
+        EulerSequence(name)
+    assert f"'{name}'" in str(caught.value)
+    assert all(known in str(caught.value) for known in SEQUENCES)
+    assert isinstance(caught.value, ConfigurationError)
+
+
+@every_sequence
+def test_a_sequence_names_its_axes_and_its_kind(name):
+    assert EulerSequence(name).axes == axes_of(name)
+    assert EulerSequence(name).is_proper == (name[0] == name[2])
+
+
+# --- eqs. (2), (3) ---------------------------------------------------------------------------
+
+
+@every_sequence
+def test_R_is_the_product_of_the_elementary_rotations(name):
+    for phi in random_angles(COUNT):
+        np.testing.assert_allclose(
+            EulerSequence(name).R(phi), by_angles(name, *phi), rtol=0, atol=ALGEBRAIC
+        )  # eq. (2)
+
+
+@every_sequence
+def test_T_takes_the_rates_of_the_angles_to_the_angular_velocity(name):
+    for phi, dphi in zip(random_angles(COUNT), vectors(COUNT), strict=True):
+        dR = derivative(lambda t, phi=phi, dphi=dphi: by_angles(name, *(phi + t * dphi)))
+        omega = EulerSequence(name).T(phi) @ dphi  # eq. (3)
+        np.testing.assert_allclose(
+            dR, S(omega) @ by_angles(name, *phi), rtol=0, atol=DIFFERENCES
+        )  # eq. (1)
+
+
+def test_T_of_XYZ_is_that_of_the_textbook():
+    alpha, beta, gamma = 0.3, -0.8, 1.1
+    expected = [
+        [1, 0, math.sin(beta)],
+        [0, math.cos(alpha), -math.sin(alpha) * math.cos(beta)],
+        [0, math.sin(alpha), math.cos(alpha) * math.cos(beta)],
+    ]
+    T = EulerSequence("XYZ").T(np.array([alpha, beta, gamma]))
+    np.testing.assert_allclose(T, expected, rtol=0, atol=ALGEBRAIC)
+
+
+@every_sequence
+def test_dT_is_the_derivative_of_T(name):
+    sequence = EulerSequence(name)
+    for phi, dphi in zip(random_angles(COUNT), vectors(COUNT), strict=True):
+        dT = derivative(lambda t, phi=phi, dphi=dphi: sequence.T(phi + t * dphi))
+        np.testing.assert_allclose(sequence.dT(phi, dphi), dT, rtol=0, atol=DIFFERENCES)
+
+
+def test_det_T_of_XYZ_is_the_cosine_of_beta():
+    for phi in random_angles(COUNT):
+        det = np.linalg.det(EulerSequence("XYZ").T(phi))
+        assert det == pytest.approx(math.cos(phi[1]), abs=ALGEBRAIC)
+
+
+@every_sequence
+def test_det_T_vanishes_at_the_poles_only(name):
+    is_proper = name[0] == name[2]
+    for phi in random_angles(COUNT):
+        expected = abs(math.sin(phi[1]) if is_proper else math.cos(phi[1]))
+        det = np.linalg.det(EulerSequence(name).T(phi))
+        assert abs(det) == pytest.approx(expected, abs=ALGEBRAIC)
+
+
+@every_sequence
+@pytest.mark.parametrize("delta", [1.5, 0.5, 0.1, 1e-3, 1e-6])
+def test_the_smallest_singular_value_of_T_is_that_of_the_distance_to_the_pole(name, delta):
+    expected = math.sqrt(2) * math.sin(delta / 2)  # = sqrt(1 - cos(delta))
+    for pole in poles(name):
+        T = EulerSequence(name).T(angles_at(name, pole, delta))
+        sigma_min = np.linalg.svd(T, compute_uv=False)[-1]
+        assert sigma_min == pytest.approx(expected, abs=ALGEBRAIC)
+
+
+# --- distance to the pole --------------------------------------------------------------------
+
+
+@every_sequence
+def test_pole_distance_is_the_angle_between_the_first_and_the_last_axis(name):
+    for R in all_rotations():
+        distance = EulerSequence(name).pole_distance(R)
+        assert distance == pytest.approx(pole_clearance(name, R), abs=ASIN)
+
+
+@every_sequence
+def test_pole_distance_is_accurate_near_both_poles(name):
+    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
+        for R in near_pole(name, pole, distance):
+            assert EulerSequence(name).pole_distance(R) == pytest.approx(distance, abs=RELATIVE)
+
+
+def test_XYZ_is_singular_where_tool_z_is_parallel_to_base_x():
+    for sign in (1, -1):
+        R = about(1, sign * math.pi / 2) @ about(2, 0.7)
+        np.testing.assert_allclose(R[:, 2], sign * X, rtol=0, atol=ALGEBRAIC)
+        assert EulerSequence("XYZ").pole_distance(R) == pytest.approx(0, abs=ALGEBRAIC)
+
+
+def test_ZYZ_is_singular_where_the_tool_points_down():
+    R = about(0, math.pi) @ about(2, 0.7)
+    np.testing.assert_allclose(R[:, 2], -Z, rtol=0, atol=ALGEBRAIC)
+    assert EulerSequence("ZYZ").pole_distance(R) == pytest.approx(0, abs=ALGEBRAIC)
+    assert EulerSequence("XYZ").pole_distance(R) == pytest.approx(math.pi / 2, abs=ASIN)
+
+
+# --- rates -----------------------------------------------------------------------------------
+
+
+@every_sequence
+def test_rates_invert_T(name):
+    sequence = EulerSequence(name)
+    for phi, omega in zip(principal_angles(name, COUNT), vectors(COUNT), strict=True):
+        dphi = sequence.rates(phi, omega)
+        np.testing.assert_allclose(sequence.T(phi) @ dphi, omega, rtol=0, atol=ALGEBRAIC)
+
+
+@every_sequence
+@pytest.mark.parametrize("delta", [1e-1, 1e-3, 1e-5])
+def test_the_rates_grow_like_one_over_the_distance_to_the_pole(name, delta):
+    for pole in poles(name):
+        phi = angles_at(name, pole, delta)
+        U, sigma, _ = np.linalg.svd(EulerSequence(name).T(phi))
+        worst = np.linalg.norm(EulerSequence(name).rates(phi, U[:, -1]))
+        assert worst == pytest.approx(1 / sigma[-1], rel=ILL_CONDITIONED)
+        assert worst * delta == pytest.approx(math.sqrt(2), rel=delta)
+
+
+@every_sequence
+def test_the_rates_at_a_pole_are_refused_or_unbounded(name):
+    for pole in poles(name):
+        phi = np.array([0.4, pole, -0.9])
+        omega = np.cross(*EulerSequence(name).T(phi).T[:2])
+        try:
+            rates = EulerSequence(name).rates(phi, omega)
+        except SingularityError:
+            continue
+        assert np.abs(rates).max() > UNBOUNDED
+
+
+@two_axes
+def test_an_exactly_singular_T_is_refused_with_the_way_out(name):
+    with pytest.raises(SingularityError, match=f"{name}.*euler_parameters"):
+        EulerSequence(name).rates(np.zeros(3), X)
+
+
+# --- extraction ------------------------------------------------------------------------------
+
+
+@every_sequence
+def test_extraction_inverts_R_everywhere(name):
+    for R in all_rotations():
+        assert_extracts(name, R)
+
+
+@every_sequence
+def test_extraction_inverts_R_near_and_at_both_poles(name):
+    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
+        for R in near_pole(name, pole, distance):
+            phi = assert_extracts(name, R)
+            assert abs(phi[1] - pole) == pytest.approx(distance, abs=RELATIVE)
+
+
+@every_sequence
+def test_extraction_near_the_pole_bears_the_rounding_of_R(name):
+    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
+        for key, R in enumerate(near_pole(name, pole, distance)):
+            assert_extracts(name, rounded(R, key))
+
+
+@every_sequence
+def test_extraction_returns_the_angles_in_their_principal_range(name):
+    for phi in principal_angles(name, COUNT):
+        extracted = EulerSequence(name).extract(by_angles(name, *phi))
+        np.testing.assert_allclose(extracted, phi, rtol=0, atol=ALGEBRAIC)
+
+
+@every_sequence
+def test_the_extracted_angles_are_wrapped(name):
+    lower, upper = poles(name)
+    for R in all_rotations():
+        alpha, beta, gamma = EulerSequence(name).extract(R)
+        assert abs(alpha) <= math.pi
+        assert lower <= beta <= upper
+        assert abs(gamma) <= math.pi
+
+
+@every_sequence
+def test_the_previous_gamma_is_kept_at_the_pole(name):
+    previous = np.array([0.1, 0.2, -2.3])
+    for pole in poles(name):
+        for R in near_pole(name, pole, distance=0.0):
+            assert assert_extracts(name, R, previous)[2] == previous[2]
+            assert assert_extracts(name, R)[2] == 0.0
+
+
+@every_sequence
+def test_away_from_the_pole_the_previous_angles_do_not_matter(name):
+    previous = np.array([0.1, 0.2, -2.3])
+    for R in clear_of_poles(name, COUNT):
+        sequence = EulerSequence(name)
+        np.testing.assert_array_equal(sequence.extract(R, previous), sequence.extract(R))
+
+
+# --- wrapping --------------------------------------------------------------------------------
+
+
+def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
+    angles = generator(13).uniform(-20, 20, size=(1000, 3))
+    wrapped = wrap(angles)
+    turns = (angles - wrapped) / (2 * math.pi)
+    np.testing.assert_allclose(turns, np.round(turns), rtol=0, atol=ALGEBRAIC)
+    assert (wrapped > -math.pi).all()
+    assert (wrapped <= math.pi).all()
+
+
+def test_wrapping_takes_minus_pi_to_pi_and_keeps_pi():
+    np.testing.assert_array_equal(wrap(np.array([math.pi, -math.pi])), [math.pi, math.pi])
+
+
+def test_wrapping_keeps_what_is_wrapped():
+    angles = np.array([-3.0, -1e-9, 0.0, 1e-9, 3.0])
+    np.testing.assert_allclose(wrap(angles), angles, rtol=0, atol=ALGEBRAIC)
+
+
+def test_wrapping_never_returns_minus_pi():
+    just_above_pi = np.nextafter(math.pi, 4.0)
+    assert wrap(np.array([just_above_pi, 3 * math.pi, 5 * math.pi])).min() > -math.pi

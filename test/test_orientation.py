@@ -1,0 +1,540 @@
+"""Every representation of the orientation displacement: eqs. (22), (23), (26)-(29).
+
+The properties run over the registry.  What is expected of a representation that the
+tables below do not name: its error is a vector of first order in the rotation, obeys
+dx = -k x, does not depend on the base frame, and has no singularity.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from samples import (
+    about,
+    all_rotations,
+    clear_of_poles,
+    derivative,
+    half_turns,
+    near_pole,
+    pairs_apart,
+    poles,
+    rodrigues,
+    turning,
+    uniform,
+    unit_vectors,
+    vectors,
+)
+from tolerances import (
+    ALGEBRAIC,
+    ASIN,
+    DIFFERENCES,
+    DISTINCT,
+    FIRST_ORDER,
+    POLE_CLEARANCE,
+    RELATIVE,
+    SMALL_ROTATION,
+    UNBOUNDED,
+)
+
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    SIGNS,
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    SignRule,
+    representation,
+)
+from eulerparams_control.rotations import EulerParameters, mutual
+
+COUNT = 40
+K = 2.0  # k_Po [1/s]
+REST = np.zeros(3)  # omega_d [rad/s]
+ANGLES = (1e-7, 1e-3, 0.5, 1.2, 2.0, 3.1)
+RIGHT = math.pi / 2
+
+# The error of a small rotation delta is this factor times delta.
+FIRST_ORDER_FACTOR = {"euler_parameters": 0.5}
+
+# Those whose law is not the same seen from another base frame.
+DEPENDS_ON_THE_BASE = {"euler_angles"}
+
+# Those whose error is zero at 180 deg too.
+VANISHES_AT_PI = {"angle_axis"}
+
+# The angles of the error [rad] at which a law is singular wherever the frames are.
+SINGULAR_ERRORS = {"angle_axis": (RIGHT, math.pi), "rotation_vector": (math.pi,)}
+
+# Those whose error follows from the mutual quaternion and its sign.
+HAS_A_SIGN = {"euler_parameters", "rotation_vector"}
+
+every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
+every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
+three_axes = pytest.mark.parametrize("sequence", [s for s in SEQUENCES if s[0] != s[2]])
+of_angles = pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+
+
+def make(name, sequence="XYZ", sign="hysteretic"):
+    """Return the representation of that name with those options."""
+    return representation(name, OrientationOptions(EulerSequence(sequence), SignRule(sign)))
+
+
+def regular_pairs(law, count=COUNT):
+    """Return pairs (R_d, R_e), any angle apart, that are away from the law's singularities."""
+    pairs = zip(uniform(8 * count), uniform(8 * count, key=1), strict=True)
+    regular = [pair for pair in pairs if law.singularity_distance(*pair) > POLE_CLEARANCE]
+    assert len(regular) >= count
+    return regular[:count]
+
+
+def omega_of(law, R_d, R_e, omega_d=REST, k_Po=K, previous=None):
+    """Return the angular velocity that the law asks for."""
+    return law.resolved_velocity(law.displacement(R_d, R_e, previous), omega_d, k_Po)
+
+
+# --- the registry ----------------------------------------------------------------------------
+
+
+def test_the_five_representations_are_registered():
+    expected = "angle_axis euler_angles euler_parameters relative_euler_angles rotation_vector"
+    assert set(ORIENTATIONS) >= set(expected.split())
+    assert set(ORIENTATIONS) == set(OrientationRepresentation.registry)
+
+
+@every_representation
+def test_a_representation_is_found_by_its_name(name):
+    options = OrientationOptions(EulerSequence("ZYZ"), SignRule("shortest"))
+    assert representation(name, options).name == name
+    assert representation(name, options).options == options
+
+
+def test_an_unknown_representation_lists_the_known_ones():
+    with pytest.raises(UnknownNameError) as caught:
+        representation("euler_parametres")
+    assert "did you mean 'euler_parameters'" in str(caught.value)
+    assert all(name in str(caught.value) for name in ORIENTATIONS)
+    assert isinstance(caught.value, ConfigurationError)
+
+
+def test_a_subclass_is_found_as_soon_as_it_is_defined(monkeypatch):
+    registry = dict(OrientationRepresentation.registry)
+    monkeypatch.setattr(OrientationRepresentation, "registry", registry)
+
+    class Mine(type(make("euler_parameters"))):
+        name = "mine"
+
+    assert type(representation("mine")) is Mine
+
+
+def test_the_defaults_are_XYZ_and_a_hysteretic_sign():
+    options = representation("euler_parameters").options
+    assert options == OrientationOptions(EulerSequence("XYZ"), SignRule("hysteretic", 0.2))
+
+
+# --- zero error if and only if aligned -------------------------------------------------------
+
+
+@every_representation
+def test_the_error_of_aligned_frames_is_zero(name):
+    for R in all_rotations():
+        np.testing.assert_allclose(make(name).displacement(R, R).error, 0, rtol=0, atol=ALGEBRAIC)
+
+
+@every_representation
+def test_aligned_frames_move_at_the_desired_velocity(name):
+    for R, omega_d in zip(clear_of_poles("XYZ", COUNT), vectors(COUNT), strict=True):
+        omega = omega_of(make(name), R, R, omega_d)
+        np.testing.assert_allclose(omega, omega_d, rtol=0, atol=ALGEBRAIC)
+
+
+@every_representation
+@pytest.mark.parametrize("theta", ANGLES)
+def test_the_error_of_frames_apart_is_not_zero(name, theta):
+    for R_d, R_e in pairs_apart(theta, COUNT):
+        error = make(name).displacement(R_d, R_e).error
+        assert np.linalg.norm(error) > 0.49 * math.sin(theta)
+
+
+@every_representation
+def test_only_sin_theta_r_vanishes_at_180_degrees(name):
+    for half_turn, R_e in zip(half_turns(), uniform(len(half_turns())), strict=True):
+        error = np.linalg.norm(make(name).displacement(R_e @ half_turn, R_e).error)
+        assert (error < ALGEBRAIC) == (name in VANISHES_AT_PI)
+        assert error < ALGEBRAIC or error > 0.99
+
+
+# --- the law to first order ------------------------------------------------------------------
+
+
+@every_representation
+def test_a_small_error_is_undone_along_its_rotation_at_the_gain(name):
+    factor = FIRST_ORDER_FACTOR.get(name, 1.0)
+    for R_e, r in zip(clear_of_poles("XYZ", COUNT), unit_vectors(COUNT), strict=True):
+        omega = omega_of(make(name), rodrigues(SMALL_ROTATION, r) @ R_e, R_e)
+        expected = K * factor * SMALL_ROTATION * r
+        np.testing.assert_allclose(omega, expected, rtol=0, atol=FIRST_ORDER)
+
+
+@of_angles
+@three_axes
+def test_a_small_error_is_undone_along_its_rotation_with_every_sequence(name, sequence):
+    for R_e, r in zip(clear_of_poles(sequence, 20), unit_vectors(20), strict=True):
+        omega = omega_of(make(name, sequence), rodrigues(SMALL_ROTATION, r) @ R_e, R_e)
+        np.testing.assert_allclose(omega, K * SMALL_ROTATION * r, rtol=0, atol=FIRST_ORDER)
+
+
+@every_representation
+def test_the_gain_scales_the_feedback_and_not_the_feed_forward(name):
+    law = make(name)
+    for (R_d, R_e), omega_d in zip(regular_pairs(law), vectors(COUNT), strict=True):
+        feed_forward = omega_of(law, R_d, R_e, omega_d, k_Po=0.0)
+        feedback = omega_of(law, R_d, R_e, k_Po=1.0)
+        np.testing.assert_allclose(
+            omega_of(law, R_d, R_e, omega_d, k_Po=3.0),
+            feed_forward + 3.0 * feedback,
+            rtol=0,
+            atol=ALGEBRAIC,
+        )
+
+
+# --- the error equation ----------------------------------------------------------------------
+
+
+def error_and_its_rate(name, x_de, R_e):
+    """Return the coordinates of the error and their stated rate along the law."""
+    if name == "euler_parameters":  # eq. (29) in (16), (17)
+        eta, eps = x_de.Q_de
+        rate = K / 2 * np.array([eps @ eps, *(-eta * eps)])
+        return np.array([eta, *eps]), rate
+    error = R_e.T @ x_de.error if name == "rotation_vector" else x_de.error
+    return error, -K * error  # eq. (26)
+
+
+def assert_error_equation(name, law, R_d, R_e, omega_d, previous=None):
+    """Assert that the error obeys its equation while R_d turns and the law drives R_e."""
+    x_de = law.displacement(R_d, R_e, previous)
+    R_d_of, R_e_of = (
+        turning(R_d, omega_d),
+        turning(R_e, law.resolved_velocity(x_de, omega_d, K)),
+    )
+
+    def error_at(t):
+        x_de_t = law.displacement(R_d_of(t), R_e_of(t), x_de)
+        return error_and_its_rate(name, x_de_t, R_e_of(t))[0]
+
+    _, rate = error_and_its_rate(name, x_de, R_e)
+    np.testing.assert_allclose(derivative(error_at), rate, rtol=0, atol=DIFFERENCES)
+
+
+@every_representation
+def test_the_law_makes_the_error_obey_its_equation(name):
+    law = make(name)
+    for (R_d, R_e), omega_d in zip(regular_pairs(law), vectors(COUNT), strict=True):
+        assert_error_equation(name, law, R_d, R_e, omega_d)
+
+
+@of_angles
+@every_sequence
+def test_the_law_makes_the_error_obey_its_equation_with_every_sequence(name, sequence):
+    law = make(name, sequence)
+    for (R_d, R_e), omega_d in zip(regular_pairs(law, 10), vectors(10), strict=True):
+        assert_error_equation(name, law, R_d, R_e, omega_d)
+
+
+@pytest.mark.parametrize("name", sorted(HAS_A_SIGN))
+def test_the_law_makes_the_error_obey_its_equation_on_the_long_way_too(name):
+    law = make(name, sign="continuous")
+    for (R_d, R_e), omega_d in zip(pairs_apart(1.0, 20), vectors(20), strict=True):
+        x_de = law.displacement(R_d, R_e)
+        other_sign = x_de._replace(Q_de=-x_de.Q_de)
+        assert law.displacement(R_d, R_e, other_sign).Q_de.eta < 0
+        assert_error_equation(name, law, R_d, R_e, omega_d, previous=other_sign)
+
+
+# --- invariance ------------------------------------------------------------------------------
+
+
+@every_representation
+def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name):
+    law = make(name)
+    change = []
+    for (R_d, R_e), R, omega_d in zip(
+        regular_pairs(law), uniform(COUNT, key=2), vectors(COUNT), strict=True
+    ):
+        omega = omega_of(law, R_d, R_e, omega_d)
+        turned = omega_of(law, R @ R_d, R @ R_e, R @ omega_d)
+        change.append(np.linalg.norm(turned - R @ omega))
+    if name in DEPENDS_ON_THE_BASE:
+        assert np.median(change) > DISTINCT
+    else:
+        assert max(change) < ALGEBRAIC
+
+
+@every_representation
+def test_with_the_shortest_sign_the_law_does_not_depend_on_the_past(name):
+    law = make(name, sign="shortest")
+    pairs = regular_pairs(law)
+    for (R_d, R_e), past in zip(pairs, reversed(pairs), strict=True):
+        previous = law.displacement(*past)
+        np.testing.assert_array_equal(
+            omega_of(law, R_d, R_e, previous=previous), omega_of(law, R_d, R_e)
+        )
+
+
+@every_representation
+def test_the_other_sign_of_the_quaternion_changes_the_law_only_where_it_has_one(name):
+    law = make(name, sign="continuous")
+    for R_d, R_e in pairs_apart(1.0, COUNT):
+        x_de = law.displacement(R_d, R_e)
+        if name not in HAS_A_SIGN:
+            assert not hasattr(x_de, "Q_de")
+            continue
+        other = law.displacement(R_d, R_e, x_de._replace(Q_de=-x_de.Q_de))
+        np.testing.assert_array_equal(other.Q_de.eps, -x_de.Q_de.eps)
+        long_way = (2 * math.pi - 1.0) / 1.0 if name == "rotation_vector" else 1.0
+        np.testing.assert_allclose(other.error, -long_way * x_de.error, rtol=0, atol=ALGEBRAIC)
+
+
+def test_sin_theta_r_and_the_stiffness_of_eq_60_are_the_same_for_both_signs():
+    K_o = np.array([[3.0, 0.2, -0.4], [0.2, 2.0, 0.5], [-0.4, 0.5, 1.0]])
+    for R_d, R_e in pairs_apart(1.0, COUNT):
+        o_de = make("angle_axis").displacement(R_d, R_e).o_de
+        Q = EulerParameters.from_R(R_e.T @ R_d)
+        moment = 2 * Q.E.T @ K_o @ Q.eps
+        for Q_de in (Q, -Q):
+            expected = 2 * Q_de.eta * R_e @ Q_de.eps
+            np.testing.assert_allclose(o_de, expected, rtol=0, atol=ALGEBRAIC)
+            np.testing.assert_array_equal(2 * Q_de.E.T @ K_o @ Q_de.eps, moment)
+
+
+# --- singularities ---------------------------------------------------------------------------
+
+
+def at_the_poles(sequence="XYZ"):
+    """Return rotations at both poles of a sequence, exactly."""
+    return [R for pole in poles(sequence) for R in near_pole(sequence, pole, 0.0)]
+
+
+def singular_pairs(name):
+    """Return pairs (R_d, R_e) at a singularity of the law."""
+    at_pole = list(zip(at_the_poles(), uniform(40, key=3), strict=True))
+    if name == "euler_angles":
+        return [pair for P, R in at_pole for pair in ((P, R), (R, P), (P, P))]
+    if name == "relative_euler_angles":
+        return [(R @ P, R) for P, R in at_pole]
+    return [pair for theta in SINGULAR_ERRORS.get(name, ()) for pair in pairs_apart(theta, 20)]
+
+
+@every_representation
+def test_the_distance_is_zero_at_a_singularity_and_infinite_if_there_is_none(name):
+    law = make(name)
+    distances = [law.singularity_distance(*pair) for pair in regular_pairs(law)]
+    singular = singular_pairs(name)
+    if not singular:
+        assert set(distances) == {math.inf}
+        return
+    assert max(distances) <= math.pi
+    for pair in singular:
+        assert law.singularity_distance(*pair) == pytest.approx(0, abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", [0.2, 1.0, 1.5, 1.6, 2.5, 3.0])
+def test_the_distance_is_the_angle_that_is_left(theta):
+    for pair in pairs_apart(theta, 20):
+        distance = make("angle_axis").singularity_distance(*pair)
+        expected = min(abs(theta - RIGHT), math.pi - theta)
+        assert distance == pytest.approx(expected, abs=ALGEBRAIC)
+        distance = make("rotation_vector").singularity_distance(*pair)
+        assert distance == pytest.approx(math.pi - theta, abs=ALGEBRAIC)
+
+
+@every_sequence
+def test_the_distance_of_relative_angles_is_that_of_the_error_alone(sequence):
+    law = make("relative_euler_angles", sequence)
+    for R_e in at_the_poles(sequence):
+        at_zero_error = 0.0 if sequence[0] == sequence[2] else RIGHT
+        assert law.singularity_distance(R_e, R_e) == pytest.approx(at_zero_error, abs=ASIN)
+
+
+@pytest.mark.parametrize("angle", [0.1, 1.0, 1.4])
+def test_the_distance_of_euler_angles_is_the_smaller_of_both_frames(angle):
+    near, far = about(1, RIGHT - angle), np.eye(3)
+    law = make("euler_angles")
+    assert law.singularity_distance(near, far) == pytest.approx(angle, abs=ALGEBRAIC)
+    assert law.singularity_distance(far, near) == pytest.approx(angle, abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("name", ["angle_axis", "euler_angles"])
+@pytest.mark.parametrize("delta", [1e-3, 1e-6])
+def test_the_velocity_grows_without_bound_towards_the_singularity(name, delta):
+    omega_d = np.array([0.3, 0.5, 0.8])
+    omega = omega_of(make(name), about(1, RIGHT - delta), np.eye(3), omega_d)
+    assert np.linalg.norm(omega) > 0.1 / delta
+
+
+def test_euler_parameters_ask_for_a_bounded_velocity_everywhere():
+    law = make("euler_parameters")
+    for R_d, R_e in zip(all_rotations(), reversed(all_rotations()), strict=True):
+        assert np.linalg.norm(omega_of(law, R_d, R_e)) <= K * (1 + RELATIVE)
+
+
+def test_angle_axis_refuses_an_error_of_exactly_90_degrees_and_names_the_way_out():
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(SingularityError, match=r"90 deg.*euler_parameters"):
+        omega_of(make("angle_axis"), quarter_turn, np.eye(3), vectors(1)[0])
+
+
+def test_angle_axis_at_90_degrees_is_refused_or_unbounded():
+    for (R_d, R_e), omega_d in zip(pairs_apart(RIGHT, 20), vectors(20), strict=True):
+        try:
+            omega = omega_of(make("angle_axis"), R_d, R_e, omega_d)
+        except SingularityError:
+            continue
+        assert np.linalg.norm(omega) > UNBOUNDED
+
+
+def test_euler_angles_refuse_a_desired_frame_exactly_at_the_pole():
+    with pytest.raises(SingularityError, match="ZYZ"):
+        omega_of(make("euler_angles", "ZYZ"), np.eye(3), about(1, 0.5), np.array([1.0, 0, 0]))
+
+
+# --- Euler angles, eqs. (22)-(26) ------------------------------------------------------------
+
+
+@every_sequence
+def test_the_difference_is_that_of_the_angles_of_both_frames(sequence):
+    law = make("euler_angles", sequence)
+    for R_d, R_e in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
+        x_de = law.displacement(R_d, R_e)
+        np.testing.assert_allclose(EulerSequence(sequence).R(x_de.phi_d), R_d, atol=ALGEBRAIC)
+        np.testing.assert_allclose(EulerSequence(sequence).R(x_de.phi_e), R_e, atol=ALGEBRAIC)
+        turns = (x_de.phi_d - x_de.phi_e - x_de.error) / (2 * math.pi)  # eq. (22)
+        np.testing.assert_allclose(turns, np.round(turns), rtol=0, atol=ALGEBRAIC)
+        assert np.abs(x_de.error).max() <= math.pi
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_the_difference_goes_the_short_way_past_180_degrees(axis):
+    error = make("euler_angles").displacement(about(axis, -3.1), about(axis, 3.1)).error
+    expected = (2 * math.pi - 6.2) * np.eye(3)[axis]
+    np.testing.assert_allclose(error, expected, rtol=0, atol=ALGEBRAIC)
+
+
+def test_euler_angles_keep_the_gamma_of_both_frames_at_the_pole():
+    law = make("euler_angles")
+    previous = law.displacement(about(2, 0.3), about(2, -0.8))
+    for R in at_the_poles():
+        x_de = law.displacement(R, R, previous)
+        assert x_de.phi_d[2] == previous.phi_d[2]
+        assert x_de.phi_e[2] == previous.phi_e[2]
+
+
+# --- relative Euler angles -------------------------------------------------------------------
+
+
+@every_sequence
+def test_relative_angles_are_those_of_the_mutual_rotation(sequence):
+    for R_d, R_e in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
+        phi_de = make("relative_euler_angles", sequence).displacement(R_d, R_e).phi_de
+        R = R_e @ EulerSequence(sequence).R(phi_de)
+        np.testing.assert_allclose(R, R_d, rtol=0, atol=ALGEBRAIC)
+
+
+@every_sequence
+def test_T_e_takes_the_rates_of_the_relative_angles_to_the_relative_velocity(sequence):
+    law = make("relative_euler_angles", sequence)
+    omegas = zip(vectors(COUNT), vectors(COUNT, key=1), strict=True)
+    for (R_d, R_e), (omega_d, omega_e) in zip(regular_pairs(law), omegas, strict=True):
+        R_d_of, R_e_of = turning(R_d, omega_d), turning(R_e, omega_e)
+        dphi_de = derivative(lambda t, d=R_d_of, e=R_e_of: law.displacement(d(t), e(t)).phi_de)
+        domega_de = law.displacement(R_d, R_e).T_e @ dphi_de
+        np.testing.assert_allclose(domega_de, omega_d - omega_e, rtol=0, atol=DIFFERENCES)
+
+
+def test_relative_angles_keep_the_previous_gamma_at_the_pole():
+    law = make("relative_euler_angles")
+    previous = law.displacement(about(2, 0.3), np.eye(3))
+    for R in at_the_poles():
+        assert law.displacement(R, np.eye(3), previous).phi_de[2] == previous.phi_de[2]
+
+
+# --- Euler parameters, eqs. (27)-(29) --------------------------------------------------------
+
+
+def test_eps_de_is_the_vector_part_of_the_mutual_quaternion_in_the_base_frame():
+    for R_d, R_e in zip(all_rotations(), reversed(all_rotations()), strict=True):
+        x_de = make("euler_parameters").displacement(R_d, R_e)
+        np.testing.assert_allclose(x_de.Q_de.R, R_e.T @ R_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(x_de.eps_de, R_e @ x_de.Q_de.eps, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(x_de.eps_de, R_d @ x_de.Q_de.eps, rtol=0, atol=ALGEBRAIC)
+
+
+def test_eps_de_is_the_textbook_formula_of_both_quaternions():
+    for R_d, R_e in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
+        Q_d, Q_e = EulerParameters.from_R(R_d), EulerParameters.from_R(R_e)
+        textbook = Q_e.eta * Q_d.eps - Q_d.eta * Q_e.eps - np.cross(Q_d.eps, Q_e.eps)
+        sign = math.copysign(1.0, mutual(Q_e, Q_d).eta)
+        eps_de = make("euler_parameters").displacement(R_d, R_e).eps_de  # eq. (27)
+        np.testing.assert_allclose(eps_de, sign * textbook, rtol=0, atol=ALGEBRAIC)
+
+
+def test_the_closed_loop_of_euler_parameters_is_eq_29():
+    law = make("euler_parameters")
+    for (R_d, R_e), omega_d in zip(pairs_apart(2.0, COUNT), vectors(COUNT), strict=True):
+        domega_de = omega_d - omega_of(law, R_d, R_e, omega_d)
+        eps_de = law.displacement(R_d, R_e).eps_de
+        np.testing.assert_allclose(domega_de + K * eps_de, 0, rtol=0, atol=ALGEBRAIC)
+
+
+# --- angle and axis, rotation vector ---------------------------------------------------------
+
+
+def test_the_rate_of_sin_theta_r_is_L_transposed_omega_d_minus_L_omega_e():
+    law = make("angle_axis")
+    frames = zip(uniform(COUNT), uniform(COUNT, key=1), strict=True)
+    omegas = zip(vectors(COUNT), vectors(COUNT, key=1), strict=True)
+    for (R_d, R_e), (omega_d, omega_e) in zip(frames, omegas, strict=True):
+        R_d_of, R_e_of = turning(R_d, omega_d), turning(R_e, omega_e)
+        do_de = derivative(lambda t, d=R_d_of, e=R_e_of: law.displacement(d(t), e(t)).o_de)
+        L = law.displacement(R_d, R_e).L
+        np.testing.assert_allclose(do_de, L.T @ omega_d - L @ omega_e, rtol=0, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize("theta", [1e-6, 0.5, RIGHT, 2.0, math.pi])
+def test_det_L_vanishes_at_90_and_180_degrees(theta):
+    for R_d, R_e in pairs_apart(theta, 20):
+        det = np.linalg.det(make("angle_axis").displacement(R_d, R_e).L)
+        assert det == pytest.approx(math.cos(theta) * math.cos(theta / 2) ** 2, abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_the_errors_about_an_axis_have_their_closed_forms(theta):
+    for r, R_e in zip(unit_vectors(20), uniform(20), strict=True):
+        R_d = rodrigues(theta, r) @ R_e
+        for name, length in (
+            ("euler_parameters", math.sin(theta / 2)),
+            ("angle_axis", math.sin(theta)),
+            ("rotation_vector", theta),
+        ):
+            error = make(name).displacement(R_d, R_e).error
+            np.testing.assert_allclose(error, length * r, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("name", sorted(HAS_A_SIGN))
+@pytest.mark.parametrize("sign", SIGNS)
+def test_past_180_degrees_the_sign_rule_decides_which_way_round_to_go(name, sign):
+    law = make(name, sign=sign)
+    before, after = about(2, math.radians(179)), about(2, math.radians(181))
+    x_de = law.displacement(after, np.eye(3), law.displacement(before, np.eye(3)))
+    assert math.copysign(1, x_de.error[2]) == (-1 if sign == "shortest" else 1)
+
+
+@every_representation
+def test_the_error_depends_on_the_order_of_the_frames_by_its_sign(name):
+    law = make(name)
+    for R_e, r in zip(clear_of_poles("XYZ", COUNT), unit_vectors(COUNT), strict=True):
+        R_d = rodrigues(SMALL_ROTATION, r) @ R_e
+        forth, back = omega_of(law, R_d, R_e), omega_of(law, R_e, R_d)
+        np.testing.assert_allclose(forth, -back, rtol=0, atol=FIRST_ORDER)

@@ -1,0 +1,468 @@
+"""Section II: rotation matrices and Euler parameters, eqs. (1), (4)-(17)."""
+
+import math
+
+import numpy as np
+import pytest
+from samples import (
+    about,
+    all_rotations,
+    derivative,
+    half_turn,
+    pairs_apart,
+    rodrigues,
+    turning,
+    uniform,
+    unit_vectors,
+    vectors,
+)
+from tolerances import (
+    ALGEBRAIC,
+    DIFFERENCES,
+    ETA_NEAR_PI,
+    PRINTED_FAILS,
+    RELATIVE,
+    SHARE_OF_PAIRS,
+)
+
+from eulerparams_control.rotations import (
+    SMALL_ANGLE,
+    SMALL_JACOBIAN_ANGLE,
+    EulerParameters,
+    R_angle_axis,
+    R_axis,
+    S,
+    angle_between,
+    cross,
+    exp,
+    log,
+    mutual,
+    mutual_R,
+    product,
+    propagation,
+    right_jacobian,
+    right_jacobian_rate,
+    rotation_vector,
+)
+
+X, Y, Z = np.eye(3)
+COUNT = 100
+PAIRS = 4000
+
+# Angles [rad] at which each formula of theta is tried; their signs matter.
+ANGLES = (0.0, 1e-9, 1e-4, 0.5, math.pi / 2, 2.5, math.pi - 1e-9, math.pi, -1e-7, -1.0, -3.0)
+
+# Angles [rad] over which the logarithm keeps its relative accuracy.
+LOG_ANGLES = (1e-12, 1e-9, 1e-7, 0.99e-4, 1.01e-4, 1.99e-4, 2.01e-4, 0.1, 1.0, 3.0, 3.1415)
+
+
+def random_parameters(count, key=0):
+    """Return Euler parameters uniform on the sphere, of either sign of eta."""
+    quaternions = np.random.default_rng(key).normal(size=(count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    return [EulerParameters(float(q[0]), q[1:]) for q in quaternions]
+
+
+def as_array(Q):
+    """Return (eta, eps) as one array (4,)."""
+    return np.array([Q.eta, *Q.eps])
+
+
+def assert_same_rotation(Q_1, Q_2):
+    """Assert that two quaternions are equal up to their sign (the double cover)."""
+    sign = math.copysign(1.0, as_array(Q_1) @ as_array(Q_2))
+    np.testing.assert_allclose(as_array(Q_1), sign * as_array(Q_2), rtol=0, atol=ALGEBRAIC)
+
+
+def printed_eq_4(theta, r):
+    """Return R as eq. (4) is printed."""
+    c, s = math.cos(theta), math.sin(theta)
+    return c * np.eye(3) + (1 - c) * np.outer(r, r) - s * S(r)
+
+
+def printed_eq_7(Q):
+    """Return R as eq. (7) is printed."""
+    eta, eps = Q
+    return (eta**2 - eps @ eps) * np.eye(3) + 2 * np.outer(eps, eps) - 2 * eta * S(eps)
+
+
+# --- eqs. (1), (2): skew-symmetric operator, elementary rotations ---------------------------
+
+
+def test_S_performs_the_cross_product():
+    for v, w in zip(vectors(COUNT), vectors(COUNT, key=1), strict=True):
+        np.testing.assert_allclose(S(v) @ w, np.cross(v, w), rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_array_equal(S(v), -S(v).T)
+
+
+def test_cross_is_the_cross_product():
+    for v, w in zip(vectors(COUNT), vectors(COUNT, key=1), strict=True):
+        np.testing.assert_allclose(cross(v, w), np.cross(v, w), rtol=0, atol=ALGEBRAIC)
+
+
+def test_the_rate_of_R_is_S_omega_R():
+    for R, omega in zip(uniform(COUNT), vectors(COUNT), strict=True):
+        dR = derivative(turning(R, omega))
+        np.testing.assert_allclose(dR, S(omega) @ R, rtol=0, atol=DIFFERENCES)  # eq. (1)
+
+
+@pytest.mark.parametrize(("axis", "start", "end"), [(0, Y, Z), (1, Z, X), (2, X, Y)])
+def test_elementary_rotations_are_right_handed(axis, start, end):
+    np.testing.assert_allclose(R_axis(axis, math.pi / 2) @ start, end, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("angle", ANGLES)
+def test_elementary_rotations_turn_about_their_axis(axis, angle):
+    np.testing.assert_allclose(R_axis(axis, angle), about(axis, angle), rtol=0, atol=ALGEBRAIC)
+
+
+# --- eq. (4): angle and axis -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_R_of_angle_and_axis_is_the_rodrigues_formula(theta):
+    for r in [X, Y, Z, *unit_vectors(20)]:
+        np.testing.assert_allclose(
+            R_angle_axis(theta, r), rodrigues(theta, r), rtol=0, atol=ALGEBRAIC
+        )  # eq. (4)
+
+
+def test_a_quarter_turn_about_z_takes_x_to_y():
+    np.testing.assert_allclose(R_angle_axis(math.pi / 2, Z) @ X, Y, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", [0.6, math.pi / 2, 2.5])
+def test_eq_4_as_printed_is_R_transposed(theta):
+    for r in unit_vectors(20):
+        printed, R = printed_eq_4(theta, r), R_angle_axis(theta, r)
+        np.testing.assert_allclose(printed, R.T, rtol=0, atol=ALGEBRAIC)
+        assert np.linalg.norm(printed - R) > PRINTED_FAILS
+
+
+def test_the_opposite_angle_about_the_opposite_axis_is_the_same_rotation():
+    for theta in ANGLES:
+        for r in unit_vectors(10):
+            opposite = R_angle_axis(-theta, -r)
+            np.testing.assert_allclose(opposite, R_angle_axis(theta, r), rtol=0, atol=ALGEBRAIC)
+            Q, Q_opposite = (
+                EulerParameters.from_angle_axis(*pair) for pair in ((theta, r), (-theta, -r))
+            )
+            np.testing.assert_array_equal(as_array(Q), as_array(Q_opposite))
+
+
+# --- eqs. (5)-(7): Euler parameters ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_euler_parameters_are_cosine_and_sine_of_half_the_angle(theta):
+    for r in unit_vectors(10):
+        eta, eps = EulerParameters.from_angle_axis(theta, r)
+        assert eta == pytest.approx(math.cos(theta / 2), abs=ALGEBRAIC)  # eq. (5)
+        np.testing.assert_allclose(eps, math.sin(theta / 2) * r, rtol=RELATIVE)  # eq. (5)
+        assert eta**2 + eps @ eps == pytest.approx(1.0, abs=ALGEBRAIC)  # eq. (6)
+        assert eta >= 0  # abs(theta) <= pi
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_R_of_euler_parameters_is_R_of_angle_and_axis(theta):
+    for r in unit_vectors(20):
+        Q = EulerParameters.from_angle_axis(theta, r)
+        np.testing.assert_allclose(Q.R, rodrigues(theta, r), rtol=0, atol=ALGEBRAIC)  # eq. (7)
+
+
+def test_eq_7_as_printed_is_R_transposed():
+    for r in unit_vectors(50):
+        Q = EulerParameters.from_angle_axis(2.0, r)
+        np.testing.assert_allclose(printed_eq_7(Q), Q.R.T, rtol=0, atol=ALGEBRAIC)
+        assert np.linalg.norm(printed_eq_7(Q) - Q.R) > PRINTED_FAILS
+
+
+def test_both_signs_of_the_euler_parameters_are_the_same_rotation():
+    for Q in random_parameters(COUNT):
+        np.testing.assert_array_equal(as_array(-Q), -as_array(Q))
+        np.testing.assert_array_equal((-Q).R, Q.R)
+        assert (-Q).theta == Q.theta
+
+
+def test_extraction_inverts_eq_7_at_every_angle():
+    for R in all_rotations():
+        Q = EulerParameters.from_R(R)
+        np.testing.assert_allclose(Q.R, R, rtol=0, atol=ALGEBRAIC)
+        assert Q.eta >= 0
+        assert Q.eta**2 + Q.eps @ Q.eps == pytest.approx(1.0, abs=ALGEBRAIC)  # eq. (6)
+
+
+def test_extraction_returns_the_quaternion_with_positive_eta():
+    for Q in random_parameters(COUNT):
+        expected = math.copysign(1.0, Q.eta) * as_array(Q)
+        np.testing.assert_allclose(
+            as_array(EulerParameters.from_R(Q.R)), expected, rtol=0, atol=ALGEBRAIC
+        )
+
+
+def test_extraction_at_exactly_pi_returns_the_axis():
+    for r in [X, Y, Z, -X, -Y, -Z, *unit_vectors(100)]:
+        eta, eps = EulerParameters.from_R(half_turn(r))
+        assert eta == pytest.approx(0.0, abs=ALGEBRAIC)
+        np.testing.assert_allclose(eps * np.sign(eps @ r), r, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-6])
+def test_extraction_just_below_pi_keeps_the_side_of_the_axis(gap):
+    for r in [X, -Y, Z, *unit_vectors(30)]:
+        eta, eps = EulerParameters.from_R(rodrigues(math.pi - gap, r))
+        assert eta == pytest.approx(gap / 2, rel=ETA_NEAR_PI)
+        np.testing.assert_allclose(eps, r, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", [1e-15, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_extraction_keeps_small_angles_to_relative_accuracy(theta):
+    for r in unit_vectors(50):
+        eps = EulerParameters.from_R(rodrigues(theta, r)).eps
+        np.testing.assert_allclose(eps, math.sin(theta / 2) * r, rtol=ALGEBRAIC, atol=0)
+
+
+@pytest.mark.parametrize("theta", [1e-12, 1e-9, 1e-4, 1.0, 3.0, math.pi - 1e-9, math.pi])
+def test_theta_is_accurate_at_every_angle_and_for_both_signs(theta):
+    for r in unit_vectors(10):
+        Q = EulerParameters.from_angle_axis(theta, r)
+        assert Q.theta == pytest.approx(theta, rel=RELATIVE)
+        assert (-Q).theta == Q.theta
+
+
+# --- eqs. (8)-(10): propagation rule ---------------------------------------------------------
+
+
+def test_E_is_eta_I_minus_S_of_eps():
+    for Q, v in zip(random_parameters(COUNT), vectors(COUNT), strict=True):
+        np.testing.assert_allclose(
+            Q.E @ v, Q.eta * v - np.cross(Q.eps, v), rtol=0, atol=ALGEBRAIC
+        )  # eq. (10)
+
+
+def test_propagation_rule_is_the_derivative_of_the_euler_parameters():
+    for Q, omega in zip(random_parameters(COUNT), vectors(COUNT, key=1), strict=True):
+        R = turning(Q.R, omega)
+
+        def of_sign_of_Q(t, R=R, Q=Q):
+            Q_t = as_array(EulerParameters.from_R(R(t)))
+            return Q_t * np.sign(Q_t @ as_array(Q))
+
+        deta, deps = propagation(Q, omega)
+        expected = derivative(of_sign_of_Q)
+        assert deta == pytest.approx(expected[0], abs=DIFFERENCES)  # eq. (8)
+        np.testing.assert_allclose(deps, expected[1:], rtol=0, atol=DIFFERENCES)  # eq. (9)
+
+
+def test_propagation_keeps_the_norm():
+    for Q, omega in zip(random_parameters(COUNT), vectors(COUNT, key=1), strict=True):
+        deta, deps = propagation(Q, omega)
+        assert Q.eta * deta + Q.eps @ deps == pytest.approx(0.0, abs=ALGEBRAIC)  # eq. (6)
+
+
+# --- eqs. (11)-(13): mutual orientation ------------------------------------------------------
+
+
+def test_composition_equals_extraction_up_to_the_double_cover():
+    for R_1, R_2 in zip(all_rotations(), reversed(all_rotations()), strict=True):
+        Q_1, Q_2 = EulerParameters.from_R(R_1), EulerParameters.from_R(R_2)
+        composed = mutual(Q_1, Q_2)  # eqs. (12), (13)
+        assert_same_rotation(composed, EulerParameters.from_R(R_1.T @ R_2))
+        np.testing.assert_allclose(composed.R, R_1.T @ R_2, rtol=0, atol=ALGEBRAIC)  # eq. (11)
+
+
+def test_mutual_parameters_are_those_of_eqs_12_and_13():
+    Q_1 = EulerParameters(0.5, np.array([0.5, 0.5, 0.5]))
+    Q_2 = EulerParameters(0.6, np.array([0.0, 0.8, 0.0]))
+    eta, eps = mutual(Q_1, Q_2)
+    assert eta == pytest.approx(0.7, abs=ALGEBRAIC)
+    np.testing.assert_allclose(eps, [0.1, 0.1, -0.7], rtol=0, atol=ALGEBRAIC)
+
+
+def test_the_vector_part_is_the_same_in_both_frames():
+    for Q_1, Q_2 in zip(random_parameters(COUNT), random_parameters(COUNT, key=1), strict=True):
+        eps_1 = mutual(Q_1, Q_2).eps
+        np.testing.assert_allclose(Q_2.R.T @ Q_1.R @ eps_1, eps_1, rtol=0, atol=ALGEBRAIC)
+
+
+def share_of_negative_eta(parameters):
+    """Return the share of pairs whose composition has eta < 0."""
+    pairs = zip(parameters[::2], parameters[1::2], strict=True)
+    return np.mean([mutual(Q_1, Q_2).eta < 0 for Q_1, Q_2 in pairs])
+
+
+def test_composition_gives_negative_eta_for_half_of_random_pairs():
+    share = share_of_negative_eta(random_parameters(2 * PAIRS))
+    assert share == pytest.approx(0.5, abs=SHARE_OF_PAIRS)
+
+
+def test_composition_gives_negative_eta_even_if_each_was_extracted_with_positive_eta():
+    share = share_of_negative_eta([EulerParameters.from_R(R) for R in uniform(2 * PAIRS, key=2)])
+    assert share == pytest.approx(1 / 4 + 1 / math.pi**2, abs=SHARE_OF_PAIRS)
+
+
+def test_mutual_of_two_matrices_has_positive_eta_and_is_of_frame_2_in_frame_1():
+    for R_1, R_2 in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
+        Q = mutual_R(R_1, R_2)
+        assert Q.eta >= 0
+        np.testing.assert_allclose(R_1 @ Q.R, R_2, rtol=0, atol=ALGEBRAIC)  # eq. (11)
+
+
+def test_product_composes_and_conjugate_inverts():
+    for Q_1, Q_2 in zip(random_parameters(COUNT), random_parameters(COUNT, key=1), strict=True):
+        np.testing.assert_allclose(product(Q_1, Q_2).R, Q_1.R @ Q_2.R, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(Q_1.conjugate.R, Q_1.R.T, rtol=0, atol=ALGEBRAIC)
+        identity = as_array(product(Q_1, Q_1.conjugate))
+        np.testing.assert_allclose(identity, [1, 0, 0, 0], rtol=0, atol=ALGEBRAIC)
+
+
+def test_product_of_unit_quaternions_obeys_the_rule_of_hamilton():
+    i, j, k = (EulerParameters(0.0, axis) for axis in (X, Y, Z))
+    np.testing.assert_array_equal(as_array(product(i, j)), as_array(k))
+    np.testing.assert_array_equal(as_array(product(i, i)), [-1, 0, 0, 0])
+
+
+# --- eqs. (14)-(17): relative motion ---------------------------------------------------------
+
+
+def moving_pairs():
+    """Return frames 1 and 2 that turn, as functions of time, and their velocities."""
+    frames = zip(uniform(COUNT), uniform(COUNT, key=1), strict=True)
+    velocities = zip(vectors(COUNT), vectors(COUNT, key=1), strict=True)
+    return [
+        (turning(R_1, omega_1), turning(R_2, omega_2), omega_1, omega_2)
+        for (R_1, R_2), (omega_1, omega_2) in zip(frames, velocities, strict=True)
+    ]
+
+
+def test_the_rate_of_the_mutual_rotation_is_that_of_the_relative_velocity_in_frame_1():
+    for R_1, R_2, omega_1, omega_2 in moving_pairs():
+        domega_21 = R_1(0).T @ (omega_2 - omega_1)  # eq. (15)
+        dR_21 = derivative(lambda t, R_1=R_1, R_2=R_2: R_1(t).T @ R_2(t))
+        expected = S(domega_21) @ R_1(0).T @ R_2(0)  # eq. (14)
+        np.testing.assert_allclose(dR_21, expected, rtol=0, atol=DIFFERENCES)
+
+
+def test_propagation_of_the_mutual_parameters_takes_the_relative_velocity_in_frame_1():
+    for R_1, R_2, omega_1, omega_2 in moving_pairs():
+        Q_21 = mutual_R(R_1(0), R_2(0))
+
+        def of_sign_of_Q(t, R_1=R_1, R_2=R_2, Q_21=Q_21):
+            Q_t = as_array(mutual_R(R_1(t), R_2(t)))
+            return Q_t * np.sign(Q_t @ as_array(Q_21))
+
+        deta, deps = propagation(Q_21, R_1(0).T @ (omega_2 - omega_1))
+        expected = derivative(of_sign_of_Q)
+        assert deta == pytest.approx(expected[0], abs=DIFFERENCES)  # eq. (16)
+        np.testing.assert_allclose(deps, expected[1:], rtol=0, atol=DIFFERENCES)  # eq. (17)
+
+
+# --- exponential and logarithm ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("theta", [*LOG_ANGLES, SMALL_ANGLE, 4.0, 7.0])
+def test_exp_is_the_rotation_by_the_length_about_the_direction(theta):
+    for r in unit_vectors(20):
+        np.testing.assert_allclose(exp(theta * r), rodrigues(theta, r), rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", LOG_ANGLES)
+def test_log_inverts_exp_to_relative_accuracy(theta):
+    for r in unit_vectors(50):
+        error = np.linalg.norm(log(exp(theta * r)) - theta * r)
+        assert error / theta < ALGEBRAIC
+
+
+def test_exp_inverts_log_at_every_angle():
+    for R in all_rotations():
+        np.testing.assert_allclose(exp(log(R)), R, rtol=0, atol=ALGEBRAIC)
+        assert np.linalg.norm(log(R)) <= math.pi + ALGEBRAIC
+
+
+def test_log_of_a_half_turn_has_length_pi_along_the_axis():
+    for r in [X, Y, Z, *unit_vectors(30)]:
+        x = log(half_turn(r))
+        np.testing.assert_allclose(x * np.sign(x @ r), math.pi * r, rtol=0, atol=ALGEBRAIC)
+
+
+def test_log_and_exp_of_no_rotation_are_exact():
+    np.testing.assert_array_equal(log(np.eye(3)), np.zeros(3))
+    np.testing.assert_array_equal(exp(np.zeros(3)), np.eye(3))
+
+
+@pytest.mark.parametrize("theta", LOG_ANGLES)
+def test_rotation_vector_of_positive_eta_is_theta_r(theta):
+    for r in unit_vectors(20):
+        x = rotation_vector(EulerParameters.from_angle_axis(theta, r))
+        np.testing.assert_allclose(x, theta * r, rtol=RELATIVE, atol=0)
+
+
+@pytest.mark.parametrize("theta", [1e-9, 1e-5, 0.1, 1.0, 3.0, 3.1415])
+def test_rotation_vector_of_negative_eta_is_the_long_way_round(theta):
+    for r in unit_vectors(20):
+        x = rotation_vector(-EulerParameters.from_angle_axis(theta, r))
+        np.testing.assert_allclose(x, -(2 * math.pi - theta) * r, rtol=0, atol=ALGEBRAIC)
+
+
+def test_rotation_vector_of_no_rotation_is_zero_for_both_signs():
+    identity = EulerParameters(1.0, np.zeros(3))
+    np.testing.assert_array_equal(rotation_vector(identity), np.zeros(3))
+    np.testing.assert_array_equal(rotation_vector(-identity), np.zeros(3))
+
+
+# Angles [rad] on both sides of where the series of the right Jacobian ends.
+JACOBIAN_ANGLES = (
+    *(0.0, 1e-6, 0.01, 0.999 * SMALL_JACOBIAN_ANGLE, 1.001 * SMALL_JACOBIAN_ANGLE),
+    *(1.0, 3.0, math.pi, 5.0),
+)
+
+
+def series_of_the_right_jacobian(x):
+    """Return the sum of (-S(x))^n / (n + 1)! (3, 3)."""
+    term, total = np.eye(3), np.eye(3)
+    for n in range(1, 50):
+        term = term @ -S(x) / (n + 1)
+        total = total + term
+    return total
+
+
+@pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
+def test_the_right_jacobian_is_its_series(theta):
+    for r in unit_vectors(20):
+        expected = series_of_the_right_jacobian(theta * r)
+        np.testing.assert_allclose(right_jacobian(theta * r), expected, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
+def test_the_right_jacobian_gives_the_angular_velocity_in_the_turned_frame(theta):
+    for r, dx in zip(unit_vectors(20), vectors(20), strict=True):
+        x = theta * r
+        dR = derivative(lambda t, x=x, dx=dx: exp(x + t * dx))
+        expected = exp(x) @ S(right_jacobian(x) @ dx)
+        np.testing.assert_allclose(dR, expected, rtol=0, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
+def test_the_rate_of_the_right_jacobian_is_its_derivative(theta):
+    for r, dx in zip(unit_vectors(20), vectors(20), strict=True):
+        x = theta * r
+        expected = derivative(lambda t, x=x, dx=dx: series_of_the_right_jacobian(x + t * dx))
+        rate = right_jacobian_rate(x, dx)
+        np.testing.assert_allclose(rate, expected, rtol=0, atol=DIFFERENCES)
+
+
+def test_the_rate_of_the_right_jacobian_does_not_jump_where_its_series_ends():
+    for r, dx in zip(unit_vectors(50), vectors(50), strict=True):
+        below, above = (
+            right_jacobian_rate(SMALL_JACOBIAN_ANGLE * (1 + side) * r, dx)
+            for side in (-1e-14, 1e-14)
+        )
+        np.testing.assert_allclose(below, above, rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("theta", [1e-9, 1e-3, 0.7, 2.0, math.pi - 1e-6, math.pi])
+def test_angle_between_two_frames_is_the_angle_of_their_mutual_rotation(theta):
+    for R_2, R_1 in pairs_apart(theta, 20):
+        assert angle_between(R_1, R_2) == pytest.approx(theta, abs=ALGEBRAIC)
+        assert angle_between(R_2, R_1) == pytest.approx(theta, abs=ALGEBRAIC)

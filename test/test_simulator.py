@@ -1,0 +1,851 @@
+"""The simulator against Pinocchio and against what a robot's drivers promise."""
+
+import dataclasses
+import hashlib
+import itertools
+import re
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pybullet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eulerparams_control.catalogue import RobotDescription, load_robot
+from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
+from sim_bridge.parameters import SimulatorParameters
+from sim_bridge.simulator import COULOMB_SPEED, Simulator, SimulatorState
+from sim_bridge.urdf import SENSOR_LINK, Body, simulation_urdf
+
+# --- tolerances ----------------------------------------------------------------------
+
+# Inverse dynamics of (dq' - dq) / dt: rounding of dq (1e-15) over dt (1e-3) times an
+# inertia of 10, and two decades for torques of 100 Nm.
+TORQUE = 1e-9
+
+# One step of q += dt dq: one rounding of numbers of order 1.
+ROUNDING = 1e-14
+
+# Joint speeds that the motors leave: 50 iterations of PyBullet's solver, 1e-8 seen.
+MOTOR_SPEED = 1e-7
+
+# Drift of an arm that stands, within 1 s: gravity's rounding in torque control, an
+# unstable equilibrium; MOTOR_SPEED for 1 s when braked.
+DRIFT = 1e-7
+
+# A static wrench: the quaternion of the sensor link (1e-15) times 10 N, while the brakes
+# leave accelerations of MOTOR_SPEED / dt = 1e-4 m/s^2 on 1 kg.
+STATIC_WRENCH = 1e-3
+
+# A weight at rest: rounding of the orientation, 1e-15, and two decades. PyBullet's float32
+# frames would be wrong by 2e-6.
+WEIGHT = 1e-12
+
+# What touches the tool is passed on exactly; a gripper that shakes by MOTOR_SPEED adds this.
+TOUCH = 1e-6
+
+# Newton and Euler at one instant against momentum over a step of 0.1 ms: the tool turns
+# by 3 rad/s dt = 3e-4 of some 30 N, and jerks.
+STEP_OF_MOTION = 0.05
+
+# The torque that brakes hold against a push, from their speeds: MOTOR_SPEED / dt * 10 kg m^2.
+HOLDING_TORQUE = 1e-2
+
+# How constant the acceleration of a falling arm is over 3 steps of 10 ms, relative.
+CONSTANT_GRAVITY = 0.02
+
+# Geometric decay of a servo over 100 steps, relative: MOTOR_SPEED in 0.01 rad/s.
+DECAY = 1e-4
+
+# Overshoot of a joint stop that is hit at full speed: one step of 10 rad/s, rad.
+STOP = 0.02
+
+# Mean and standard deviation of N samples: 4.5 sigma, once in 100,000 tests.
+SAMPLES = 4000
+MEAN = 4.5 / np.sqrt(SAMPLES)
+DEVIATION = 4.5 / np.sqrt(2 * SAMPLES)
+
+# --- samples -------------------------------------------------------------------------
+
+ROBOTS = ("ur5", "ur10", "panda", "kuka_iiwa")
+GRAVITY = np.array([0.0, 0.0, -9.81])
+TOOL_COM = (0.02, -0.03, 0.1)
+TOOL_INERTIA = (0.002, 0.0001, 0.0002, 0.003, 0.0003, 0.004)
+TOOL = {"tool_mass": 1.0, "tool_com": TOOL_COM, "tool_inertia": TOOL_INERTIA}
+
+seeds = st.integers(0, 2**32 - 1)
+
+# All that a URDF may contain and PyBullet gets wrong: a link without <inertial>, full and
+# impossible tensors about a turned frame, damping, a gripper, a mimic joint.
+ODD_ROBOT = """
+<robot name="odd">
+  <link name="base"/>
+  <link name="column"><inertial><origin xyz="0.1 0 0.2" rpy="0.3 -0.7 1.1"/><mass value="3"/>
+    <inertia ixx="0.05" ixy="0.01" ixz="-0.005" iyy="0.04" iyz="0.003" izz="0.03"/>
+  </inertial></link>
+  <link name="bare"/>
+  <link name="boom"><inertial><origin xyz="0 0.05 0.3"/><mass value="2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.09"/></inertial></link>
+  <link name="wrist"><inertial><origin xyz="0 0.02 0.1" rpy="1 0 0"/><mass value="1"/>
+    <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.02" iyz="0.002" izz="0.01"/></inertial></link>
+  <link name="tip"/>
+  <link name="left"><inertial><origin xyz="0 0.1 0"/><mass value="0.4"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+  <link name="right"><inertial><origin xyz="0 -0.1 0"/><mass value="0.3"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>
+    <origin xyz="0 0 0.5" rpy="0.2 0.1 0"/><axis xyz="0 0 1"/><dynamics damping="3"/></joint>
+  <joint name="bolt" type="fixed"><parent link="column"/><child link="bare"/>
+    <origin xyz="0.3 0 0.1" rpy="0 1.5707963267948966 0.4"/></joint>
+  <joint name="slide" type="prismatic"><parent link="bare"/><child link="boom"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/><dynamics damping="5" friction="2"/>
+    <limit lower="-5" upper="5" velocity="3" effort="200"/></joint>
+  <joint name="bend" type="revolute"><parent link="boom"/><child link="wrist"/>
+    <origin xyz="0 0.2 0.3" rpy="0.5 0 0"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-3" upper="3" velocity="3" effort="50"/></joint>
+  <joint name="flange" type="fixed"><parent link="wrist"/><child link="tip"/>
+    <origin xyz="0 0 0.2" rpy="0 0.3 0"/></joint>
+  <joint name="grip" type="prismatic"><parent link="tip"/><child link="left"/>
+    <origin xyz="0 0 0.05"/><axis xyz="0 1 0"/><dynamics damping="1"/>
+    <limit lower="0" upper="0.04" velocity="1" effort="10"/></joint>
+  <joint name="grip_too" type="prismatic"><parent link="tip"/><child link="right"/>
+    <origin xyz="0 0 0.05"/><axis xyz="0 -1 0"/><mimic joint="grip"/>
+    <limit lower="0" upper="0.04" velocity="1" effort="10"/></joint>
+</robot>
+"""
+
+ODD = RobotDescription(
+    name="odd",
+    urdf_path=Path("odd.urdf"),
+    urdf=ODD_ROBOT,
+    base_frame="base",
+    tip_frame="tip",
+    sensor_frame="tip",
+    joints=("turn", "slide", "bend"),
+    home=(0.3, 0.1, -0.4),
+)
+
+
+@cache
+def robot(name: str) -> RobotDescription:
+    return ODD if name == "odd" else load_robot(name)
+
+
+@cache
+def simulator(name: str, **parameters: Any) -> Simulator:
+    """A simulator for several tests; each of them resets it."""
+    return Simulator(robot(name), SimulatorParameters(**parameters))
+
+
+class Model:
+    """Pinocchio's view of a robot, other joints locked at zero, with a tool."""
+
+    def __init__(self, description: RobotDescription, tool: Body | None = None) -> None:
+        urdf = re.sub('type="continuous"', 'type="revolute"', description.urdf)  # nq = nv
+        urdf = urdf.replace("<dynamics", '<limit effort="1e9" velocity="1e9"/><dynamics', 1)
+        model = pin.buildModelFromXML(urdf if description is ODD else description.urdf)
+        names = list(model.names)[1:]
+        others = [model.getJointId(name) for name in names if name not in description.joints]
+        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        self.frame = self.model.getFrameId(description.sensor_frame)
+        self.placement = self.model.frames[self.frame].placement
+        self.joint = self.model.frames[self.frame].parentJoint
+        if tool is not None:
+            inertia = pin.Inertia(tool.mass, tool.com, tool.inertia)
+            self.model.appendBodyToJoint(self.joint, inertia, self.placement)
+        self.data = self.model.createData()
+        self.n = self.model.nv
+
+    def tau(self, q: Any, dq: Any, ddq: Any, wrench: Any = None) -> Any:
+        """Inverse dynamics under a wrench at the sensor frame, in its axes."""
+        forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
+        if wrench is not None:
+            forces[self.joint] = self.placement.act(pin.Force(np.array(wrench)))
+        return pin.rnea(self.model, self.data, q, dq, ddq, forces)
+
+    def R(self, q: Any) -> Any:
+        """Orientation of the sensor frame."""
+        pin.forwardKinematics(self.model, self.data, q)
+        return pin.updateFramePlacement(self.model, self.data, self.frame).rotation
+
+    def J(self, q: Any) -> Any:
+        """Jacobian of the sensor frame in its own axes."""
+        return pin.computeFrameJacobian(self.model, self.data, q, self.frame)
+
+    def weight_and_inertia(self, tool: Body, q: Any, dq: Any, ddq: Any) -> Any:
+        """What a tool exerts on the sensor, by Newton and Euler at one instant."""
+        Y = pin.Inertia(tool.mass, tool.com, tool.inertia)
+        gravity = pin.Motion(self.R(q).T @ GRAVITY, np.zeros(3))
+        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
+        v = pin.getFrameVelocity(self.model, self.data, self.frame)
+        a = pin.getFrameAcceleration(self.model, self.data, self.frame)
+        return (Y * (gravity - a) - v.cross(Y * v)).vector
+
+
+def random_q(name: str, rng: np.random.Generator) -> Any:
+    limits = np.array([(-2.5, 2.5)] * len(robot(name).joints))
+    if name != "odd":
+        model = Model(robot(name)).model
+        limits = np.stack([model.lowerPositionLimit + 0.05, model.upperPositionLimit - 0.05], 1)
+    return rng.uniform(*np.clip(limits, -2.5, 2.5).T)
+
+
+def run(sim: Simulator, steps: int) -> SimulatorState:
+    for _ in range(steps):
+        sim.step()
+    return sim.read()
+
+
+# --- dynamics ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tool", [{}, TOOL], ids=["bare", "tool"])
+@pytest.mark.parametrize("name", [*ROBOTS, "odd"])
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(
+    name: str, tool: dict[str, Any], seed: int
+) -> None:
+    sim = simulator(name, control="torque", enforce_limits=False, **tool)
+    model = Model(robot(name), sim.parameters.tool)
+    rng = np.random.default_rng(seed)
+    sim.reset(random_q(name, rng))
+    fastest = 0.0
+    for _ in range(20):
+        before = sim.read()
+        push = rng.uniform(-20.0, 20.0, 6)
+        ddq = rng.uniform(-100.0, 100.0, model.n) - 10.0 * before.dq
+        tau = model.tau(before.q, before.dq, ddq, push)
+        sim.command_effort(tau)
+        sim.set_external_wrench(push)
+        after = run(sim, 1)
+        ddq_seen = (after.dq - before.dq) / 1e-3
+        assert model.tau(before.q, before.dq, ddq_seen, push) == pytest.approx(tau, abs=TORQUE)
+        assert after.q == pytest.approx(before.q + 1e-3 * after.dq, abs=ROUNDING)
+        fastest = max(fastest, np.abs(after.dq).max())
+    assert fastest > 0.1  # rad/s: it did move
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0, 8000.0])
+def test_the_rate_is_the_length_of_a_step(rate: float) -> None:
+    sim = simulator("ur5", control="torque", rate=rate)
+    sim.reset()
+    sim.command_effort(np.zeros(6))
+    state = run(sim, 3)
+    assert (state.step, state.t) == (3, 3 / rate)
+    moved = 2.0 * state.dq / rate  # by (1 + 2 + 3) dt dq / 3
+    assert state.q - np.array(robot("ur5").home) == pytest.approx(moved, rel=CONSTANT_GRAVITY)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_gravity_compensation_holds_still(name: str) -> None:
+    sim, model = simulator(name, control="torque"), Model(robot(name))
+    sim.reset()
+    zero = np.zeros(model.n)
+    for _ in range(1000):
+        sim.command_effort(model.tau(sim.read().q, zero, zero))
+        sim.step()
+    assert sim.read().q == pytest.approx(np.array(robot(name).home), abs=DRIFT)
+
+
+def test_gravity_is_a_vector_of_the_world() -> None:
+    sim = simulator("ur5", control="torque", gravity=(0.0, 3.0, 0.0), tool_mass=2.0)
+    model = Model(robot("ur5"), sim.parameters.tool)
+    model.model.gravity.linear = np.array([0.0, 3.0, 0.0])
+    sim.reset()
+    state = run(sim, 10)  # braked
+    zero = np.zeros(6)
+    assert state.tau == pytest.approx(model.tau(state.q, zero, zero), abs=HOLDING_TORQUE)
+    assert state.wrench[:3] == pytest.approx(model.R(state.q).T @ [0, 6.0, 0], abs=STATIC_WRENCH)
+
+
+# --- brakes --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("control", ["position", "torque"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_stands_braked_until_its_first_command(name: str, control: str) -> None:
+    sim = simulator(name, control=control, **TOOL)
+    model = Model(robot(name), sim.parameters.tool)
+    sim.reset()
+    zero = np.zeros(model.n)
+    held = model.tau(np.array(robot(name).home), zero, zero)
+    assert sim.read().tau == pytest.approx(held, abs=HOLDING_TORQUE)  # at once
+    state = run(sim, 1000)
+    assert state.q == pytest.approx(np.array(robot(name).home), abs=DRIFT)
+    assert state.tau == pytest.approx(held, abs=HOLDING_TORQUE)
+
+
+def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back() -> None:
+    sim, model = simulator("ur5", control="torque"), Model(robot("ur5"))
+    sim.reset()
+    sim.command_effort(np.zeros(6))
+    assert np.abs(run(sim, 1).dq).max() > 1e-3
+    moving = run(sim, 20)
+    assert np.abs(moving.dq).max() > 0.1
+    sim.brake()
+    assert np.abs(run(sim, 100).dq).max() < MOTOR_SPEED
+    stopped = sim.read()
+    zero = np.zeros(6)
+    assert stopped.tau == pytest.approx(model.tau(stopped.q, zero, zero), abs=HOLDING_TORQUE)
+    sim.command_effort(np.zeros(6))
+    assert np.abs(run(sim, 20).dq).max() > 0.1
+
+
+def test_the_brakes_have_no_more_than_the_effort_limit() -> None:
+    sim = simulator("ur5", control="position")
+    sim.reset()
+    sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 100.0])  # the wrist has 28 Nm
+    state = run(sim, 50)
+    assert abs(state.tau[5]) == pytest.approx(28.0)
+    assert np.abs(state.dq[5]) > 1.0
+
+
+# --- force/torque sensor -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [*ROBOTS, "odd"])
+@given(seed=seeds)
+@settings(deadline=None, max_examples=5)
+def test_a_push_is_read_with_its_sign_its_axes_and_its_moment(name: str, seed: int) -> None:
+    sim, model = simulator(name, enforce_limits=False), Model(robot(name))
+    q, zero = random_q(name, np.random.default_rng(seed)), np.zeros(model.n)
+    sim.reset(q)
+    unpushed = run(sim, 20)
+    off_axis = np.random.default_rng(seed).uniform(-10.0, 10.0, 6)
+    for push in (*10.0 * np.eye(6), -10.0 * np.eye(6)[0], off_axis):
+        sim.set_external_wrench(push)
+        state = run(sim, 20)
+        assert state.wrench - unpushed.wrench == pytest.approx(push, abs=TOUCH)
+        held = model.tau(q, zero, zero) - model.J(q).T @ push  # the brakes hold against it
+        assert state.tau == pytest.approx(held, abs=HOLDING_TORQUE)
+    sim.set_external_wrench(None)
+    assert run(sim, 20).wrench == pytest.approx(unpushed.wrench, abs=TOUCH)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_without_a_tool_the_sensor_reads_zero_in_motion(name: str) -> None:
+    sim = simulator(name, control="torque")
+    sim.reset()
+    sim.command_effort(np.full(len(robot(name).joints), 5.0))
+    assert run(sim, 30).wrench == pytest.approx(np.zeros(6), abs=TOUCH)
+    assert np.abs(sim.read().dq).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@given(seed=seeds)
+@settings(deadline=None, max_examples=5)
+def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name: str, seed: int) -> None:
+    sim, model = simulator(name, **TOOL), Model(robot(name))
+    sim.reset(random_q(name, np.random.default_rng(seed)))
+    for state, tolerance in ((sim.read(), WEIGHT), (run(sim, 50), STATIC_WRENCH)):
+        force = model.R(state.q).T @ GRAVITY
+        assert np.linalg.norm(force) == pytest.approx(9.81)
+        assert state.wrench[:3] == pytest.approx(force, abs=tolerance)
+        assert state.wrench[3:] == pytest.approx(np.cross(TOOL_COM, force), abs=tolerance)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_moving_tool_is_read_with_its_inertia(name: str) -> None:
+    sim = simulator(name, rate=10000.0, enforce_limits=False, **TOOL)
+    model, home = Model(robot(name)), np.array(robot(name).home)
+    phase = np.arange(model.n)
+    sim.reset()
+    for k in range(4000):
+        w = 8.0 * (k / 10000.0) + phase
+        sim.command_position(home + 0.2 * (np.sin(w) - np.sin(phase)), 1.6 * np.cos(w))
+        before = sim.read()
+        sim.step()
+        after = sim.read()
+        if k > 1000 and k % 100 == 0:
+            ddq = (after.dq - before.dq) * 10000.0
+            seen = model.weight_and_inertia(sim.parameters.tool, after.q, after.dq, ddq)
+            assert after.wrench == pytest.approx(seen, abs=STEP_OF_MOTION)
+    still = model.weight_and_inertia(sim.parameters.tool, after.q, 0 * ddq, 0 * ddq)
+    assert np.abs(after.wrench - still).max() > 20 * STEP_OF_MOTION  # the motion matters
+
+
+@pytest.mark.parametrize(("frame", "height"), [("panda_link8", 0.0), ("panda_link7", 0.107)])
+def test_the_sensor_carries_all_that_is_distal_to_it(frame: str, height: float) -> None:
+    flange = dataclasses.replace(robot("panda"), sensor_frame=frame)  # fixed, or on a joint
+    sim = Simulator(flange, SimulatorParameters(tool_mass=0.5, tool_com=(0.0, 0.0, 0.2)))
+    force = Model(flange).R(np.array(flange.home)).T @ GRAVITY * (0.73 + 2 * 0.015 + 0.5)
+    assert sim.read().wrench[:3] == pytest.approx(force, abs=STATIC_WRENCH)
+    hand = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -np.pi / 4), np.array([0.0, 0.0, height]))
+    com = 0.73 * (hand * np.array([-0.01, 0.0, 0.03])) + 0.03 * (hand * np.array([0, 0, 0.0584]))
+    com = (com + 0.5 * np.array([0.0, 0.0, 0.2])) / 1.26
+    assert sim.read().wrench[3:] == pytest.approx(np.cross(com, force), abs=STATIC_WRENCH)
+    sim.close()
+
+
+def test_a_contact_beyond_the_sensor_is_read_as_the_contact_forces() -> None:
+    flange = dataclasses.replace(robot("panda"), sensor_frame="panda_link8")
+    sim = Simulator(flange, SimulatorParameters(collisions=True))
+    engine, model = sim.engine, Model(flange)
+    free = sim.read()
+    hand = pybullet.getLinkState(engine.body, engine.sensor_link, physicsClientId=engine.client)
+    table = pybullet.createCollisionShape(
+        pybullet.GEOM_BOX, halfExtents=(0.05, 0.05, 0.1), physicsClientId=engine.client
+    )
+    below = np.array(hand[0]) - (0.0, 0.0, 0.1034 + 0.1 + 0.02)
+    box = pybullet.createMultiBody(0, table, basePosition=below, physicsClientId=engine.client)
+    v = np.linalg.lstsq(model.J(free.q), [0, 0, 0.1, 0, 0, 0], rcond=None)[0]  # forward is down
+    for _ in range(400):
+        sim.command_position(sim.read().q, v)
+        sim.step()
+    contacts = pybullet.getContactPoints(engine.body, box, physicsClientId=engine.client)
+    total = np.zeros(3)
+    for contact in contacts:
+        total += contact[9] * np.array(contact[7])
+        total += contact[10] * np.array(contact[11]) + contact[12] * np.array(contact[13])
+    assert total[2] > 10.0
+    weight = model.R(sim.read().q).T @ GRAVITY * 0.76
+    touched = model.R(sim.read().q) @ (sim.read().wrench[:3] - weight)
+    assert touched == pytest.approx(total, rel=0.02, abs=0.02 * total[2])
+    sim.close()
+
+
+def test_a_sensor_that_the_arm_does_not_move_is_refused() -> None:
+    early = dataclasses.replace(robot("ur5"), sensor_frame="forearm_link")
+    with pytest.raises(RobotError, match="the sensor at 'forearm_link' is not moved by"):
+        Simulator(early, SimulatorParameters())
+
+
+# --- servo ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_an_error_of_the_servo_decays_with_its_bandwidth(name: str, bandwidth: float) -> None:
+    sim = simulator(name, servo_bandwidth=bandwidth, enforce_limits=False)
+    sim.reset()
+    home = np.array(robot(name).home)
+    sim.command_position(home + 0.1, np.zeros_like(home))
+    for k in (1, 4, 5, 20, 70):
+        steps = k + sim.read().step
+        state = run(sim, k)
+        decay = (1.0 - bandwidth * 1e-3) ** steps
+        assert home + 0.1 - state.q == pytest.approx(0.1 * decay, abs=DECAY * 0.1)
+
+
+def test_the_servo_follows_a_moving_reference_without_lag() -> None:
+    sim = simulator("ur5", servo_bandwidth=50.0)
+    sim.reset()
+    home = np.array(robot("ur5").home)
+    for k in range(500):
+        sim.command_position(home + 0.3 * k * 1e-3, np.full(6, 0.3))
+        sim.step()
+    assert sim.read().q == pytest.approx(home + 0.3 * 0.5, abs=DRIFT)
+    assert sim.read().dq == pytest.approx(np.full(6, 0.3), abs=MOTOR_SPEED)
+
+
+# --- limits --------------------------------------------------------------------------
+
+
+def test_an_effort_is_clipped_to_the_limits_of_the_urdf() -> None:
+    sim = simulator("ur5", control="torque")
+    limits = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
+    states = []
+    for tau in (limits, 2.0 * limits):
+        sim.reset()
+        sim.command_effort(tau)
+        states.append(run(sim, 5))
+    assert states[1].tau.tolist() == limits.tolist()
+    assert states[1].q.tolist() == states[0].q.tolist()
+    sim.command_effort(-2.0 * limits)
+    assert run(sim, 1).tau.tolist() == (-limits).tolist()
+
+
+def test_limits_can_be_lifted() -> None:
+    sim = simulator("ur5", control="torque", enforce_limits=False)
+    sim.reset(np.full(6, 9.0))  # rad, beyond all limits
+    sim.command_effort(np.full(6, 500.0))
+    assert run(sim, 3).tau.tolist() == [500.0] * 6
+    servo = simulator("ur5", enforce_limits=False)
+    servo.reset()
+    servo.command_position(np.full(6, 9.0), np.zeros(6))
+    assert np.abs(run(servo, 1).dq).max() > 500.0  # rad/s
+    assert run(servo, 500).q == pytest.approx(np.full(6, 9.0), abs=DRIFT)
+
+
+def test_a_speed_reference_is_clipped_to_the_speed_limits() -> None:
+    sim = simulator("ur5")
+    sim.reset()
+    for k in range(250):
+        sim.command_position(sim.read().q, np.full(6, 0.02 * k))
+        sim.step()
+    assert sim.read().dq == pytest.approx([3.15] * 3 + [3.2] * 3, abs=MOTOR_SPEED)
+
+
+def test_a_position_reference_is_clipped_to_the_position_limits() -> None:
+    sim = simulator("ur5")
+    sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
+    sim.command_position([0.0, -1.0, 9.0, 0.0, 0.0, 0.0], np.zeros(6))
+    state = run(sim, 500)
+    assert state.q[2] == pytest.approx(3.14159265359, abs=DRIFT)
+    zero = np.zeros(6)  # the motor does not press against the stop
+    gravity = Model(robot("ur5")).tau(state.q, zero, zero)
+    assert state.tau == pytest.approx(gravity, abs=HOLDING_TORQUE)
+
+
+def test_the_servo_has_no_more_than_the_effort_limit() -> None:
+    sim = simulator("ur5")
+    sim.reset()
+    sim.command_position(np.array(robot("ur5").home) + 1.0, np.zeros(6))
+    assert run(sim, 1).tau == pytest.approx([150.0] * 3 + [28.0] * 3)
+
+
+def test_a_joint_stops_at_its_limit_in_torque_control() -> None:
+    sim = simulator("ur5", control="torque")
+    sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
+    highest = -np.inf
+    sim.command_effort([0.0, 0.0, 60.0, 0.0, 0.0, 0.0])
+    for _ in range(300):
+        sim.step()
+        highest = max(highest, sim.read().q[2])
+    assert np.pi < highest + STOP < np.pi + 2 * STOP
+
+
+# --- friction ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("viscous", "coulomb"), [(2.0, 0.0), (0.0, 1.5), ((1.0, 2.0, 3.0, 0.1, 0.2, 0.3), 0.5)]
+)
+def test_friction_takes_its_torque_from_the_effort(viscous: Any, coulomb: Any) -> None:
+    sim = simulator("ur5", control="torque", friction_viscous=viscous, friction_coulomb=coulomb)
+    model = Model(robot("ur5"))
+    sim.reset()
+    sim.command_effort([20.0, 0.0, 0.0, 2.0, -2.0, 2.0])
+    for _ in range(100):
+        before = sim.read()
+        after = run(sim, 1)
+        friction = viscous * before.dq + coulomb * np.tanh(before.dq / COULOMB_SPEED)
+        moved = model.tau(before.q, before.dq, (after.dq - before.dq) / 1e-3)
+        assert moved == pytest.approx(after.tau - friction, abs=TORQUE)
+    assert np.abs(after.dq).max() > 10 * COULOMB_SPEED
+
+
+def test_coulomb_friction_brings_a_joint_to_rest_without_chatter() -> None:
+    sim = simulator("ur5", control="torque", friction_coulomb=1.0, gravity=(0.0, 0.0, 0.0))
+    sim.reset()
+    sim.command_effort([0, 0, 0, 0, 0, 2.0])
+    assert run(sim, 20).dq[5] > 10 * COULOMB_SPEED
+    sim.command_effort(np.zeros(6))
+    speeds = [abs(run(sim, 1).dq[5]) for _ in range(1000)]
+    assert all(later <= earlier for earlier, later in itertools.pairwise(speeds[50:]))
+    assert speeds[-1] < 0.01 * COULOMB_SPEED
+
+
+# --- refusals ------------------------------------------------------------------------
+
+BAD = {
+    "nan": [0.0, 0.0, 0.0, 0.0, 0.0, float("nan")],
+    "infinite": [0.0, 0.0, 0.0, 0.0, 0.0, float("inf")],
+    "opposite infinities": [float("-inf"), float("inf"), 0.0, 0.0, 0.0, 0.0],
+    "short": [0.0] * 5,
+    "long": [0.0] * 7,
+    "matrix": [[0.0] * 6],
+}
+
+
+def refuse(sim: Simulator, bad: list[float]) -> None:
+    """Give every command a bad value."""
+    zero = np.zeros(6)
+    calls = [
+        lambda: sim.set_external_wrench(bad),
+        lambda: sim.command_effort(bad),
+        lambda: sim.command_position(bad, zero),
+        lambda: sim.command_position(zero, bad),
+        lambda: sim.reset(bad),
+    ]
+    for call in calls:
+        with pytest.raises(SimulationError, match=r"6 finite numbers|command, but control is"):
+            call()
+
+
+@pytest.mark.parametrize("control", ["position", "torque"])
+@pytest.mark.parametrize("bad", BAD.values(), ids=BAD.keys())
+def test_a_bad_command_is_refused_and_changes_nothing(bad: list[float], control: str) -> None:
+    sim = simulator("ur5", control=control)
+    trajectories = []
+    for refusing in (False, True):
+        sim.reset()
+        states = []
+        for k in range(30):
+            if refusing:
+                refuse(sim, bad)
+            if k == 10 and control == "torque":
+                sim.command_effort(np.full(6, 3.0))
+            if k == 10 and control == "position":
+                sim.command_position(np.array(robot("ur5").home) + 0.2, np.full(6, 0.1))
+            if k == 15:
+                sim.set_external_wrench(np.arange(6.0))
+            states.append(np.concatenate(dataclasses.astuple(run(sim, 1))[2:]))
+        trajectories.append(np.array(states))
+    assert np.array_equal(trajectories[0], trajectories[1])
+
+
+def test_a_command_of_the_other_control_is_refused() -> None:
+    with pytest.raises(SimulationError, match="a torque command, but control is 'position'"):
+        simulator("ur5").command_effort(np.zeros(6))
+    with pytest.raises(SimulationError, match="a position command, but control is 'torque'"):
+        simulator("ur5", control="torque").command_position(np.zeros(6), np.zeros(6))
+
+
+def test_a_start_outside_the_limits_is_refused_with_joint_and_limits() -> None:
+    with pytest.raises(SimulationError, match=r"'elbow_joint', 4\.0, is outside -3\.14.* 3\.14"):
+        simulator("ur5").reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
+
+
+def test_a_state_that_is_not_finite_ends_in_an_error_and_reset_mends_it() -> None:
+    sim = simulator("ur5", control="torque", **TOOL)
+    sim.reset()
+    fresh = run(sim, 3)
+    pybullet.resetJointState(sim.engine.body, 3, np.nan, 0.0, sim.engine.client)
+    with pytest.raises(SimulationError, match="the state of the robot is not finite"):
+        run(sim, 1)
+    assert np.isfinite(sim.read().q).all()
+    sim.reset()
+    again = run(sim, 3)
+    assert again.q.tolist() == fresh.q.tolist()
+    assert again.wrench.tolist() == fresh.wrench.tolist()
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"control": "velocity"}, "control must be one of ('position', 'torque')"),
+        ({"rate": 0.0}, "rate must be positive"),
+        ({"rate": float("nan")}, "rate must be positive"),
+        ({"servo_bandwidth": -1.0}, "servo_bandwidth must be positive"),
+        ({"servo_bandwidth": 1001.0}, "must not exceed the rate 1000.0 Hz"),
+        ({"gravity": (0.0, -9.81)}, "gravity must be 3 numbers"),
+        ({"wrench_bias": (0.0,) * 5 + (float("nan"),)}, "wrench_bias must be finite"),
+        ({"tool_mass": -1.0}, "tool_mass must be 0 or more"),
+        ({"tool_mass": float("inf")}, "tool_mass must be 0 or more"),
+        ({"tool_inertia": TOOL_INERTIA}, "tool_inertia is given without tool_mass"),
+        ({"tool_mass": 1.0, "tool_inertia": (1, 5, 0, 1, 0, 1)}, "negative principal moment"),
+        ({"friction_coulomb": (0.0, -1.0)}, "friction_coulomb must be 0 or more"),
+        ({"noise_force": -1.0}, "noise_force must be 0 or more"),
+    ],
+)
+def test_an_impossible_parameter_is_refused_with_the_bound(
+    values: dict[str, Any], reason: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(reason)):
+        SimulatorParameters(**values)
+
+
+def test_a_friction_of_another_number_of_joints_is_refused() -> None:
+    parameters = SimulatorParameters(friction_viscous=(1.0, 1.0))
+    with pytest.raises(ConfigurationError, match="friction_viscous must be one number or 6"):
+        Simulator(robot("ur5"), parameters)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('type="continuous"', 'type="planar"', "joint 'turn' is of type 'planar'"),
+        ('<mass value="3"/>', "", "inertial of link 'column': a <inertial> has no <mass>"),
+        ('ixx="0.05"', 'ixx="heavy"', "inertial of link 'column': could not convert"),
+        ('rpy="1 0 0"', 'rpy="1 0"', "expected three numbers, got '1 0'"),
+    ],
+)
+def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(
+    old: str, new: str, reason: str
+) -> None:
+    assert old in ODD_ROBOT
+    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace(old, new))
+    with pytest.raises(RobotError, match=re.escape(reason)):
+        Simulator(broken, SimulatorParameters())
+
+
+# --- noise and bias ------------------------------------------------------------------
+
+
+def test_noise_has_its_deviation_and_bias_its_value() -> None:
+    bias = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
+    parameters = {
+        "noise_position": 1e-4,
+        "noise_velocity": 1e-2,
+        "noise_force": 0.5,
+        "noise_torque": 0.05,
+        "wrench_bias": tuple(bias),
+    }
+    sim = simulator("ur5", **parameters)
+    sim.reset()
+    states = [run(sim, 1) for _ in range(SAMPLES)]
+    home = np.array(robot("ur5").home)
+    for values, mean, sigma in [
+        ([s.q for s in states], home, np.full(6, 1e-4)),
+        ([s.dq for s in states], np.zeros(6), np.full(6, 1e-2)),
+        ([s.wrench for s in states], bias, np.repeat([0.5, 0.05], 3)),
+    ]:
+        assert np.all(np.abs(np.mean(values, axis=0) - mean) < MEAN * sigma)
+        assert np.std(values, axis=0) == pytest.approx(sigma, rel=DEVIATION)
+    noise = np.array([[*s.q, *s.dq, *s.wrench] for s in states])
+    correlation = np.corrcoef(noise.T) - np.eye(18)
+    assert np.abs(correlation).max() < 1.2 * MEAN  # 153 pairs
+
+
+def test_noise_follows_its_seed_and_leaves_the_motion_alone() -> None:
+    noise = {"noise_position": 1e-3, "noise_force": 1.0}
+    trajectories = []
+    for parameters in ({"seed": 1, **noise}, {"seed": 1, **noise}, {"seed": 2, **noise}, {}):
+        sim = Simulator(robot("ur5"), SimulatorParameters(**parameters))
+        sim.command_position(np.array(robot("ur5").home) + 0.1, np.zeros(6))
+        trajectories.append(np.array([run(sim, 1).q for _ in range(50)]))
+        sim.close()
+    assert np.array_equal(trajectories[0], trajectories[1])
+    assert not np.array_equal(trajectories[0], trajectories[2])
+    assert trajectories[3] == pytest.approx(trajectories[0], abs=6e-3)
+    assert np.all(trajectories[3] != trajectories[0])
+
+
+# --- the seam ------------------------------------------------------------------------
+
+
+def trajectory() -> str:
+    """Return a digest of a run with all that is simulated."""
+    sim = Simulator(
+        load_robot("ur5"),
+        SimulatorParameters(
+            control="torque", friction_viscous=0.5, friction_coulomb=1.0, noise_position=1e-4,
+            noise_force=0.1, seed=7, **TOOL,
+        ),
+    )  # fmt: skip
+    digest = hashlib.sha256()
+    for k in range(500):
+        sim.command_effort(10.0 * np.sin(0.01 * k + np.arange(6)))
+        sim.set_external_wrench([0.0, 0.0, 5.0 * (k > 250), 0.0, 0.5, 0.0])
+        digest.update(np.concatenate(dataclasses.astuple(run(sim, 1))[2:]).tobytes())
+    sim.close()
+    return digest.hexdigest()
+
+
+def test_two_processes_simulate_the_same_bits() -> None:
+    code = "from test_simulator import trajectory; print('digest', trajectory())"
+    folder = Path(__file__).parent
+    path = f"import sys; sys.path[:0] = [{str(folder)!r}, {str(folder.parent)!r}]; "
+    digests = [
+        subprocess.run(
+            [sys.executable, "-c", path + code], capture_output=True, text=True, check=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert digests[0] == digests[1]
+    assert f"digest {trajectory()}" in digests[0]
+
+
+def test_simulators_in_one_process_leave_each_other_alone() -> None:
+    alone = Simulator(robot("ur5"), SimulatorParameters())
+    target = np.array(robot("ur5").home) + 0.1
+    alone.command_position(target, np.zeros(6))
+    expected = run(alone, 50).q.tolist()
+    pair = [Simulator(robot(name), SimulatorParameters()) for name in ("ur5", "panda")]
+    pair[0].command_position(target, np.zeros(6))
+    pair[1].command_position(np.array(robot("panda").home) - 0.1, np.zeros(7))
+    for _ in range(50):
+        for sim in pair:
+            sim.step()
+    pair[1].close()
+    assert pair[0].read().q.tolist() == expected
+    pair[0].close()
+    pair[0].close()  # twice is no error
+    alone.close()
+
+
+def test_reset_starts_again_and_ends_pushes_and_commands() -> None:
+    sim = simulator("panda", control="torque", noise_position=1e-5, **TOOL)
+    sim.reset()
+    first = [sim.read(), run(sim, 5)]
+    sim.command_effort(np.full(7, 5.0))
+    sim.set_external_wrench(np.full(6, 5.0))
+    run(sim, 50)
+    sim.reset()
+    second = [sim.read(), run(sim, 5)]
+    for one, two in zip(first, second, strict=True):
+        assert (two.step, two.t) == (one.step, one.t)
+        for name in ("q", "dq", "tau", "wrench"):
+            assert getattr(two, name).tolist() == getattr(one, name).tolist(), name
+
+
+def test_reading_twice_gives_the_same_state() -> None:
+    sim = simulator("ur5", noise_position=1.0)
+    sim.reset()
+    assert sim.read() is sim.read()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        sim.read().t = 0.0  # type: ignore[misc]
+
+
+def test_a_command_is_copied() -> None:
+    sim = simulator("ur5", control="torque")
+    sim.reset()
+    tau = np.full(6, 1.0)
+    sim.command_effort(tau)
+    tau[:] = 1000.0
+    assert run(sim, 1).tau.tolist() == [1.0] * 6
+    servo, speed = simulator("ur5"), np.full(6, 0.01)
+    servo.reset()
+    servo.command_position(servo.read().q, speed)
+    speed[:] = 1.0
+    assert run(servo, 1).dq == pytest.approx(np.full(6, 0.01), abs=MOTOR_SPEED)
+
+
+def test_joint_states_tell_the_arm_first_and_the_locked_fingers_after() -> None:
+    sim = simulator("panda")
+    sim.reset()
+    state = run(sim, 3)
+    assert sim.joint_names == (
+        *robot("panda").joints,
+        "panda_finger_joint1",
+        "panda_finger_joint2",
+    )
+    for all_joints, arm in zip(sim.joint_states(), (state.q, state.dq, state.tau), strict=True):
+        assert all_joints.tolist() == [*arm.tolist(), 0.0, 0.0]
+
+
+# --- loading -------------------------------------------------------------------------
+
+
+def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    Simulator(robot("ur5"), SimulatorParameters()).close()
+    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"3"', '"x"'))
+    with pytest.raises(RobotError):
+        Simulator(broken, SimulatorParameters())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_links_that_matter_are_simulated() -> None:
+    text = simulation_urdf(robot("ur5"), SimulatorParameters().tool, stops=True, shapes=[]).text
+    arm = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
+    links = ["base_link", *(f"{name}_link" for name in arm), "world", SENSOR_LINK]
+    assert re.findall('<link name="([^"]*)"', text) == links
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_shapes_are_kept_where_they_are_asked_for(name: str) -> None:
+    no_tool = SimulatorParameters().tool
+    for shapes in ([], ["collision"], ["collision", "visual"]):
+        text = simulation_urdf(robot(name), no_tool, stops=True, shapes=shapes).text
+        for shape in ("collision", "visual"):
+            assert (f"<{shape}>" in text) == (shape in shapes)
+        for mesh in re.findall('filename="([^"]*)"', text) if shapes else ():
+            assert mesh.endswith(".so") or Path(mesh).is_file()
+
+
+def test_a_mesh_that_is_missing_matters_only_where_it_is_needed() -> None:
+    mesh = '<collision><geometry><mesh filename="package://no/such.stl"/></geometry></collision>'
+    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace("</link>", f"{mesh}</link>", 1))
+    Simulator(broken, SimulatorParameters()).close()
+    with pytest.raises(RobotError, match=r"mesh 'package://no/such\.stl' was not found"):
+        Simulator(broken, SimulatorParameters(collisions=True))

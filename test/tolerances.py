@@ -1,0 +1,89 @@
+"""The tolerances of the tests, each with its reason; rad and SI units unless said."""
+
+# --- equations -----------------------------------------------------------------------
+
+# E1, algebraic: some ten products of numbers of order 1 leave 1e-15; three decades are
+# kept for ill-conditioned samples.
+ALGEBRAIC = 1e-12
+
+# Step of the central differences: the truncation h^2 f'''/6 (2e-13) and the rounding
+# 1e-16/h (1e-10) are both far below DIFFERENCES.
+STEP = 1e-6
+
+# E1, by differences: the floor of the central differences is about 1e-9 where
+# derivatives of order 10 occur.
+DIFFERENCES = 1e-8
+
+# Relative error of a value that is computed without cancellation: 20 roundings of 2.2e-16.
+RELATIVE = 5e-15
+
+# Relative error of eta = gap / 2 at a gap of 1e-12 below pi, which the entries of R hold
+# to 1e-16 only.
+ETA_NEAR_PI = 1e-3
+
+# A printed equation that is wrong by a transposition is wrong by this much at least, at
+# angles between 30 and 150 deg: 2 sqrt(2) sin(30 deg) = 1.41 in the Frobenius norm.
+PRINTED_FAILS = 1.0
+
+# Relative error of T^-1 at 1e-5 rad from the pole: the rounding of 1e-16 over 1e-5, and
+# two decades.
+ILL_CONDITIONED = 1e-9
+
+# --- orientation errors --------------------------------------------------------------
+
+# An error delta is first order in this small rotation; what it leaves out is of order
+# SMALL_ROTATION^2, with a factor of up to 1 / sin(POLE_CLEARANCE)^2 for Euler angles.
+SMALL_ROTATION = 1e-5
+FIRST_ORDER = 1e-8
+
+# Samples "away from the pole" keep this distance: third derivatives of the angles grow
+# like 1/distance^3, and the differences must stay below DIFFERENCES.
+POLE_CLEARANCE = 0.3
+
+# A singular T or L that rounding keeps from being exactly singular has an entry of
+# 1e-16 for a zero, so that its inverse exceeds this.
+UNBOUNDED = 1e10
+
+# Two velocities that differ by a property, not by rounding, differ by more than this
+# (for gains and velocities of order 1).
+DISTINCT = 1e-2
+
+# asin is used for the distance to the pole; at 90 deg from it, asin has a vertical
+# tangent and returns half of the digits.
+ASIN = 1e-7
+
+# --- statistics ----------------------------------------------------------------------
+
+# A share of 4000 random pairs: the standard deviation is 0.8 %; this is four of them.
+SHARE_OF_PAIRS = 0.032
+
+# --- closed loops, steps of 1 ms ------------------------------------------------------
+
+# E5: abs(eta - tanh(k t/2 + c)); the explicit step leaves 5e-4 at k = 10.
+CLOSED_FORM = 1e-3
+
+# E5: V_1 never increases by more than the rounding of 2 (1 - eta).
+V_INCREASE = 1e-12
+
+# E13: relative error of the rate at which Q1 is left (the explicit step leaves 0.3 %).
+ESCAPE_RATE = 1e-2
+
+# E13: travel is 360 deg minus the first error to this [deg].
+LONG_WAY_DEG = 0.5
+
+# E14: the travel of each of the ways to choose a sign, to this [deg].
+TRAVEL_DEG = 1.0
+
+# --- E2 -------------------------------------------------------------------------------
+
+# Slope of log cond(J_A) over log delta.
+SLOPE = 0.05
+
+# Bound of cond(J) on the same path, m and rad.
+COND_J = 10.0
+
+# Residual [m, rad] of the inverse kinematics that finds a configuration of the path.
+POSE_FOUND = 1e-12
+
+# Values that a prototype gave and that are known to two or three digits.
+SEEN = 0.02
