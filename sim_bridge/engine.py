@@ -4,6 +4,8 @@ Joint vectors are (n,) in the order of ``robot.joints``: rad, rad/s, Nm (m, m/s,
 prismatic).  The root link stands at the origin of the world.
 """
 
+import os
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -154,9 +156,11 @@ class Engine:
 
 
 def _connect(parameters: SimulatorParameters) -> int:
+    if parameters.gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise SimulationError("no display for PyBullet's window; set gui to false")  # it would exit
     client = int(pybullet.connect(pybullet.GUI if parameters.gui else pybullet.DIRECT))
     if client < 0:
-        raise SimulationError("PyBullet cannot open its window; set gui to false")
+        raise SimulationError("PyBullet cannot be started")
     pybullet.setPhysicsEngineParameter(
         fixedTimeStep=1.0 / parameters.rate,
         numSolverIterations=_SOLVER_ITERATIONS,

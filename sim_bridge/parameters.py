@@ -12,6 +12,12 @@ from sim_bridge.urdf import Body
 CONTROLS = ("position", "torque")
 """A joint servo, or motors that compensate nothing."""
 
+_SIZES = {"gravity": 3, "tool_com": 3, "tool_inertia": 6, "wrench_bias": 6}
+_NOT_NEGATIVE = ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
+                 "noise_velocity", "noise_force", "noise_torque")  # fmt: skip
+
+_ROUNDING = 1e-12  # of a principal moment that is zero, relative to the largest
+
 _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
@@ -61,33 +67,25 @@ class SimulatorParameters:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _require(
-            self.control in CONTROLS, f"control must be one of {CONTROLS}, got {self.control!r}"
-        )
-        for name, size in {
-            "gravity": 3,
-            "tool_com": 3,
-            "tool_inertia": 6,
-            "wrench_bias": 6,
-        }.items():
+        control, bandwidth = self.control, self.servo_bandwidth
+        _require(control in CONTROLS, f"control must be one of {CONTROLS}, got {control!r}")
+        for name, size in _SIZES.items():
             _require(np.shape(getattr(self, name)) == (size,), f"{name} must be {size} numbers")
             _require(np.isfinite(getattr(self, name)).all(), f"{name} must be finite")
         for name in ("rate", "servo_bandwidth"):
             _require(0.0 < getattr(self, name) < np.inf, f"{name} must be positive")
         _require(
-            self.servo_bandwidth <= self.rate,
-            f"servo_bandwidth {self.servo_bandwidth} rad/s must not exceed the rate {self.rate} Hz",
+            bandwidth <= self.rate,
+            f"servo_bandwidth {bandwidth} rad/s must not exceed the rate {self.rate} Hz",
         )
-        for name in ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
-                     "noise_velocity", "noise_force", "noise_torque"):  # fmt: skip
+        for name in _NOT_NEGATIVE:
             value = np.asarray(getattr(self, name))
             _require(bool(np.all((value >= 0.0) & (value < np.inf))), f"{name} must be 0 or more")
-        inertia = np.linalg.eigvalsh(self.tool.inertia)
-        _require(inertia[0] >= 0.0, f"tool_inertia has a negative principal moment: {inertia}")
-        _require(
-            self.tool_mass > 0.0 or not np.any(self.tool_inertia),
-            "tool_inertia is given without tool_mass",
-        )
+        moments = np.linalg.eigvalsh(self.tool.inertia)
+        possible = moments[0] >= -_ROUNDING * moments[-1]
+        _require(possible, f"tool_inertia has a negative principal moment: {moments}")
+        stray = self.tool_mass == 0.0 and np.any(self.tool_inertia)
+        _require(not stray, "tool_inertia is given without tool_mass")
 
     @property
     def tool(self) -> Body:

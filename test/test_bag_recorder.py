@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import queue
+import resource
 import signal
 import subprocess
 import sys
@@ -110,6 +111,10 @@ class Process:
         with contextlib.suppress(AssertionError):
             self.expect("\0 never printed")
         return self._child.wait(timeout=PATIENCE)
+
+    def limit_files(self, size: int) -> None:
+        """Let writes beyond ``size`` bytes of a file fail, as on a full disk."""
+        resource.prlimit(self._child.pid, resource.RLIMIT_FSIZE, (size, size))
 
     def kill(self) -> None:
         self._child.kill()
@@ -403,11 +408,9 @@ def test_two_types_on_a_topic_are_refused_with_both(
 def test_a_full_disk_ends_the_recorder_with_one_line(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:
-    limited = "import resource as r, runpy; r.setrlimit(r.RLIMIT_FSIZE, (200_000, 200_000)); "
-    module = "runpy.run_module('eulerparams_control.bags.recorder', run_name='__main__')"
-    options = ["-r", "__ns:=/arm", "-p", f"output:={tmp_path}/bag", "-p", "topics:=[joint_states]"]
-    recorder = start(sys.executable, "-c", limited + module, "--ros-args", *options)
+    recorder = record(start, tmp_path / "bag", "joint_states")
     recorder.expect("recording 1 topics")
+    recorder.limit_files(200_000)
     robot.do(
         "wait_until(states.get_subscription_count)\n"
         "for number in range(3000):\n"
@@ -421,12 +424,14 @@ def test_a_full_disk_ends_the_recorder_with_one_line(
     assert 0 < len(numbers) == numbers[-1] + 1
 
 
-def test_the_configuration_that_is_shipped_is_valid(start: Start, tmp_path: Path) -> None:
+def test_the_configuration_that_is_shipped_is_valid(
+    start: Start, robot: Process, tmp_path: Path
+) -> None:
     path = ROOT / "config/bag_recorder.yaml"
     settings = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
     assert settings.keys() == {"output", "include_hidden", "depth"}
     options = ["--params-file", path, "-p", f"output:={tmp_path}/bag"]
     recorder = start(*RECORDER, "--ros-args", *options)
-    recorder.expect("")
+    recorder.expect("recording /arm/joint_states")
     assert recorder.stop() == 0
     assert (tmp_path / "bag/metadata.yaml").exists()

@@ -644,6 +644,13 @@ def test_an_impossible_parameter_is_refused_with_the_bound(
         SimulatorParameters(**values)
 
 
+def test_a_window_without_a_display_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(SimulationError, match="no display for PyBullet's window"):
+        Simulator(robot("ur5"), SimulatorParameters(gui=True))
+
+
 def test_a_friction_of_another_number_of_joints_is_refused() -> None:
     parameters = SimulatorParameters(friction_viscous=(1.0, 1.0))
     with pytest.raises(ConfigurationError, match="friction_viscous must be one number or 6"):
