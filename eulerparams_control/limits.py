@@ -37,9 +37,17 @@ class JointLimits:
             dq: (n,) velocities wanted; finite.
             dt: time that dq will last [s]; positive.
         """
-        excess = float(np.max(np.abs(dq) / self.velocity))
+        speed = np.abs(dq)
+        slack = dt * speed
+        if not (
+            (speed > self.velocity).any()
+            or (q + slack > self.upper).any()
+            or (q - slack < self.lower).any()
+        ):
+            return dq, False
+        excess = float((speed / self.velocity).max())
         slowed = dq / excess if excess > 1 else dq
         low = np.minimum((self.lower - q) / dt, 0.0)  # outside already: inwards is allowed
         high = np.maximum((self.upper - q) / dt, 0.0)
         limited = np.clip(slowed, low, high)
-        return limited, bool(np.any(limited != dq))
+        return limited, bool((limited != dq).any())

@@ -20,11 +20,11 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.rotations import (
     Array,
     R_angle_axis,
+    body_rates,
     cross,
     exp,
     log,
     right_jacobian,
-    right_jacobian_rate,
 )
 
 _ZERO = np.zeros(3)
@@ -58,23 +58,21 @@ class _Segment:
 
     def __init__(self, start: DesiredFrame, end: DesiredFrame, duration: float) -> None:
         self.R_0 = start.R_d
-        self.p = _quintic(
-            (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
-        )
-        self.x = _quintic(
-            (np.zeros(3), start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d),
-            _rotation_vector_at_end(start, end),
-            duration,
+        begin = (np.zeros(3), start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d)
+        self.coefficients = np.hstack(
+            [
+                _quintic(
+                    (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
+                ),
+                _quintic(begin, _rotation_vector_at_end(start, end), duration),
+            ]
         )
 
     def sample(self, t: float) -> DesiredFrame:
-        p_d, dp_d, ddp_d = _evaluate(self.p, t)
-        x, dx, ddx = _evaluate(self.x, t)
-        R_d = self.R_0 @ exp(x)
-        J_r = right_jacobian(x)
-        omega = J_r @ dx  # in the desired frame
-        domega = J_r @ ddx + right_jacobian_rate(x, dx) @ dx
-        return DesiredFrame(p_d, R_d, dp_d, R_d @ omega, ddp_d, R_d @ domega)
+        row, drow, ddrow = _powers(t) @ self.coefficients
+        R_d = self.R_0 @ exp(row[3:])
+        omega, domega = body_rates(row[3:], drow[3:], ddrow[3:])  # in the desired frame
+        return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
 
 
 def _rotation_vector_at_end(
@@ -84,8 +82,8 @@ def _rotation_vector_at_end(
     x = log(start.R_d.T @ end.R_d)
     J_r = right_jacobian(x)
     dx = np.linalg.solve(J_r, end.R_d.T @ end.omega_d)
-    domega = end.R_d.T @ end.domega_d
-    return x, dx, np.linalg.solve(J_r, domega - right_jacobian_rate(x, dx) @ dx)
+    _, dJ_dx = body_rates(x, dx, np.zeros(3))
+    return x, dx, np.linalg.solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
 
 
 def _quintic(
@@ -109,18 +107,17 @@ def _quintic(
     )
 
 
-def _evaluate(coefficients: Array, t: float) -> tuple[Array, Array, Array]:
-    """Return value, rate and acceleration (3,) of the polynomial at t."""
-    t2, t3 = t * t, t * t * t
-    powers = np.array(
+def _powers(t: float) -> Array:
+    """Return the matrix (3, 6) that makes value, rate and acceleration of coefficients."""
+    t2 = t * t
+    t3 = t2 * t
+    return np.array(
         [
             [1.0, t, t2, t3, t2 * t2, t2 * t3],
             [0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t2 * t2],
             [0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3],
         ]
     )
-    x, dx, ddx = powers @ coefficients
-    return x, dx, ddx
 
 
 class Trajectory:

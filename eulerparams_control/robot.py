@@ -78,6 +78,7 @@ class Robot:
         self._model = _reduced_model(urdf, self.joints)
         self._data = self._model.createData()
         self._tip = self._model.getFrameId(self.tip_frame)
+        self._placement = self._data.oMf[self._tip]  # a view of what Pinocchio computes
         self._R_base, self._p_base = self._base_placement()
         self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
@@ -90,11 +91,9 @@ class Robot:
         """
         if q.shape != (self.n,) or dq.shape != (self.n,):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
-        J = pin.computeFrameJacobian(
-            self._model, self._data, self._configuration(q), self._tip, _REFERENCE
-        )
-        placement = self._data.oMf[self._tip]
-        p_e, R_e = placement.translation.copy(), placement.rotation.copy()
+        configuration = self._configuration(q)
+        J = pin.computeFrameJacobian(self._model, self._data, configuration, self._tip, _REFERENCE)
+        p_e, R_e = self._placement.translation.copy(), self._placement.rotation.copy()
         if not self._base_is_root:
             p_e, R_e = self._R_base.T @ (p_e - self._p_base), self._R_base.T @ R_e
             J = np.vstack([self._R_base.T @ J[:3], self._R_base.T @ J[3:]])

@@ -50,7 +50,8 @@ def R_angle_axis(theta: float, r: Array) -> Array:
 
     The printed eq. (4) has -sin(theta) S(r), which is R transposed (erratum).
     """
-    return math.cos(theta) * np.eye(3) + (1 - math.cos(theta)) * np.outer(r, r) + math.sin(theta) * S(r)
+    c, s = math.cos(theta), math.sin(theta)
+    return c * np.eye(3) + (1 - c) * np.outer(r, r) + s * S(r)
 
 
 class EulerParameters(NamedTuple):
@@ -97,8 +98,15 @@ class EulerParameters(NamedTuple):
 
         The printed eq. (7) has -2 eta S(eps), which is R transposed (erratum).
         """
-        eta, eps = self
-        return (eta**2 - eps @ eps) * np.eye(3) + 2 * np.outer(eps, eps) + 2 * eta * S(eps)
+        eta, (x, y, z) = self.eta, self.eps.tolist()
+        d = eta * eta - (x * x + y * y + z * z)  # (eta^2 - eps' eps) I + 2 eps eps' + 2 eta S(eps)
+        return np.array(
+            [
+                [d + 2 * x * x, 2 * (x * y - eta * z), 2 * (x * z + eta * y)],
+                [2 * (x * y + eta * z), d + 2 * y * y, 2 * (y * z - eta * x)],
+                [2 * (x * z - eta * y), 2 * (y * z + eta * x), d + 2 * z * z],
+            ]
+        )
 
     @property
     def E(self) -> Array:
@@ -155,10 +163,8 @@ def propagation(Q: EulerParameters, omega: Array) -> tuple[float, Array]:
 def exp(x: Array) -> Array:
     """Return R (3, 3) of the rotation vector x = theta r (3,) [rad]."""
     theta = math.sqrt(x @ x)
-    if theta < SMALL_ANGLE:
-        half = 0.5 - theta**2 / 48  # sin(theta / 2) / theta
-    else:
-        half = math.sin(theta / 2) / theta
+    # sin(theta / 2) / theta
+    half = math.sin(theta / 2) / theta if theta > SMALL_ANGLE else 0.5 - theta**2 / 48
     return EulerParameters(math.cos(theta / 2), half * x).R
 
 
@@ -182,31 +188,40 @@ def right_jacobian(x: Array) -> Array:
     Of R = exp(x), x = theta r (3,) [rad]: J_r = I - a S(x) + b S(x)^2 with
     a = (1 - cos(theta)) / theta^2 and b = (theta - sin(theta)) / theta^3.
     """
-    (a, b), _ = _jacobian_coefficients(math.sqrt(x @ x))
+    a, b, _, _ = _jacobian_coefficients(math.sqrt(x @ x))
     Sx = S(x)
     return np.eye(3) - a * Sx + b * (Sx @ Sx)
 
 
-def right_jacobian_rate(x: Array, dx: Array) -> Array:
-    """Return the time derivative of J_r(x) (3, 3) [1/s] along dx (3,) [rad/s]."""
-    (a, b), (da, db) = _jacobian_coefficients(math.sqrt(x @ x))  # da, db: d/dtheta over theta
-    rate = float(x @ dx)  # theta dtheta
-    Sx, Sdx = S(x), S(dx)
-    return -a * Sdx + b * (Sdx @ Sx + Sx @ Sdx) + rate * (db * (Sx @ Sx) - da * Sx)
+def body_rates(x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+    """Return angular velocity and acceleration of R = exp(x) in the turned frame.
+
+    They are J_r dx and J_r ddx + dJ_r dx, with dJ_r the time derivative of J_r.
+
+    Args:
+        x, dx, ddx: (3,) rotation vector and its derivatives [rad, rad/s, rad/s^2].
+    """
+    a, b, da, db = _jacobian_coefficients(math.sqrt(x @ x))
+    theta_dtheta = float(x @ dx)
+    x_dx, x_ddx = cross(x, dx), cross(x, ddx)
+    x_x_dx = cross(x, x_dx)
+    omega = dx - a * x_dx + b * x_x_dx
+    dJ_dx = b * cross(dx, x_dx) + theta_dtheta * (db * x_x_dx - da * x_dx)
+    return omega, ddx - a * x_ddx + b * cross(x, x_ddx) + dJ_dx
 
 
-def _jacobian_coefficients(theta: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return (a, b) of J_r and (a'(theta) / theta, b'(theta) / theta)."""
+def _jacobian_coefficients(theta: float) -> tuple[float, float, float, float]:
+    """Return a, b of J_r and a'(theta) / theta, b'(theta) / theta."""
     t2 = theta * theta
     if theta < SMALL_JACOBIAN_ANGLE:
         a = 1 / 2 - t2 / 24 + t2**2 / 720 - t2**3 / 40320
         b = 1 / 6 - t2 / 120 + t2**2 / 5040 - t2**3 / 362880
         da = -1 / 12 + t2 / 180 - t2**2 / 6720 + t2**3 / 453600
         db = -1 / 60 + t2 / 1260 - t2**2 / 60480 + t2**3 / 4989600
-        return (a, b), (da, db)
+        return a, b, da, db
     sin, cos = math.sin(theta), math.cos(theta)
     a, b = (1 - cos) / t2, (theta - sin) / (t2 * theta)
-    return (a, b), ((sin / theta - 2 * a) / t2, ((1 - cos) / t2 - 3 * b) / t2)
+    return a, b, (sin / theta - 2 * a) / t2, ((1 - cos) / t2 - 3 * b) / t2
 
 
 def angle_between(R_1: Array, R_2: Array) -> float:

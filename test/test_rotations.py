@@ -33,6 +33,7 @@ from eulerparams_control.rotations import (
     R_axis,
     S,
     angle_between,
+    body_rates,
     cross,
     exp,
     log,
@@ -41,7 +42,6 @@ from eulerparams_control.rotations import (
     product,
     propagation,
     right_jacobian,
-    right_jacobian_rate,
     rotation_vector,
 )
 
@@ -444,19 +444,20 @@ def test_the_right_jacobian_gives_the_angular_velocity_in_the_turned_frame(theta
 
 
 @pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
-def test_the_rate_of_the_right_jacobian_is_its_derivative(theta):
-    for r, dx in zip(unit_vectors(20), vectors(20), strict=True):
+def test_the_body_rates_are_those_of_the_right_jacobian_and_its_derivative(theta):
+    for r, dx, ddx in zip(unit_vectors(20), vectors(20), vectors(20)[::-1], strict=True):
         x = theta * r
-        expected = derivative(lambda t, x=x, dx=dx: series_of_the_right_jacobian(x + t * dx))
-        rate = right_jacobian_rate(x, dx)
-        np.testing.assert_allclose(rate, expected, rtol=0, atol=DIFFERENCES)
+        dJ_r = derivative(lambda t, x=x, dx=dx: series_of_the_right_jacobian(x + t * dx))
+        J_r = series_of_the_right_jacobian(x)
+        omega, domega = body_rates(x, dx, ddx)
+        np.testing.assert_allclose(omega, J_r @ dx, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(domega, J_r @ ddx + dJ_r @ dx, rtol=0, atol=DIFFERENCES)
 
 
-def test_the_rate_of_the_right_jacobian_does_not_jump_where_its_series_ends():
+def test_the_body_rates_do_not_jump_where_the_series_ends():
     for r, dx in zip(unit_vectors(50), vectors(50), strict=True):
         below, above = (
-            right_jacobian_rate(SMALL_JACOBIAN_ANGLE * (1 + side) * r, dx)
-            for side in (-1e-14, 1e-14)
+            body_rates(SMALL_JACOBIAN_ANGLE * (1 + side) * r, dx, dx) for side in (-1e-14, 1e-14)
         )
         np.testing.assert_allclose(below, above, rtol=0, atol=ALGEBRAIC)
 

@@ -78,6 +78,8 @@ class BagRecorder(Node):
         Raises:
             BagError: if it could not be recorded or made whole.
         """
+        for subscription in self._recorded.values():
+            self._drain(subscription)
         if self._error is None:
             self._store_parameters()
         self._bag.close()
@@ -179,6 +181,15 @@ class BagRecorder(Node):
         subscription._callback_type = Subscription.CallbackType.WithMessageInfo
         self._recorded[name] = subscription
         self._ask(publishers)
+
+    def _drain(self, subscription: Subscription) -> None:
+        """Store what has arrived but was not handed over when the executor stopped."""
+        with subscription.handle as handle:
+            for _ in range(self._options.depth):
+                received = handle.take_message(subscription.msg_type, subscription.raw)
+                if received is None or self._error is not None:
+                    break
+                subscription.callback(received)
 
     def _on_lost(self, event: Any) -> None:
         self._lost += event.total_count_change
