@@ -17,7 +17,7 @@ def tick_call(robot: Robot, q: np.ndarray, orientation: str, moving: bool = Fals
     law = ClikLaw(representation(orientation))
     controller = Controller(Clik(robot, law, limits=robot.limits), ControllerOptions(), q)
     frame = controller.scheme.start_frame()
-    circle = Circle(0.02, np.array([1.0, 0.0, 0.0]), 4.0, 1e5)
+    circle = Circle(0.02, np.array([1.0, 0.0, 0.0]), 4.0, 50.0)
     if moving:
         controller.follow(circle.trajectory(frame.p_d, frame.R_d, 60), None)
     else:

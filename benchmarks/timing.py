@@ -8,7 +8,7 @@ import numpy as np
 Calls = dict[str, Callable[[], object]]
 
 
-def side_by_side(calls: Calls, repeat: int = 300, loops: int = 50) -> dict[str, float]:
+def side_by_side(calls: Calls, repeat: int = 200, loops: int = 20) -> dict[str, float]:
     """Return the median time [s] of each call, measured in turn in one run."""
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(repeat):

@@ -233,6 +233,23 @@ def test_ten_topics_at_1_khz_lose_nothing(start: Start, robot: Process, tmp_path
         assert numbers == list(range(2000))
 
 
+def test_what_has_arrived_is_stored_before_the_recorder_ends(
+    start: Start, robot: Process, tmp_path: Path
+) -> None:
+    robot.do("burst = node.create_publisher(JointState, 'burst', QoSProfile(depth=8000))")
+    recorder = record(start, tmp_path / "bag", "burst")
+    recorder.expect("recording 1 topics")
+    robot.do(
+        "wait_until(burst.get_subscription_count)\n"
+        "for number in range(8000):\n"
+        "    burst.publish(state(number))\n"
+        "burst.wait_for_all_acked(rclpy.duration.Duration(seconds=60))"
+    )
+    assert recorder.stop() == 0
+    numbers = [message.message.position[0] for message in Bag(tmp_path / "bag").messages()]
+    assert numbers == list(range(8000))
+
+
 def test_a_listed_topic_is_waited_for_and_named(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:

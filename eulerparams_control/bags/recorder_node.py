@@ -184,7 +184,8 @@ class BagRecorder(Node):
 
     def _drain(self, subscription: Subscription) -> None:
         """Store what has arrived but was not handed over when the executor stopped."""
-        with subscription.handle as handle:
+        handle = subscription.handle
+        with handle:
             for _ in range(self._options.depth):
                 received = handle.take_message(subscription.msg_type, subscription.raw)
                 if received is None or self._error is not None:

@@ -52,12 +52,15 @@ class Nodes:
 
     Args:
         folder: for their parameter files and logs.
+
+    Attributes:
+        environment: of the processes; names the domain.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._environment = {
+        self.environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(free_domain()),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -77,18 +80,18 @@ class Nodes:
     ) -> None:
         self.stop(*reversed(list(self._processes)))
 
-    def start(self, executable: str, parameters: dict[str, Any]) -> None:
+    def start(self, executable: str, parameters: dict[str, Any], namespace: str = "/") -> None:
         """Start a node with its parameters."""
         file = self._folder / f"{executable}.yaml"
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), encoding="utf-8")
         command = [sys.executable, "-m", module_of(executable)]
         with open(self._log(executable), "wb") as log:
             self._processes[executable] = subprocess.Popen(
-                [*command, "--ros-args", "--params-file", str(file)],
+                [*command, "--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}"],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=self._environment,
+                env=self.environment,
                 start_new_session=True,  # a Ctrl-C in the terminal is ours to pass on
             )
 
