@@ -92,6 +92,18 @@ def rewritten(folder: Path, data: bytes) -> Path:
     return folder
 
 
+CHUNK, DATA_END, MESSAGE_INDEX = 6, 15, 7  # opcodes
+
+
+def frames(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, first byte and end of each record of a whole file."""
+    at = 8
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        yield opcode, at, at + 9 + length
+        at += 9 + length
+
+
 # --- what is written -----------------------------------------------------------------
 
 
@@ -150,8 +162,11 @@ def test_metadata_yaml_has_every_key_of_version_9(small_bag: Path) -> None:
     }
 
 
-def test_yaml_has_no_anchors_that_other_readers_may_not_know(small_bag: Path) -> None:
-    assert "&" not in (small_bag / "metadata.yaml").read_text()
+def test_yaml_has_no_anchors_that_other_readers_may_not_know(tmp_path: Path) -> None:
+    profile = qos_profile()
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic(Topic("/same", STRING, "", (profile, profile)))
+    assert "&" not in (tmp_path / "bag/metadata.yaml").read_text()
 
 
 def test_the_file_holds_the_records_that_rosbag2_writes(small_bag: Path) -> None:
@@ -322,6 +337,13 @@ def test_a_topic_that_is_not_there_is_refused_with_the_nearest_name(small_bag: P
         Bag(small_bag).read_raw(["/arm/joint_state"])
 
 
+@pytest.mark.parametrize("text", ["[1, 2]", "", "a string"])
+def test_parameters_of_another_form_are_none(tmp_path: Path, text: str) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.attach("parameters.yaml", text)
+    assert Bag(tmp_path / "bag").parameters() == {}
+
+
 def test_two_robots_need_the_name_of_their_topic(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for side in ("left", "right"):
@@ -482,6 +504,72 @@ def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(
     assert [m.message.position[0] for m in Bag(bag).messages([STATES.name])] == numbers
 
 
+def test_zeros_that_a_power_cut_left_are_cut_off(small_bag: Path, tmp_path: Path) -> None:
+    data = mcap_of(small_bag).read_bytes()
+    end = max(end for code, _, end in frames(data) if code == CHUNK)
+    bag = rewritten(tmp_path / "bag", data[:end] + bytes(5000))
+    result = recover(bag)
+    assert (result.messages, result.lost, result.kept) == (102, ["the last 5000 bytes"], [])
+
+
+def test_a_damaged_index_is_not_believed(small_bag: Path, tmp_path: Path) -> None:
+    data = mcap_of(small_bag).read_bytes()
+    at = data.rindex(STATES.name.encode())
+    bag = rewritten(tmp_path / "bag", data[:at] + b"#" + data[at + 1 :])
+    assert Bag(bag).topics == Bag(small_bag).topics
+
+
+def test_damaged_parameters_are_refused(small_bag: Path, tmp_path: Path) -> None:
+    data = mcap_of(small_bag).read_bytes()
+    bag = rewritten(tmp_path / "bag", data.replace(b"k_Pp: 100.0", b"k_Pp: 900.0"))
+    with pytest.raises(BagError, match=r"attachment .* is damaged: its checksum is wrong"):
+        Bag(bag).parameters()
+    assert "left out the attachment" in str(recover(bag))
+    assert Bag(bag).parameters() == {}
+
+
+def test_messages_that_are_missing_are_told(small_bag: Path, tmp_path: Path) -> None:
+    data = bytearray(mcap_of(small_bag).read_bytes())
+    chunks = [begin for code, begin, _ in frames(bytes(data)) if code == CHUNK]
+    data[chunks[2]] = MESSAGE_INDEX  # no checksum covers the opcode
+    bag = Bag(rewritten(tmp_path / "bag", bytes(data)))
+    assert len(list(bag.read_raw())) == 82
+    assert bag.warning.endswith("left out 20 messages")
+    assert recover(bag.path).lost == ["20 messages"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("channel", 999, "1 messages of topics whose description is lost"),
+        ("length", 5000, "a record does not fit into its chunk"),
+    ],
+)
+def test_impossible_fields_are_found_without_checksums(
+    tmp_path: Path, field: str, value: int, words: str
+) -> None:
+    with open(mcap_of(tmp_path), "wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start("ros2")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        # rosbag2 of old left this field empty, others may break it
+        channel = writer.register_channel("/s", "cdr", schema, {"offered_qos_profiles": "{"})
+        for number in range(3):
+            writer.add_message(channel, START, joint_state(number), START)
+        writer.flush()
+    data = bytearray(mcap_of(tmp_path).read_bytes())
+    body = data.index(joint_state(2)) - 22
+    if field == "channel":
+        struct.pack_into("<H", data, body, value)
+    else:
+        struct.pack_into("<Q", data, body - 8, value)
+    mcap_of(tmp_path).write_bytes(data)
+    bag = Bag(tmp_path)
+    assert [message.data for message in bag.read_raw()] == [joint_state(0), joint_state(1)]
+    assert words in bag.warning
+    assert recover(tmp_path).messages == 2
+
+
 def test_recovery_refuses_a_bag_that_is_being_recorded(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag"), pytest.raises(BagError, match="is being recorded"):
         recover(tmp_path / "bag")
@@ -524,16 +612,16 @@ def test_a_full_disk_costs_the_last_chunk_and_is_told(tmp_path: Path) -> None:
             bag.write(STATES.name, state, START + number, START)
 
     words = r"cannot write .*/bag_0.mcap: .*make room, then run: bag_recorder --recover .*/bag$"
-    with file_size_limit(300_000):
-        with pytest.raises(BagError, match=words):
-            fill()
-        with pytest.raises(BagError, match=words):
-            bag.flush()
+    with file_size_limit(300_000), pytest.raises(BagError, match=words):
+        fill()
+    with pytest.raises(BagError, match=words):
+        bag.flush()  # although there is room again: a chunk is missing
     written = bag.contents.message_count
     bag.close()
     left = Bag(tmp_path / "bag")
     count = left.topics[STATES.name].count
     assert left.truncated
+    assert left.warning.endswith("was not finished")  # it ends with a whole record
     assert 0 < written - count <= 64 * 1024 / len(state)
     assert mcap_of(tmp_path / "bag").stat().st_size > 300_000 - 80_000
     assert [m.log_time - START for m in left.read_raw()] == list(range(count))
@@ -554,16 +642,6 @@ def test_a_full_disk_stops_recovery_without_loss(small_bag: Path, tmp_path: Path
 anything = settings(
     max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-CHUNK, DATA_END, MESSAGE_INDEX = 6, 15, 7
-
-
-def frames(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, first byte and end of each record of a whole file."""
-    at = 8
-    while at < len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, at)
-        yield opcode, at, at + 9 + length
-        at += 9 + length
 
 
 def decoded_or_refused(bag: Bag) -> None:

@@ -1,0 +1,1 @@
+"""Recorded runs as numbers, tables and a page; needs no ROS."""

@@ -1,7 +1,143 @@
-"""The page of an experiment."""
+"""One HTML page of runs: it opens offline, and needs nothing but a browser.
 
+What comes from a bag is never trusted: text is escaped where it enters the page, and a
+content security policy forbids the page to load anything.
+"""
+
+from collections.abc import Sequence
+from html import escape
+from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
+
+from eulerparams_control.analysis.figures import Panel, panels
+from eulerparams_control.analysis.page_assets import SCRIPT, STYLE
+from eulerparams_control.analysis.page_tables import criteria, numbers, parameters
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.sentence import describe
+from eulerparams_control.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from eulerparams_control.experiments.criteria import Verdict
+
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:"
+)
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style>
+</head>
+<body>
+<header>
+<h1>{sentence}</h1>
+{claim}
+{warnings}
+</header>
+{body}
+<script type="application/json" id="figures">{figures}</script>
+<script>{plotly}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
 
 
-def write_page(path, recordings, claim, sentence, verdicts):
-    Path(path).write_text("stub")
+def write_page(
+    path: str | PathLike[str],
+    recordings: Sequence[Recording],
+    claim: str,
+    sentence: str,
+    verdicts: Sequence["Verdict"] = (),
+) -> None:
+    """Write the page of some runs.
+
+    Args:
+        path: of the HTML file; its folder is made.
+        recordings: the runs, at least one.
+        claim: what they are to show; "" if nothing.
+        sentence: what they show, with numbers; "" describes them.
+        verdicts: on the criteria; () if there are none.
+
+    Raises:
+        ConfigurationError: if the file cannot be written.
+    """
+    drawn = panels(recordings)
+    sentence = sentence or describe(recordings)
+    text = _PAGE.format(
+        policy=_POLICY,
+        title=escape(sentence),
+        style=STYLE,
+        sentence=escape(sentence),
+        claim=_claim(claim, verdicts),
+        warnings="\n".join(_warning(r.warning) for r in recordings if r.warning),
+        body=_body(drawn, recordings, verdicts),
+        figures=_figures(drawn),
+        plotly=get_plotlyjs(),
+        script=SCRIPT,
+    )
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"cannot write the page {path}: {error.strerror}") from error
+
+
+def _claim(claim: str, verdicts: Sequence["Verdict"]) -> str:
+    text = escape(" ".join(claim.split()))
+    if verdicts:
+        met = sum(verdict.met for verdict in verdicts)
+        kind = "yes" if met == len(verdicts) else "no"
+        text += f' <span class="{kind}">{met} of {len(verdicts)} criteria met.</span>'
+    return f'<p class="claim">{text}</p>' if text else ""
+
+
+def _warning(text: str) -> str:
+    return f'<p class="warning">Incomplete recording: {escape(text)}</p>'
+
+
+def _body(
+    drawn: Sequence[Panel], recordings: Sequence[Recording], verdicts: Sequence["Verdict"]
+) -> str:
+    first, *others, joints = drawn
+    sections = [
+        _figure(first),
+        f'<p class="note">{_HINT}</p>',
+        criteria(verdicts),
+        "<h2>Why</h2>",
+        f'<div class="plots">{"".join(map(_figure, others))}</div>',
+        "<h2>Numbers</h2>",
+        numbers(recordings),
+        _figure(joints),
+        "<h2>Parameters</h2>",
+        parameters(recordings),
+    ]
+    return "\n".join(sections)
+
+
+_HINT = (
+    "Shaded: within 5 deg of the pole of the Euler angles. Drag to zoom, double-click to return: "
+    "all plots follow. Click a name to hide its run."
+)
+
+
+def _figure(panel: Panel) -> str:
+    return (
+        f"<figure><h3>{escape(panel.title)}</h3>"
+        f'<div class="plot" style="height:{panel.height}px"></div>'
+        f"<figcaption>{escape(panel.caption)}</figcaption></figure>"
+    )
+
+
+def _figures(drawn: Sequence[Panel]) -> str:
+    """Return the plots as JSON that cannot end the script element that it stands in."""
+    text = ",".join(panel.figure.to_json() for panel in drawn)
+    return f"[{text}]".replace("<", "\\u003c")

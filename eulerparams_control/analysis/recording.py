@@ -17,11 +17,10 @@ import numpy as np
 
 from eulerparams_control.bags.reader import Bag, DecodedMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
-from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
 from eulerparams_control.motion import DesiredFrame, DesiredMotion
 from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.robot import Robot, RobotState
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array, angle_between
 
 _LASTING = 0.1  # [s] for which a streamed frame holds its twist: the controllers' default
@@ -45,19 +44,23 @@ class Series:
     desired: Sequence[DesiredFrame | None]
 
     @cached_property
-    def states(self) -> list[RobotState]:
-        """Kinematics at each instant."""
-        return [self.robot.state(q, dq) for q, dq in zip(self.q, self.dq, strict=True)]
+    def _kinematics(self) -> tuple[Array, Array, Array]:
+        """(N, 3) [m], (N, 3, 3) position and orientation of the tip, and (N, 6, n) J."""
+        states = map(self.robot.state, self.q, self.dq)
+        p, R, J = zip(*((state.p_e, state.R_e, state.J) for state in states), strict=True)
+        return np.array(p), np.array(R), np.array(J)
 
     @cached_property
     def position_error(self) -> Array:
         """(N,) [m] distance of the tip from the desired one; NaN where there is none."""
-        return np.array([_distance(d, s) for d, s in zip(self.desired, self.states, strict=True)])
+        pairs = zip(self.desired, self._kinematics[0], strict=True)
+        return np.array([np.nan if d is None else np.linalg.norm(d.p_d - p) for d, p in pairs])
 
     @cached_property
     def orientation_error(self) -> Array:
         """(N,) [rad] angle of the tip from the desired one; NaN where there is none."""
-        return np.array([_angle(d, s) for d, s in zip(self.desired, self.states, strict=True)])
+        pairs = zip(self.desired, self._kinematics[1], strict=True)
+        return np.array([np.nan if d is None else angle_between(d.R_d, R) for d, R in pairs])
 
     @cached_property
     def joint_speed(self) -> Array:
@@ -67,11 +70,11 @@ class Series:
     @cached_property
     def smallest_singular_value(self) -> Array:
         """(N,) smallest singular value of J: distance to the kinematic singularities."""
-        return np.array([smallest_singular_value(state.J) for state in self.states])
+        return np.linalg.svd(self._kinematics[2], compute_uv=False)[:, -1]
 
     def pole_distance(self, sequence: EulerSequence) -> Array:
         """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
-        return np.array([sequence.pole_distance(state.R_e) for state in self.states])
+        return np.array([sequence.pole_distance(R) for R in self._kinematics[1]])
 
 
 @dataclass(frozen=True)
@@ -125,12 +128,33 @@ class Recording:
     @property
     def name(self) -> str:
         """The name of the bag's folder."""
-        return self.path.name
+        return self.path.resolve().name
+
+    @cached_property
+    def servo_lag(self) -> tuple[Array, Array]:
+        """Times (M,) [s], largest angle (M,) [rad] of a joint between command and measurement.
+
+        At the stamps that both have; empty without a command.
+        """
+        if self.command is None:
+            return np.zeros(0), np.zeros(0)
+        t, i, j = np.intersect1d(self.command.t, self.measured.t, return_indices=True)
+        return t, np.abs(self.command.q[i] - self.measured.q[j]).max(axis=1, initial=0.0)
 
     @property
     def leading(self) -> Series:
         """What the controller answers for: its command, else the measured motion."""
         return self.command or self.measured
+
+    @property
+    def sequence(self) -> EulerSequence:
+        """The sequence of Euler angles of its parameters; XYZ if they name none."""
+        return EulerSequence(str(self.parameter("euler_sequence", "XYZ")))
+
+    @cached_property
+    def pole_distance(self) -> Array:
+        """(N,) [rad] angle to the pole of ``sequence``, of the leading series."""
+        return self.leading.pole_distance(self.sequence)
 
     def parameter(self, name: str, default: Any = None) -> Any:
         """Return the parameter of that name of the first node that has it."""
@@ -140,14 +164,25 @@ class Recording:
         return default
 
 
+_TYPES = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "joint_reference": "sensor_msgs/msg/JointState",
+    "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+}
+
+
 class _Topics:
-    """The topics of a bag by the last part of their names."""
+    """The topics of a bag by the last part of their names; those of another type are not meant."""
 
     def __init__(self, bag: Bag) -> None:
         self._bag = bag
 
     def messages(self, name: str) -> Iterator[DecodedMessage]:
-        names = [topic for topic in self._bag.topics if topic.rsplit("/", 1)[-1] == name]
+        names = [
+            topic
+            for topic, info in self._bag.topics.items()
+            if topic.rsplit("/", 1)[-1] == name and info.type == _TYPES[name]
+        ]
         if len(names) > 1:
             raise BagError(f"{self._bag.path} has several topics {name}: {', '.join(names)}")
         return self._bag.messages(names) if names else iter(())
@@ -220,20 +255,14 @@ def _frames(references: list[DecodedMessage], bag: Bag, tip_frame: str) -> tuple
             return reference.message.header.frame_id, tip_frame or reference.message.joint_names[0]
     for values in _parameters(bag).values():
         if "tip_frame" in values:
-            return values.get("base_frame", ""), tip_frame or values["tip_frame"]
+            return str(values.get("base_frame", "")), tip_frame or str(values["tip_frame"])
     if not tip_frame:
-        raise BagError(f"{bag.path}: nothing names the tip frame; give it with --tip-frame")
+        raise BagError(f"{bag.path}: nothing in it names the tip frame; give it with --tip-frame")
     return "", tip_frame
 
 
 def _parameters(bag: Bag) -> dict[str, dict[str, Any]]:
-    nodes = bag.parameters()
-    return {name: dict(node.get("ros__parameters", {})) for name, node in nodes.items()}
-
-
-def _distance(desired: DesiredFrame | None, state: RobotState) -> float:
-    return np.nan if desired is None else float(np.linalg.norm(desired.p_d - state.p_e))
-
-
-def _angle(desired: DesiredFrame | None, state: RobotState) -> float:
-    return np.nan if desired is None else angle_between(desired.R_d, state.R_e)
+    """Return the parameters by node and name; what has another form is left out."""
+    nodes = {name: node for name, node in bag.parameters().items() if isinstance(node, dict)}
+    values = {str(name): node.get("ros__parameters") for name, node in nodes.items()}
+    return {name: node for name, node in values.items() if isinstance(node, dict)}

@@ -10,4 +10,9 @@ def number(value: float) -> str:
     if 1e-3 <= abs(value) < 1e5:
         digits = max(0, 2 - math.floor(math.log10(abs(value))))
         return f"{value:.{digits}f}"
-    return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e")
+    return f"{value:.2e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a number and its unit."""
+    return f"{number(value)} {unit}".rstrip()

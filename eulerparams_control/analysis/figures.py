@@ -1,0 +1,181 @@
+"""The plots of runs over time, laid over each other."""
+
+import math
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import Any, NamedTuple
+
+import numpy as np
+import plotly.graph_objects as go  # type: ignore[import-untyped]
+from plotly.subplots import make_subplots  # type: ignore[import-untyped]
+
+from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.labels import labels, line
+from eulerparams_control.analysis.poles import Approach, approach, near_pole
+from eulerparams_control.analysis.quantities import (
+    JOINT_SPEED,
+    POLE_DISTANCE,
+    QUANTITIES,
+    Quantity,
+)
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.scale import axis
+from eulerparams_control.analysis.text import number
+from eulerparams_control.rotations import Array
+
+_POINTS = 150_000  # of the whole page, which keeps it below 8 MB
+_MOST_BINS = 700  # of a line: more than a screen has pixels for
+_COLUMNS = 2  # of the joints
+_SHADE = "rgba(204, 121, 167, 0.20)"
+_GREY = "rgba(128, 128, 128, 0.9)"
+_MARK_BELOW = math.radians(30)  # a closest approach farther away is no event
+
+
+class Panel(NamedTuple):
+    """A plot with its words.
+
+    Attributes:
+        title: above it.
+        caption: below it.
+        figure: the plot.
+        height: [px].
+    """
+
+    title: str
+    caption: str
+    figure: go.Figure
+    height: int
+
+
+def panels(recordings: Sequence[Recording]) -> list[Panel]:
+    """Return the plots of the page, the one that matters first; those without data left out."""
+    bins = _bins(recordings)
+    drawn = [_panel(quantity, recordings, bins) for quantity in QUANTITIES]
+    joints = _joint_speeds(recordings, bins)
+    return [panel for panel in drawn if panel is not None] + [joints]
+
+
+def _bins(recordings: Sequence[Recording]) -> int:
+    lines = sum(len(QUANTITIES) + recording.robot.n for recording in recordings)
+    return max(20, min(_MOST_BINS, _POINTS // (4 * max(1, lines))))
+
+
+def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Panel | None:
+    runs = [quantity.of(recording) for recording in recordings]
+    if not any(len(t) for t, _ in runs):
+        return None
+    figure = go.Figure()
+    for index, (name, (t, y)) in enumerate(zip(labels(recordings), runs, strict=True)):
+        if len(t):
+            figure.add_trace(_trace(name, index, *decimate(t, y, bins), quantity.unit))
+    figure.update_yaxes(title=quantity.label, **_y_axis(quantity, [y for _, y in runs]))
+    figure.update_xaxes(title="time [s]")
+    _mark_poles(figure, quantity, recordings)
+    if quantity is JOINT_SPEED:
+        _draw_limits(figure, np.concatenate([r.robot.limits.velocity for r in recordings]))
+    return Panel(quantity.title, quantity.caption, _finish(figure, recordings), 340)
+
+
+def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
+    if quantity.floor:
+        return axis(runs, quantity.floor)
+    return {"type": "linear", "rangemode": "tozero"}
+
+
+def _trace(name: str, index: int, t: Array, y: Array, unit: str, **options: Any) -> go.Scatter:
+    """Return the line of a run: its name is text of the user, so it is escaped."""
+    return go.Scatter(
+        x=t.astype(np.float32),
+        y=y.astype(np.float32),
+        name=escape(name),
+        legendgroup=str(index),
+        mode="lines",
+        line=line(index),
+        hovertemplate=f"%{{y:.3~g}} {unit}",
+        **options,
+    )
+
+
+def _mark_poles(figure: go.Figure, quantity: Quantity, recordings: Sequence[Recording]) -> None:
+    """Shade the time near the pole, mark the closest approach, of each run where it is drawn."""
+    for start, end in near_pole(recordings):
+        figure.add_vrect(start, end, fillcolor=_SHADE, line_width=0, layer="below")
+    closest = min(map(approach, recordings), key=lambda a: a.distance)
+    if closest.distance < _MARK_BELOW:
+        text = _approach_text(closest) if quantity is QUANTITIES[0] else ""
+        figure.add_vline(closest.t, line={"color": _GREY, "width": 1, "dash": "dot"})
+        place = {"x": closest.t, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top"}
+        figure.add_annotation(text=text, showarrow=False, **place)
+    if quantity is POLE_DISTANCE:
+        figure.add_traces(list(_markers(recordings)))
+
+
+def _approach_text(closest: Approach) -> str:
+    degrees = number(math.degrees(closest.distance))
+    return f" {degrees} deg from the pole of {closest.sequence}, at {closest.t:.3f} s"
+
+
+def _markers(recordings: Sequence[Recording]) -> Iterator[go.Scatter]:
+    for index, recording in enumerate(recordings):
+        closest = approach(recording)
+        yield go.Scatter(
+            x=[closest.t],
+            y=[math.degrees(closest.distance)],
+            mode="markers",
+            marker={"color": line(index)["color"], "size": 8, "symbol": "diamond"},
+            legendgroup=str(index),
+            showlegend=False,
+            hoverinfo="skip",
+        )
+
+
+def _draw_limits(figure: go.Figure, limits: Array, **where: Any) -> None:
+    for limit in np.unique(limits[np.isfinite(limits)]):
+        figure.add_hline(limit, line={"color": _GREY, "width": 1, "dash": "dash"}, **where)
+
+
+def _joint_speeds(recordings: Sequence[Recording], bins: int) -> Panel:
+    """Return the speed of each joint, one plot a joint."""
+    n = max(recording.robot.n for recording in recordings)
+    rows = math.ceil(n / _COLUMNS)
+    longest = max(recordings, key=lambda recording: recording.robot.n)
+    titles = [escape(joint) for joint in longest.robot.joints]
+    gaps = {"vertical_spacing": 0.30 / rows, "horizontal_spacing": 0.1}
+    figure = make_subplots(rows, _COLUMNS, subplot_titles=titles, **gaps)
+    for joint in range(n):
+        _joint_speed(figure, joint, recordings, bins)
+    figure.update_xaxes(title="time [s]", row=rows)
+    figure.update_yaxes(title="|dq| [rad/s]", col=1)
+    caption = "Speed of each joint. Dashed: its velocity limit in the URDF."
+    return Panel("Speed of each joint", caption, _finish(figure, recordings), 200 * rows + 80)
+
+
+def _joint_speed(
+    figure: go.Figure, joint: int, recordings: Sequence[Recording], bins: int
+) -> None:
+    where = {"row": joint // _COLUMNS + 1, "col": joint % _COLUMNS + 1}
+    speeds = []
+    for index, (name, recording) in enumerate(zip(labels(recordings), recordings, strict=True)):
+        if joint >= recording.robot.n:
+            continue
+        speeds.append(np.abs(recording.leading.dq[:, joint]))
+        points = decimate(recording.leading.t, speeds[-1], bins)
+        figure.add_trace(_trace(name, index, *points, "rad/s", showlegend=joint == 0), **where)
+        _draw_limits(figure, recording.robot.limits.velocity[joint : joint + 1], **where)
+    figure.update_yaxes(axis(speeds, JOINT_SPEED.floor), **where)
+
+
+def _finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:
+    """Return the figure with what all have in common: the time axis and the legend."""
+    start = min(float(recording.leading.t[0]) for recording in recordings)
+    end = max(float(recording.leading.t[-1]) for recording in recordings)
+    figure.update_xaxes(range=[start, end], showline=True)
+    figure.update_yaxes(showline=True, zeroline=False, automargin=False)
+    figure.update_layout(
+        template="none",
+        margin={"l": 72, "r": 16, "t": 36, "b": 48},
+        hovermode="x unified",
+        showlegend=len(recordings) > 1,
+        legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+    )
+    return figure

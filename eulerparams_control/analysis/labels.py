@@ -1,0 +1,29 @@
+"""Names and colours that tell runs apart, the same in every plot and table."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from eulerparams_control.analysis.recording import Recording
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Okabe and Ito's, which colour-blind people tell apart."""
+
+DASHES = ("solid", "dash", "dot", "dashdot")
+"""Of the lines, once the colours are used up."""
+
+
+def labels(recordings: Sequence[Recording]) -> list[str]:
+    """Return a name for each run: its folder, with as many parents as it takes to differ."""
+    paths = [recording.path.resolve() for recording in recordings]
+    depth = max((len(path.parts) for path in paths), default=1)
+    for parts in range(1, depth + 1):
+        names = [str(Path(*path.parts[-parts:])) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice
+
+
+def line(index: int) -> dict[str, str | float]:
+    """Return the colour, dash and width of the lines of a run."""
+    dash = DASHES[index // len(COLOURS) % len(DASHES)]
+    return {"color": COLOURS[index % len(COLOURS)], "dash": dash, "width": 1.8}

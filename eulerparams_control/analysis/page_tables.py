@@ -1,0 +1,130 @@
+"""The tables of the page: criteria, numbers, parameters."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+from eulerparams_control.analysis.labels import labels, line
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.table import MISSING, rows
+from eulerparams_control.analysis.text import quantity
+
+if TYPE_CHECKING:
+    from eulerparams_control.experiments.criteria import Verdict
+
+_LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
+_DULL = ("qos_overrides", "robot_description", "start_type_description_service")
+
+
+def criteria(verdicts: Sequence["Verdict"]) -> str:
+    """Return each criterion with its verdicts; "" if there are none."""
+    if not verdicts:
+        return ""
+    head = _head(["criterion", "run", "predicted", "measured", "bound", "met"], numbers=(3,))
+    groups = groupby(verdicts, key=lambda verdict: (verdict.text, verdict.predicted, verdict.bound))
+    body = "".join(_criterion(list(group)) for _, group in groups)
+    return f"<h2>Criteria</h2>{_table(head, body)}"
+
+
+def _criterion(verdicts: list["Verdict"]) -> str:
+    span = f' rowspan="{len(verdicts)}"'
+    lines = []
+    for index, verdict in enumerate(verdicts):
+        shared = [
+            f"<td{span}>{escape(text)}</td>" if index == 0 else ""
+            for text in (verdict.text, verdict.predicted or MISSING, verdict.bound)
+        ]
+        measured = escape(quantity(verdict.measured, verdict.unit))
+        met = '<td class="yes">✓ yes</td>' if verdict.met else '<td class="no">✗ no</td>'
+        cells = (
+            f"{shared[0]}<td>{escape(verdict.variant)}</td>{shared[1]}"
+            f'<td class="number">{measured}</td>{shared[2]}{met}'
+        )
+        lines.append(_row(cells, "group" if index == 0 else ""))
+    return "".join(lines)
+
+
+def numbers(recordings: Sequence[Recording]) -> str:
+    """Return the numbers of each run."""
+    head = _run_head("", recordings, "number")
+    body = "".join(
+        _row(f"<th>{escape(row.title)}</th>" + _cells(row.values, "number"))
+        for row in rows(recordings)
+    )
+    return _table(head, body)
+
+
+def parameters(recordings: Sequence[Recording]) -> str:
+    """Return the parameters of each run: those that differ first, the others folded."""
+    found = _parameters(recordings)
+    differ = {name: values for name, values in found.items() if len(set(values)) > 1}
+    same = {name: values[:1] for name, values in found.items() if len(set(values)) == 1}
+    text = '<p class="note">None differ.</p>' if found else '<p class="note">None recorded.</p>'
+    if differ:
+        body = "".join(_parameter(name, values, "differs") for name, values in differ.items())
+        text = _table(_run_head("they differ in", recordings, ""), body)
+    if same:
+        body = "".join(_parameter(name, values, "") for name, values in same.items())
+        common = _table(_head(["parameter", "value"]), body)
+        text += f"<details><summary>{len(same)} in which all agree</summary>{common}</details>"
+    return text
+
+
+def _parameters(recordings: Sequence[Recording]) -> dict[str, list[str]]:
+    """Return the value of each parameter in each run as text, by node and name."""
+    names = {
+        (node, name): None
+        for recording in recordings
+        for node, values in recording.parameters.items()
+        for name in values
+        if name not in _DULL
+    }
+    return {
+        f"{node} {name}": [_shown(r.parameters.get(node, {}).get(name)) for r in recordings]
+        for node, name in sorted(names, key=str)
+    }
+
+
+def _shown(value: Any) -> str:
+    """Return a value of YAML as text of bearable length."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    text = MISSING if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+
+def _parameter(name: str, values: list[str], kind: str) -> str:
+    return _row(f"<th>{escape(name)}</th>" + _cells(values, "value"), kind)
+
+
+def _run_head(first: str, recordings: Sequence[Recording], kind: str) -> str:
+    """Return a head with a column for each run, in its colour."""
+    cells = "".join(
+        f'<th class="{kind}"><span class="key" style="background:{line(index)["color"]}"></span>'
+        f"{escape(name)}</th>"
+        for index, name in enumerate(labels(recordings))
+    )
+    return f"<th>{escape(first)}</th>{cells}"
+
+
+def _head(names: Sequence[str], numbers: Sequence[int] = ()) -> str:
+    return "".join(
+        f'<th class="{"number" if index in numbers else ""}">{escape(name)}</th>'
+        for index, name in enumerate(names)
+    )
+
+
+def _cells(values: Iterable[str], kind: str) -> str:
+    return "".join(f'<td class="{kind}">{escape(value)}</td>' for value in values)
+
+
+def _row(cells: str, kind: str = "") -> str:
+    return f'<tr class="{kind}">{cells}</tr>'
+
+
+def _table(head: str, body: str) -> str:
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )

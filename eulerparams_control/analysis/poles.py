@@ -1,0 +1,58 @@
+"""When a run is near a pole of its Euler angles: what the plots shade and mark."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.rotations import Array
+
+NEAR = math.radians(5)
+"""Angle [rad] to the pole below which a plot is shaded."""
+
+_MOST = 50  # intervals that are shaded: a noisy run may have very many
+
+
+class Approach(NamedTuple):
+    """Closest approach of a run to the pole of its Euler angles.
+
+    Attributes:
+        t: when [s].
+        distance: how close [rad].
+        sequence: of which Euler angles.
+    """
+
+    t: float
+    distance: float
+    sequence: str
+
+
+def approach(recording: Recording) -> Approach:
+    """Return the closest approach of a run."""
+    index = int(recording.pole_distance.argmin())
+    distance = float(recording.pole_distance[index])
+    return Approach(float(recording.leading.t[index]), distance, recording.sequence.name)
+
+
+def near_pole(recordings: Sequence[Recording]) -> list[tuple[float, float]]:
+    """Return the intervals [s] in which a run is near a pole, merged over the runs."""
+    found = sorted(
+        interval
+        for recording in recordings
+        for interval in _intervals(recording.leading.t, recording.pole_distance < NEAR)
+    )
+    merged: list[tuple[float, float]] = []
+    for start, end in found:
+        if merged and start <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        else:
+            merged.append((start, end))
+    return merged[:_MOST]
+
+
+def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    steps = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(int)))
+    return [(float(t[i]), float(t[j - 1])) for i, j in zip(steps[::2], steps[1::2], strict=True)]
