@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from rclpy.experimental import EventsExecutor
 from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState

@@ -76,22 +76,19 @@ def run() -> list[tuple[str, str, str]]:
     if pink:
         calls["pink"] = pink
     times = side_by_side(calls)
-    bare = f"Pinocchio calls and one 6x6 solve ({times['bare'] * 1e6:.1f} us)"
-    rows = [
-        (f"CLIK tick, {name} ({times[name] * 1e6:.1f} us)", bare, f"{times[name] / times['bare']:.2f}")
-        for name in ORIENTATIONS
-    ]
-    rows.append(
-        (f"CLIK tick on a trajectory ({times['moving'] * 1e6:.1f} us)", bare,
-         f"{times['moving'] / times['bare']:.2f}")
-    )  # fmt: skip
+    bare = "Pinocchio calls and one 6x6 solve"
+    pairs = [(f"CLIK tick, {name}", name, bare, "bare") for name in ORIENTATIONS]
+    pairs.append(("CLIK tick on a trajectory", "moving", bare, "bare"))
     if pink:
-        rows.append(
-            (f"CLIK tick ({times['euler_parameters'] * 1e6:.1f} us)",
-             f"pink solve_ik ({times['pink'] * 1e6:.1f} us)",
-             f"{times['euler_parameters'] / times['pink']:.2f}")
-        )  # fmt: skip
-    return rows
+        pairs.append(("CLIK tick", "euler_parameters", "pink solve_ik", "pink"))
+    return [
+        (
+            f"{what} ({times[a] * 1e6:.1f} us)",
+            f"{against} ({times[b] * 1e6:.1f} us)",
+            f"{times[a] / times[b]:.2f}",
+        )
+        for what, a, against, b in pairs
+    ]
 
 
 if __name__ == "__main__":

@@ -28,9 +28,8 @@ class UnknownNameError(ConfigurationError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
-        super().__init__(
-            f"unknown {kind} '{name}'{did_you_mean(name, names)}; known: {', '.join(names) or 'none'}"
-        )
+        known_text = ", ".join(names) or "none"
+        super().__init__(f"unknown {kind} '{name}'{did_you_mean(name, names)}; known: {known_text}")
 
 
 class SingularityError(EulerParamsError):

@@ -22,7 +22,7 @@ QUATERNION_NORM_TOLERANCE = 1e-3
 
 def ns_from_ros(stamp: Any) -> int:
     """Return a stamp or duration in nanoseconds."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def vector_from_ros(v: Any) -> Array:

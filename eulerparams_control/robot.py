@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin  # type: ignore[import-untyped]
+import pinocchio as pin
 
 from eulerparams_control.errors import RobotError, UnknownNameError
 from eulerparams_control.limits import JointLimits

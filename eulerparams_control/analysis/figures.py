@@ -10,7 +10,7 @@ import plotly.graph_objects as go  # type: ignore[import-untyped]
 from plotly.subplots import make_subplots  # type: ignore[import-untyped]
 
 from eulerparams_control.analysis.decimation import decimate
-from eulerparams_control.analysis.labels import labels, line
+from eulerparams_control.analysis.labels import labels, line, sequences
 from eulerparams_control.analysis.poles import Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import (
     JOINT_SPEED,
@@ -68,12 +68,17 @@ def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Pa
     for index, (name, (t, y)) in enumerate(zip(labels(recordings), runs, strict=True)):
         if len(t):
             figure.add_trace(_trace(name, index, *decimate(t, y, bins), quantity.unit))
-    figure.update_yaxes(title=quantity.label, **_y_axis(quantity, [y for _, y in runs]))
+    label = quantity.label.format(sequence=sequences(recordings))
+    figure.update_yaxes(title=label, title_standoff=14, **_y_axis(quantity, [y for _, y in runs]))
     figure.update_xaxes(title="time [s]")
     _mark_poles(figure, quantity, recordings)
     if quantity is JOINT_SPEED:
         _draw_limits(figure, np.concatenate([r.robot.limits.velocity for r in recordings]))
-    return Panel(quantity.title, quantity.caption, _finish(figure, recordings), 340)
+    return Panel(quantity.title, quantity.caption, _finish(figure, recordings), _height(quantity))
+
+
+def _height(quantity: Quantity) -> int:
+    return 420 if quantity is QUANTITIES[0] else 340
 
 
 def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
@@ -104,7 +109,7 @@ def _mark_poles(figure: go.Figure, quantity: Quantity, recordings: Sequence[Reco
     if closest.distance < _MARK_BELOW:
         text = _approach_text(closest) if quantity is QUANTITIES[0] else ""
         figure.add_vline(closest.t, line={"color": _GREY, "width": 1, "dash": "dot"})
-        place = {"x": closest.t, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top"}
+        place = {"x": closest.t, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "bottom"}
         figure.add_annotation(text=text, showarrow=False, **place)
     if quantity is POLE_DISTANCE:
         figure.add_traces(list(_markers(recordings)))
@@ -112,7 +117,7 @@ def _mark_poles(figure: go.Figure, quantity: Quantity, recordings: Sequence[Reco
 
 def _approach_text(closest: Approach) -> str:
     degrees = number(math.degrees(closest.distance))
-    return f" {degrees} deg from the pole of {closest.sequence}, at {closest.t:.3f} s"
+    return f"{degrees} deg from the pole of {closest.sequence}, at {closest.t:.3f} s"
 
 
 def _markers(recordings: Sequence[Recording]) -> Iterator[go.Scatter]:
@@ -169,13 +174,14 @@ def _finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:
     """Return the figure with what all have in common: the time axis and the legend."""
     start = min(float(recording.leading.t[0]) for recording in recordings)
     end = max(float(recording.leading.t[-1]) for recording in recordings)
-    figure.update_xaxes(range=[start, end], showline=True)
+    figure.update_xaxes(range=[start, end], showline=True, title_standoff=8)
+    figure.update_annotations(font_size=12)
     figure.update_yaxes(showline=True, zeroline=False, automargin=False)
     figure.update_layout(
         template="none",
-        margin={"l": 72, "r": 16, "t": 36, "b": 48},
+        margin={"l": 80, "r": 16, "t": 56, "b": 48},
         hovermode="x unified",
         showlegend=len(recordings) > 1,
-        legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+        legend={"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
     )
     return figure

@@ -23,6 +23,11 @@ def labels(recordings: Sequence[Recording]) -> list[str]:
     return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice
 
 
+def sequences(recordings: Sequence[Recording]) -> str:
+    """Return the names of the Euler angles of some runs, most often one."""
+    return "/".join(sorted({recording.sequence.name for recording in recordings}))
+
+
 def line(index: int) -> dict[str, str | float]:
     """Return the colour, dash and width of the lines of a run."""
     dash = DASHES[index // len(COLOURS) % len(DASHES)]

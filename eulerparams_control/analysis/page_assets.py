@@ -51,7 +51,8 @@ SCRIPT = """
 "use strict";
 const plots = [...document.querySelectorAll(".plot")];
 const figures = JSON.parse(document.getElementById("figures").textContent);
-const config = {responsive: true, displaylogo: false,
+const config = {responsive: true, displaylogo: false, displayModeBar: "hover",
+                showSendToCloud: false, plotlyServerURL: "",  // nothing leaves the machine
                 modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 const axesOf = (layout, letter) =>
   Object.keys(layout).filter(key => key.startsWith(letter + "axis"));

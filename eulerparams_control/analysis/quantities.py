@@ -14,7 +14,7 @@ class Quantity(NamedTuple):
 
     Attributes:
         title: of the plot.
-        label: of its axis, with the unit.
+        label: of its axis, with the unit; {sequence} stands for the Euler angles.
         caption: what it means, and the equation it belongs to.
         unit: for single values.
         floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
@@ -79,7 +79,7 @@ JOINT_SPEED = Quantity(
 )
 POLE_DISTANCE = Quantity(
     "Distance to the representation singularity",
-    "angle to the pole [deg]",
+    "angle to the pole of {sequence} [deg]",
     "Angle of the tip to the nearest pole of the Euler angles, where T of (3) is singular and "
     "(23) has no solution. (28) does not contain T.",
     "deg",

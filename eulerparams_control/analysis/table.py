@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 from rich.text import Text
 
-from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.labels import labels, sequences
 from eulerparams_control.analysis.metrics import get_metric
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.text import number
@@ -67,7 +67,7 @@ def terminal_table(recordings: Sequence[Recording]) -> Table:
 
 def _title(title: str, metric: str, recordings: Sequence[Recording]) -> str:
     if metric == "closest_approach":
-        title += " " + "/".join(sorted({recording.sequence.name for recording in recordings}))
+        title += f" {sequences(recordings)}"
     unit = get_metric(metric).unit
     return f"{title} [{unit}]" if unit else title
 

@@ -3,14 +3,23 @@
 import argparse
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.sentence import describe, fill
 from eulerparams_control.analysis.text import number
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.experiments.criteria import Verdict, judge, write_summary
@@ -68,7 +77,7 @@ def _run(experiment: Experiment, folder: Path, names: list[str], console: Consol
         recordings = {variant: Recording.load(bag) for variant, bag in bags.items()}
         verdicts = judge(experiment, recordings)
         write_summary(folder / "summary.json", experiment, verdicts)
-        sentence = _sentence(experiment, verdicts)
+        sentence = _sentence(experiment, recordings)
         page = folder / "report.html"
         write_page(page, list(recordings.values()), experiment.claim, sentence, verdicts)
     console.print(_table(verdicts))
@@ -93,7 +102,7 @@ def _run_variants(
             task = progress.add_task(variant, total=experiment.duration)
             started = time.monotonic()
             bags[variant] = run_variant(
-                experiment, variant, folder, lambda t, task=task: progress.update(task, completed=t)
+                experiment, variant, folder, partial(_show, progress, task)
             )
             progress.update(task, completed=experiment.duration)
             if not console.is_terminal:
@@ -101,17 +110,15 @@ def _run_variants(
     return bags
 
 
-def _sentence(experiment: Experiment, verdicts: list[Verdict]) -> str:
-    """Return the summary of the experiment with its numbers filled in.
+def _show(progress: Progress, task: TaskID, t: float) -> None:
+    progress.update(task, completed=t)
 
-    ``{metric:variant}`` in the text stands for the number measured with its unit.
-    """
-    met = sum(verdict.met for verdict in verdicts)
-    text = experiment.summary or f"{met} of {len(verdicts)} criteria met."
-    for verdict in verdicts:
-        value = f"{number(verdict.measured)} {verdict.unit}".strip()
-        text = text.replace(f"{{{verdict.text}:{verdict.variant}}}", value)
-    return text
+
+def _sentence(experiment: Experiment, recordings: dict[str, Recording]) -> str:
+    """Return the summary of the experiment with its numbers; if only some variants ran, theirs."""
+    if experiment.summary and recordings.keys() == experiment.variants.keys():
+        return fill(experiment.summary, recordings)
+    return describe(list(recordings.values()))
 
 
 def _table(verdicts: list[Verdict]) -> Table:

@@ -74,9 +74,10 @@ def node_parameters(experiment: Experiment, variant: str) -> Parameters:
     given = experiment.variants[variant]
     robot = load_robot(experiment.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    lockstep = {"mode": "lockstep", "duration": experiment.duration, "robot": experiment.robot}
+    lockstep: dict[str, Any] = {"mode": "lockstep", "robot": experiment.robot}
+    lockstep["duration"] = experiment.duration
     simulated = {"use_sim_time": True, "require_reference": True}
-    parameters = {
+    parameters: Parameters = {
         experiment.controller: frames | simulated | given.get(experiment.controller, {}),
         "reference": frames | {"wait_for_subscribers": 2} | given.get("reference", {}),
         "pybullet_bridge": lockstep | given.get("pybullet_bridge", {}),

@@ -9,7 +9,7 @@ frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacem
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from eulerparams_control.errors import UnknownNameError
@@ -35,8 +35,8 @@ class OrientationOptions:
         sign: rule for the sign of the mutual quaternion.
     """
 
-    sequence: EulerSequence = EulerSequence()
-    sign: SignRule = SignRule()
+    sequence: EulerSequence = field(default_factory=EulerSequence)
+    sign: SignRule = field(default_factory=SignRule)
 
 
 class OrientationRepresentation(ABC):
@@ -49,8 +49,8 @@ class OrientationRepresentation(ABC):
         super().__init_subclass__(**kwargs)
         cls.registry[cls.name] = cls
 
-    def __init__(self, options: OrientationOptions = OrientationOptions()) -> None:
-        self.options = options
+    def __init__(self, options: OrientationOptions | None = None) -> None:
+        self.options = options or OrientationOptions()
 
     @abstractmethod
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
@@ -82,7 +82,7 @@ class OrientationRepresentation(ABC):
 
 
 def representation(
-    name: str, options: OrientationOptions = OrientationOptions()
+    name: str, options: OrientationOptions | None = None
 ) -> OrientationRepresentation:
     """Return the representation of that name.
 

@@ -24,6 +24,7 @@ from eulerparams_control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import ConfigurationError, EulerParamsError, InvalidMessageError
 from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.limits import JointLimits
+from eulerparams_control.messages import JointStateReader, motion_from_ros
 from eulerparams_control.orientation import (
     ORIENTATIONS,
     SEQUENCES,
@@ -34,7 +35,6 @@ from eulerparams_control.orientation import (
     SignRule,
     representation,
 )
-from eulerparams_control.messages import JointStateReader, motion_from_ros
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import CommandPublisher

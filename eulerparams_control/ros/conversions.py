@@ -18,6 +18,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.rotations import Array, EulerParameters
 
+
 def stamp_to_ros(ns: int) -> Time:
     """Return nanoseconds as a stamp."""
     return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
@@ -42,7 +43,9 @@ def quaternion_to_ros(R: Array) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=float(eta))
 
 
-def motion_to_ros(trajectory: Trajectory, base_frame: str, tip_frame: str) -> MultiDOFJointTrajectory:
+def motion_to_ros(
+    trajectory: Trajectory, base_frame: str, tip_frame: str
+) -> MultiDOFJointTrajectory:
     """Return a trajectory as a reference that starts at receipt."""
     msg = MultiDOFJointTrajectory(joint_names=[tip_frame])
     msg.header.frame_id = base_frame

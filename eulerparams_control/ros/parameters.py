@@ -9,15 +9,13 @@ import dataclasses
 import math
 import typing
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-
-P = TypeVar("P")
 
 # Declared by rclpy itself in every node.
 _RCLPY_NAMES = ("use_sim_time", "start_type_description_service")
@@ -53,7 +51,7 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def declare(
+def declare[P](
     node: Node, parameters: type[P], on_change: Callable[[P, P], None] | None = None
 ) -> P:
     """Declare the fields of ``parameters`` on ``node`` and return them filled.
@@ -123,7 +121,7 @@ def _convert(name: str, value: Any, field: Any, hint: Any) -> Any:
     return tuple(_convert_item(name, entry, field, item) for entry in value)
 
 
-def _convert_item(name: str, value: Any, field: Any, kind: type) -> Any:
+def _convert_item(name: str, value: Any, field: Any, kind: Any) -> Any:
     meta = field.metadata
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)

@@ -5,7 +5,7 @@ representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ class ClikLaw:
     orientation: OrientationRepresentation
     k_Pp: float = 100.0
     k_Po: float = 100.0
-    inverse: DampedInverse = DampedInverse()
+    inverse: DampedInverse = field(default_factory=DampedInverse)
     posture: Array | None = None
     k_posture: float = 1.0
 
