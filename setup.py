@@ -49,8 +49,8 @@ setup(
         "rich",
     ],
     extras_require={
-        "test": ["pytest", "hypothesis", "rosbags"],
-        "dev": ["ruff", "mypy", "types-PyYAML", "pin-pink", "quadprog"],
+        "test": ["pytest", "hypothesis", "rosbags", "colcon-common-extensions"],
+        "dev": ["ruff", "mypy", "pin-pink", "quadprog"],
     },
     zip_safe=False,
     maintainer="eulerparams_control maintainers",

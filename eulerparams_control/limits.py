@@ -26,6 +26,10 @@ class JointLimits:
         """Return the limits with the speeds times ``velocity_scale``."""
         return replace(self, velocity=velocity_scale * self.velocity)
 
+    def contain(self, q: Array) -> bool:
+        """Return whether the positions q (n,) are within the limits."""
+        return bool((q <= self.upper).all() and (q >= self.lower).all())
+
     def limit_velocity(self, q: Array, dq: Array, dt: float) -> tuple[Array, bool]:
         """Return dq within the limits, and whether it had to change.
 
@@ -38,12 +42,7 @@ class JointLimits:
             dt: time that dq will last [s]; positive.
         """
         speed = np.abs(dq)
-        slack = dt * speed
-        if not (
-            (speed > self.velocity).any()
-            or (q + slack > self.upper).any()
-            or (q - slack < self.lower).any()
-        ):
+        if (speed <= self.velocity).all() and self.contain(q + dt * dq):
             return dq, False
         excess = float((speed / self.velocity).max())
         slowed = dq / excess if excess > 1 else dq

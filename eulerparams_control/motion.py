@@ -269,15 +269,19 @@ class SetPoint:
     def __init__(self, frame: DesiredFrame, lasting: float) -> None:
         self.frames = [frame]
         self.lasting = lasting
+        self._held = self._moved(lasting).at_rest()
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
+        if t > self.lasting:
+            return self._held
+        return self._moved(t) if t > 0 else self.frames[0]
+
+    def _moved(self, dt: float) -> DesiredFrame:
+        """Return the frame dt [s] later, at constant twist."""
         frame = self.frames[0]
-        dt = min(max(t, 0.0), self.lasting)
-        moved = frame._replace(
-            p_d=frame.p_d + dt * frame.dp_d, R_d=exp(dt * frame.omega_d) @ frame.R_d
-        )
-        return moved if t <= self.lasting else moved.at_rest()
+        R_d = exp(dt * frame.omega_d) @ frame.R_d
+        return frame._replace(p_d=frame.p_d + dt * frame.dp_d, R_d=R_d)
 
 
 class DesiredMotion:

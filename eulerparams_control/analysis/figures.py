@@ -6,11 +6,11 @@ from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
-import plotly.graph_objects as go  # type: ignore[import-untyped]
-from plotly.subplots import make_subplots  # type: ignore[import-untyped]
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 from eulerparams_control.analysis.decimation import decimate
-from eulerparams_control.analysis.labels import labels, line, sequences
+from eulerparams_control.analysis.labels import colour, labels, line, sequences
 from eulerparams_control.analysis.poles import Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import (
     JOINT_SPEED,
@@ -28,6 +28,7 @@ _MOST_BINS = 700  # of a line: more than a screen has pixels for
 _COLUMNS = 2  # of the joints
 _SHADE = "rgba(204, 121, 167, 0.20)"
 _GREY = "rgba(128, 128, 128, 0.9)"
+_NEAR_LIMIT = 4.0  # limit over largest speed, up to which the axis shows the limit
 _MARK_BELOW = math.radians(30)  # a closest approach farther away is no event
 
 
@@ -65,20 +66,20 @@ def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Pa
     if not any(len(t) for t, _ in runs):
         return None
     figure = go.Figure()
-    for index, (name, (t, y)) in enumerate(zip(labels(recordings), runs, strict=True)):
+    for index, (t, y) in enumerate(runs):
         if len(t):
-            figure.add_trace(_trace(name, index, *decimate(t, y, bins), quantity.unit))
+            figure.add_trace(_trace(recordings, index, *decimate(t, y, bins), quantity.unit))
     label = quantity.label.format(sequence=sequences(recordings))
-    figure.update_yaxes(title=label, title_standoff=14, **_y_axis(quantity, [y for _, y in runs]))
-    figure.update_xaxes(title="time [s]")
-    _mark_poles(figure, quantity, recordings)
+    values = [y for _, y in runs]
     if quantity is JOINT_SPEED:
-        _draw_limits(figure, np.concatenate([r.robot.limits.velocity for r in recordings]))
-    return Panel(quantity.title, quantity.caption, _finish(figure, recordings), _height(quantity))
-
-
-def _height(quantity: Quantity) -> int:
-    return 420 if quantity is QUANTITIES[0] else 340
+        values += _draw_limits(figure, [r.robot.limits.velocity for r in recordings], values)
+    figure.update_yaxes(title=label, title_standoff=14, **_y_axis(quantity, values))
+    _mark_poles(figure, quantity, recordings)
+    _finish(figure, recordings)
+    if quantity is not QUANTITIES[0]:
+        return Panel(quantity.title, quantity.caption, figure, 300)
+    figure.update_layout(showlegend=len(recordings) > 1, margin_t=64)
+    return Panel(quantity.title, quantity.caption, figure, 420)
 
 
 def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
@@ -87,17 +88,18 @@ def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
     return {"type": "linear", "rangemode": "tozero"}
 
 
-def _trace(name: str, index: int, t: Array, y: Array, unit: str, **options: Any) -> go.Scatter:
-    """Return the line of a run: its name is text of the user, so it is escaped."""
+def _trace(
+    recordings: Sequence[Recording], index: int, t: Array, y: Array, unit: str
+) -> go.Scatter:
+    """Return the line of a run; its name comes from outside, so it is escaped."""
     return go.Scatter(
         x=t.astype(np.float32),
         y=y.astype(np.float32),
-        name=escape(name),
+        name=escape(labels(recordings)[index]),
         legendgroup=str(index),
         mode="lines",
-        line=line(index),
+        line=line(index, len(recordings)),
         hovertemplate=f"%{{y:.3~g}} {unit}",
-        **options,
     )
 
 
@@ -127,61 +129,65 @@ def _markers(recordings: Sequence[Recording]) -> Iterator[go.Scatter]:
             x=[closest.t],
             y=[math.degrees(closest.distance)],
             mode="markers",
-            marker={"color": line(index)["color"], "size": 8, "symbol": "diamond"},
+            marker={"color": colour(index), "size": 8, "symbol": "diamond"},
             legendgroup=str(index),
             showlegend=False,
             hoverinfo="skip",
         )
 
 
-def _draw_limits(figure: go.Figure, limits: Array, **where: Any) -> None:
-    for limit in np.unique(limits[np.isfinite(limits)]):
+def _draw_limits(
+    figure: go.Figure, limits: Sequence[Array], speeds: Sequence[Array], **where: Any
+) -> list[Array]:
+    """Draw the velocity limits; return those that the axis has to reach."""
+    known = np.unique(np.concatenate(limits))
+    known = known[np.isfinite(known)]
+    for limit in known:
         figure.add_hline(limit, line={"color": _GREY, "width": 1, "dash": "dash"}, **where)
+    top = max(float(speed.max()) for speed in speeds)
+    return [known[known < _NEAR_LIMIT * top]]
 
 
 def _joint_speeds(recordings: Sequence[Recording], bins: int) -> Panel:
-    """Return the speed of each joint, one plot a joint."""
-    n = max(recording.robot.n for recording in recordings)
-    rows = math.ceil(n / _COLUMNS)
+    """Return the speed of each joint, one plot a joint, on equal axes."""
     longest = max(recordings, key=lambda recording: recording.robot.n)
+    rows = math.ceil(longest.robot.n / _COLUMNS)
     titles = [escape(joint) for joint in longest.robot.joints]
     gaps = {"vertical_spacing": 0.30 / rows, "horizontal_spacing": 0.1}
     figure = make_subplots(rows, _COLUMNS, subplot_titles=titles, **gaps)
-    for joint in range(n):
-        _joint_speed(figure, joint, recordings, bins)
-    figure.update_xaxes(title="time [s]", row=rows)
-    figure.update_yaxes(title="|dq| [rad/s]", col=1)
+    speeds = [recording.leading.joint_speed for recording in recordings]
+    for joint in range(longest.robot.n):
+        where = {"row": joint // _COLUMNS + 1, "col": joint % _COLUMNS + 1}
+        for trace in _joint_lines(joint, recordings, bins):
+            figure.add_trace(trace, **where)
+        limits = [r.robot.limits.velocity[joint : joint + 1] for r in recordings]
+        reached = _draw_limits(figure, limits, speeds, **where)
+        figure.update_yaxes(axis(speeds + reached, JOINT_SPEED.floor, labels=4), **where)
+    figure.update_yaxes(title="|dq| [rad/s]", title_standoff=14, col=1)
     caption = "Speed of each joint. Dashed: its velocity limit in the URDF."
-    return Panel("Speed of each joint", caption, _finish(figure, recordings), 200 * rows + 80)
+    return Panel("Speed of each joint", caption, _finish(figure, recordings), 210 * rows + 60)
 
 
-def _joint_speed(
-    figure: go.Figure, joint: int, recordings: Sequence[Recording], bins: int
-) -> None:
-    where = {"row": joint // _COLUMNS + 1, "col": joint % _COLUMNS + 1}
-    speeds = []
-    for index, (name, recording) in enumerate(zip(labels(recordings), recordings, strict=True)):
-        if joint >= recording.robot.n:
-            continue
-        speeds.append(np.abs(recording.leading.dq[:, joint]))
-        points = decimate(recording.leading.t, speeds[-1], bins)
-        figure.add_trace(_trace(name, index, *points, "rad/s", showlegend=joint == 0), **where)
-        _draw_limits(figure, recording.robot.limits.velocity[joint : joint + 1], **where)
-    figure.update_yaxes(axis(speeds, JOINT_SPEED.floor), **where)
+def _joint_lines(joint: int, recordings: Sequence[Recording], bins: int) -> Iterator[go.Scatter]:
+    for index, recording in enumerate(recordings):
+        if joint < recording.robot.n:
+            speed = np.abs(recording.leading.dq[:, joint])
+            points = decimate(recording.leading.t, speed, bins)
+            yield _trace(recordings, index, *points, "rad/s")
 
 
 def _finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:
-    """Return the figure with what all have in common: the time axis and the legend."""
+    """Return the figure with what all have in common: the time axis and the look."""
     start = min(float(recording.leading.t[0]) for recording in recordings)
     end = max(float(recording.leading.t[-1]) for recording in recordings)
-    figure.update_xaxes(range=[start, end], showline=True, title_standoff=8)
+    figure.update_xaxes(title="time [s]", range=[start, end], showline=True, title_standoff=8)
     figure.update_annotations(font_size=12)
-    figure.update_yaxes(showline=True, zeroline=False, automargin=False)
+    figure.update_yaxes(showline=True, zeroline=False, automargin=False, exponentformat="power")
     figure.update_layout(
         template="none",
-        margin={"l": 80, "r": 16, "t": 56, "b": 48},
+        margin={"l": 80, "r": 16, "t": 32, "b": 48},
         hovermode="x unified",
-        showlegend=len(recordings) > 1,
+        showlegend=False,
         legend={"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
     )
     return figure

@@ -28,7 +28,16 @@ def sequences(recordings: Sequence[Recording]) -> str:
     return "/".join(sorted({recording.sequence.name for recording in recordings}))
 
 
-def line(index: int) -> dict[str, str | float]:
-    """Return the colour, dash and width of the lines of a run."""
+def colour(index: int) -> str:
+    """Return the colour of a run."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def line(index: int, count: int) -> dict[str, str | float]:
+    """Return the look of the lines of a run among ``count``.
+
+    The first is the widest: it shows beneath those that cover it.
+    """
     dash = DASHES[index // len(COLOURS) % len(DASHES)]
-    return {"color": COLOURS[index % len(COLOURS)], "dash": dash, "width": 1.8}
+    width = 1.4 + 2.4 * (1 - (index + 1) / count)
+    return {"color": colour(index), "dash": dash, "width": round(width, 2)}

@@ -10,11 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
+from plotly.offline import get_plotlyjs
 
 from eulerparams_control.analysis.figures import Panel, panels
 from eulerparams_control.analysis.page_assets import SCRIPT, STYLE
-from eulerparams_control.analysis.page_tables import criteria, numbers, parameters
+from eulerparams_control.analysis.page_tables import criteria, numbers, parameters, run_names
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.sentence import describe
 from eulerparams_control.errors import ConfigurationError
@@ -112,7 +112,8 @@ def _body(
         _figure(first),
         f'<p class="note">{_HINT}</p>',
         criteria(verdicts),
-        "<h2>Why</h2>",
+        "<h2>Over time</h2>",
+        _key(recordings),
         f'<div class="plots">{"".join(map(_figure, others))}</div>',
         "<h2>Numbers</h2>",
         numbers(recordings),
@@ -124,9 +125,18 @@ def _body(
 
 
 _HINT = (
-    "Shaded: within 5 deg of the pole of the Euler angles. Drag to zoom, double-click to return: "
-    "all plots follow. Click a name to hide its run."
+    "Shaded: within 5 deg of the pole of the Euler angles. Drag to zoom, double-click to return; "
+    "click a name to hide its run: all plots follow."
 )
+
+
+def _key(recordings: Sequence[Recording]) -> str:
+    """Return the buttons that name the runs and hide them; they stay in sight."""
+    buttons = "".join(
+        f'<button type="button" data-run="{index}">{name}</button>'
+        for index, name in enumerate(run_names(recordings))
+    )
+    return f'<nav class="runs">{buttons}</nav>'
 
 
 def _figure(panel: Panel) -> str:

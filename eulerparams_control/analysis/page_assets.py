@@ -20,9 +20,13 @@ p { margin: 0 0 8px; }
 .warning { border-left: 4px solid var(--no); background: var(--raised); padding: 8px 12px;
   overflow-wrap: anywhere; }
 figure { margin: 24px 0 0; min-width: 0; break-inside: avoid; }
-figcaption { font-size: 13px; line-height: 1.45; max-width: 80em; }
+figcaption, .note { font-size: 13px; line-height: 1.45; max-width: 80em; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(500px, 100%), 1fr));
   column-gap: 32px; }
+.runs { position: sticky; top: 0; z-index: 9; padding: 6px 0; background: var(--ground); }
+.runs button { font: inherit; font-size: 13px; color: inherit; background: none; cursor: pointer;
+  border: 0; padding: 2px 16px 2px 0; }
+.runs button.hidden { opacity: 0.4; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { padding: 5px 14px 5px 0; text-align: left; vertical-align: top;
@@ -90,19 +94,27 @@ function linkTime(source) {
   });
 }
 
-function linkRuns(source) {  // a click on a run in a legend hides or shows it in all plots
-  source.on("plotly_restyle", ([change, indices]) => {
-    if (!("visible" in change)) return;
-    const shown = {};
-    source.data.forEach(trace => { shown[trace.legendgroup] ??= trace.visible ?? true; });
-    everywhere(plot => Plotly.restyle(plot, {
-      visible: plot.data.map(trace => shown[trace.legendgroup] ?? trace.visible ?? true)}));
+const hidden = new Set();
+function toggle(run) {  // hide or show a run in all plots
+  if (!hidden.delete(run)) hidden.add(run);
+  for (const plot of plots)
+    Plotly.restyle(plot, {visible: plot.data.map(trace => !hidden.has(trace.legendgroup))});
+  for (const button of buttons) button.classList.toggle("hidden", hidden.has(button.dataset.run));
+}
+const buttons = [...document.querySelectorAll(".runs button")];
+for (const button of buttons) button.addEventListener("click", () => toggle(button.dataset.run));
+
+function linkLegend(plot) {
+  plot.on("plotly_legendclick", event => {
+    toggle(event.data[event.curveNumber].legendgroup);
+    return false;
   });
+  plot.on("plotly_legenddoubleclick", () => false);
 }
 
 figures.forEach((figure, i) => Plotly.newPlot(plots[i], figure.data, figure.layout, config)
   .then(plot => Plotly.relayout(plot, theme(plot.layout)))
-  .then(plot => { linkTime(plot); linkRuns(plot); }));
+  .then(plot => { linkTime(plot); linkLegend(plot); }));
 
 function restyle() {
   plots.forEach(plot => { Plotly.relayout(plot, theme(plot.layout)); Plotly.Plots.resize(plot); });

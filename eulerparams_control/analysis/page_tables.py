@@ -5,7 +5,7 @@ from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from eulerparams_control.analysis.labels import labels, line
+from eulerparams_control.analysis.labels import colour, labels
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.table import MISSING, rows
 from eulerparams_control.analysis.text import quantity
@@ -100,12 +100,16 @@ def _parameter(name: str, values: list[str], kind: str) -> str:
 
 def _run_head(first: str, recordings: Sequence[Recording], kind: str) -> str:
     """Return a head with a column for each run, in its colour."""
-    cells = "".join(
-        f'<th class="{kind}"><span class="key" style="background:{line(index)["color"]}"></span>'
-        f"{escape(name)}</th>"
-        for index, name in enumerate(labels(recordings))
-    )
+    cells = "".join(f'<th class="{kind}">{name}</th>' for name in run_names(recordings))
     return f"<th>{escape(first)}</th>{cells}"
+
+
+def run_names(recordings: Sequence[Recording]) -> list[str]:
+    """Return the name of each run with its colour."""
+    return [
+        f'<span class="key" style="background:{colour(index)}"></span>{escape(name)}'
+        for index, name in enumerate(labels(recordings))
+    ]
 
 
 def _head(names: Sequence[str], numbers: Sequence[int] = ()) -> str:

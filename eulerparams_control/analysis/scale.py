@@ -1,5 +1,6 @@
 """The axis of a quantity: linear, or logarithmic where runs differ by powers of ten."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,12 +12,13 @@ _SPAN = 50.0  # peak of the largest run over what is usual in the smallest, for 
 _MARGIN = 1.1
 
 
-def axis(runs: Sequence[Array], floor: float) -> dict[str, Any]:
+def axis(runs: Sequence[Array], floor: float, labels: int = 8) -> dict[str, Any]:
     """Return type, range and ticks of a plotly axis that shows all runs.
 
     Args:
         runs: the values of each run, >= 0; those that are not finite do not count.
         floor: what is smaller is rounding: a logarithmic axis does not reach down to it.
+        labels: most labels that a logarithmic axis has room for.
     """
     values = [run[np.isfinite(run) & (run > 0)] for run in runs]
     values = [run for run in values if len(run)]
@@ -27,12 +29,11 @@ def axis(runs: Sequence[Array], floor: float) -> dict[str, Any]:
     if top < _SPAN * usual:
         return {"type": "linear", "range": [0.0, _MARGIN * top]}
     bottom = min(float(np.quantile(run, 0.02)) for run in values)
-    return _logarithmic(min(max(bottom, floor), top / _SPAN), top)
+    return _logarithmic(min(max(bottom, floor), top / _SPAN), top, labels)
 
 
-def _logarithmic(bottom: float, top: float) -> dict[str, Any]:
+def _logarithmic(bottom: float, top: float, labels: int) -> dict[str, Any]:
     """Return an axis with one label a decade, or fewer if there are many."""
     low, high = np.log10(bottom) - 0.1, np.log10(top) + 0.2
-    step = max(1, round((high - low) / 8))
-    ticks = {"dtick": step, "exponentformat": "power", "minor": {"dtick": 1}}
-    return {"type": "log", "range": [float(low), float(high)], **ticks}
+    step = max(1, math.ceil((high - low) / labels))
+    return {"type": "log", "range": [float(low), float(high)], "dtick": step}

@@ -166,7 +166,7 @@ class Clik(Scheme):
     def _integrate(self, dt: float) -> Array:
         """Return q (n,) after dt [s] of the velocity commanded last."""
         q = self._q + dt * self._dq
-        if self.limits is None:
+        if self.limits is None or self.limits.contain(q):
             return q
         # where it started outside, only outward motion is cut
         lower = np.minimum(self.limits.lower, self._q)

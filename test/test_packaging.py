@@ -1,0 +1,100 @@
+"""The package as pip and colcon install it, and as `ros2 run` looks for it."""
+
+import os
+import shutil
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+EXECUTABLES = {"analyze", "bag_recorder", "clik", "experiment", "pybullet_bridge", "reference"}
+PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """Return a copy of what is installed, so that no build touches the working tree."""
+    copy = tmp_path_factory.mktemp("source") / "eulerparams_control"
+    copy.mkdir()
+    for part in (*PARTS, "package.xml"):
+        if (ROOT / part).is_dir():
+            shutil.copytree(ROOT / part, copy / part, symlinks=True)
+        else:
+            shutil.copy(ROOT / part, copy / part)
+    return copy
+
+
+def run(*command, cwd, env=None):
+    result = subprocess.run(
+        command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def executables_for_ros2_run(prefix):
+    """Return what `ros2 run` finds: executable files of PREFIX/lib/PACKAGE."""
+    folder = prefix / "lib" / "eulerparams_control"
+    return {file.name for file in folder.iterdir() if os.access(file, os.X_OK)}
+
+
+def yaml_files(folder):
+    return {path.relative_to(folder) for path in folder.rglob("*.yaml")}
+
+
+def assert_is_installed(prefix):
+    share = prefix / "share"
+    assert executables_for_ros2_run(prefix) == EXECUTABLES
+    assert (share / "ament_index/resource_index/packages/eulerparams_control").is_file()
+    assert (share / "eulerparams_control/package.xml").is_file()
+    assert yaml_files(share / "eulerparams_control/config") == yaml_files(ROOT / "config")
+
+
+def test_pip_installs_executables_where_ros2_run_looks(source, tmp_path):
+    environment = shutil.copytree(source, tmp_path / "source", symlinks=True)
+    # without --ignore-installed pip would take the package out of this environment
+    pip = (sys.executable, "-m", "pip", "install", "--ignore-installed", "--no-index")
+    options = ("--no-deps", "--no-build-isolation", "--prefix", str(tmp_path / "prefix"))
+    run(*pip, *options, ".", cwd=environment)
+    prefix = tmp_path / "prefix"
+    assert_is_installed(prefix)
+    site = next(prefix.glob("lib/python*/site-packages"))
+    env = {**os.environ, "PYTHONPATH": str(site), "AMENT_PREFIX_PATH": str(prefix)}
+    script = prefix / "lib" / "eulerparams_control" / "experiment"
+    assert "demo" in run(str(script), "--list", cwd=tmp_path, env=env)
+
+
+@pytest.mark.parametrize("options", [(), ("--symlink-install",)])
+def test_colcon_installs_executables_where_ros2_run_looks(source, tmp_path, options):
+    workspace = tmp_path / "workspace"
+    shutil.copytree(source, workspace / "src" / "eulerparams_control", symlinks=True)
+    env = {key: value for key, value in os.environ.items() if key != "AMENT_PREFIX_PATH"}
+    run(sys.executable, "-m", "colcon", "build", *options, cwd=workspace, env=env)
+    prefix = workspace / "install" / "eulerparams_control"
+    assert_is_installed(prefix)
+    assert "demo" in run(
+        "bash", "-c", ". install/setup.bash && $0 --list",
+        str(prefix / "lib/eulerparams_control/experiment"), cwd=workspace, env=env,
+    )  # fmt: skip
+
+
+def test_each_executable_is_an_entry_point_with_a_main():
+    points = {
+        point.name: point.load()
+        for point in entry_points(group="console_scripts")
+        if point.dist is not None and point.dist.name.replace("-", "_") == "eulerparams_control"
+    }
+    assert set(points) == EXECUTABLES
+    assert all(callable(main) for main in points.values())
+
+
+def test_no_file_of_the_package_names_a_registry_or_a_path_of_a_machine():
+    listed = run("git", "ls-files", cwd=ROOT).split() if (ROOT / ".git").exists() else []
+    words = ["py" + "pi.org", "pythonhosted" + ".org", "/ho" + "me/", "/ro" + "ot/"]
+    for name in listed:
+        text = (ROOT / name).read_text(encoding="utf-8", errors="ignore")
+        for word in words:
+            assert word not in text, f"{name} names {word}"
