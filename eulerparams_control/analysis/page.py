@@ -4,6 +4,7 @@ What comes from a bag is never trusted: text is escaped where it enters the page
 content security policy forbids the page to load anything.
 """
 
+import re
 from collections.abc import Sequence
 from html import escape
 from os import PathLike
@@ -51,6 +52,10 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
+_NUMBER = re.compile(r"\d\S*( (deg|mm|rad/s))?")
+"""Not to be broken over two lines."""
+
+
 def write_page(
     path: str | PathLike[str],
     recordings: Sequence[Recording],
@@ -76,7 +81,7 @@ def write_page(
         policy=_POLICY,
         title=escape(sentence),
         style=STYLE,
-        sentence=escape(sentence),
+        sentence=_NUMBER.sub(r'<span class="whole">\g<0></span>', escape(sentence)),
         claim=_claim(claim, verdicts),
         warnings="\n".join(_warning(r.warning) for r in recordings if r.warning),
         body=_body(drawn, recordings, verdicts),

@@ -29,10 +29,11 @@ figcaption, .note { font-size: 13px; line-height: 1.45; max-width: 80em; }
 .runs button.hidden { opacity: 0.4; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
-th, td { padding: 5px 14px 5px 0; text-align: left; vertical-align: top;
+th, td { padding: 5px 16px 5px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--line); }
 th { font-weight: 600; }
-td.number, th.number { text-align: right; white-space: nowrap; }
+td.number, th.number { text-align: right; }
+td.number, .whole { white-space: nowrap; }
 td.value { overflow-wrap: anywhere; min-width: 7em; }
 tbody th { font-weight: 400; white-space: pre; }
 .group td, .group th { border-top: 2px solid var(--line); }
@@ -46,7 +47,9 @@ summary { cursor: pointer; color: var(--soft); }
 @media print {
   body { padding: 0; max-width: none; font-size: 10pt; }
   h1 { font-size: 15pt; } h2 { margin-top: 18pt; break-after: avoid; }
-  tr, .warning { break-inside: avoid; } table { font-size: 8.5pt; }
+  tr, .warning, .runs { break-inside: avoid; } .scroll { overflow: visible; }
+  .runs { position: static; break-after: avoid; } .modebar-container { display: none; }
+  table { font-size: 8.5pt; }
   .plots { display: block; } details:not([open]) { display: none; }
   * { print-color-adjust: exact; } }
 """

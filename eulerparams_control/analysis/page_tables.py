@@ -38,7 +38,7 @@ def _criterion(verdicts: list["Verdict"]) -> str:
         measured = escape(quantity(verdict.measured, verdict.unit))
         met = '<td class="yes">✓ yes</td>' if verdict.met else '<td class="no">✗ no</td>'
         cells = (
-            f"{shared[0]}<td>{escape(verdict.variant)}</td>{shared[1]}"
+            f"{shared[0]}<td>{_breakable(verdict.variant)}</td>{shared[1]}"
             f'<td class="number">{measured}</td>{shared[2]}{met}'
         )
         lines.append(_row(cells, "group" if index == 0 else ""))
@@ -107,9 +107,14 @@ def _run_head(first: str, recordings: Sequence[Recording], kind: str) -> str:
 def run_names(recordings: Sequence[Recording]) -> list[str]:
     """Return the name of each run with its colour."""
     return [
-        f'<span class="key" style="background:{colour(index)}"></span>{escape(name)}'
+        f'<span class="key" style="background:{colour(index)}"></span>{_breakable(name)}'
         for index, name in enumerate(labels(recordings))
     ]
+
+
+def _breakable(name: str) -> str:
+    """Return a name, escaped, that may break after its underscores."""
+    return escape(name).replace("_", "_<wbr>")
 
 
 def _head(names: Sequence[str], numbers: Sequence[int] = ()) -> str:
