@@ -74,7 +74,7 @@ class Controller:
         Raises:
             InvalidMessageError: if it begins too far from the present desired frame.
         """
-        self._refuse_jump(motion)
+        self._refuse_jump(motion, start)
         self._motion.follow(motion, start)
         self._waiting = False
 
@@ -85,6 +85,7 @@ class Controller:
         too far ahead nothing is integrated: the controller holds the pose measured then.
         """
         if self._waiting:
+            self._begin(q)  # others may move the arm until then
             return None
         if t == self._t:
             return self._command
@@ -106,13 +107,14 @@ class Controller:
             self.fault = str(error)
             return self.stop()
 
-    def _refuse_jump(self, motion: Trajectory | SetPoint) -> None:
-        if isinstance(motion, Trajectory) and motion.times[0] > 0:
-            return  # it is interpolated from the present desired frame
+    def _refuse_jump(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         here, there = self._motion.last, motion.frames[0]
+        if isinstance(motion, Trajectory):  # after its start, it does not begin at its first frame
+            late = 0.0 if start is None or self._t is None else max(0.0, (self._t - start) / 1e9)
+            there = motion.from_frame(here).sample(late)
         distance, angle = _distance(here, there)
         options = self.options
-        if distance > options.max_jump_position or angle > options.max_jump_rotation:
+        if not (distance <= options.max_jump_position and angle <= options.max_jump_rotation):
             raise InvalidMessageError(
                 f"the reference begins {distance:.3f} m and {math.degrees(angle):.1f} deg away "
                 f"from the present desired frame; at most {options.max_jump_position} m and "

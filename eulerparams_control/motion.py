@@ -53,6 +53,11 @@ class DesiredFrame(NamedTuple):
         return DesiredFrame(self.p_d, self.R_d)
 
 
+def _with_an_angle(x: Array) -> Array:
+    """Return the rotation vector x (3,), not a number where its angle is beyond all numbers."""
+    return x if math.isfinite(x @ x) else np.full(3, math.nan)
+
+
 class _Segment:
     """Motion between two frames ``duration`` seconds apart."""
 
@@ -70,8 +75,9 @@ class _Segment:
 
     def sample(self, t: float) -> DesiredFrame:
         row, drow, ddrow = _powers(t) @ self.coefficients
-        R_d = self.R_0 @ exp(row[3:])
-        omega, domega = body_rates(row[3:], drow[3:], ddrow[3:])  # in the desired frame
+        x = _with_an_angle(row[3:])
+        R_d = self.R_0 @ exp(x)
+        omega, domega = body_rates(x, drow[3:], ddrow[3:])  # in the desired frame
         return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
 
 
@@ -280,7 +286,7 @@ class SetPoint:
     def _moved(self, dt: float) -> DesiredFrame:
         """Return the frame dt [s] later, at constant twist."""
         frame = self.frames[0]
-        R_d = exp(dt * frame.omega_d) @ frame.R_d
+        R_d = exp(_with_an_angle(dt * frame.omega_d)) @ frame.R_d
         return frame._replace(p_d=frame.p_d + dt * frame.dp_d, R_d=R_d)
 
 

@@ -93,6 +93,7 @@ class Robot:
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
         configuration = self._configuration(q)
         J = pin.computeFrameJacobian(self._model, self._data, configuration, self._tip, _REFERENCE)
+        J = J.reshape(6, self.n)  # it comes as (6,) for n = 1
         p_e, R_e = self._placement.translation.copy(), self._placement.rotation.copy()
         if not self._base_is_root:
             p_e, R_e = self._R_base.T @ (p_e - self._p_base), self._R_base.T @ R_e

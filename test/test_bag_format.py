@@ -4,6 +4,7 @@ import resource
 import struct
 import subprocess
 import sys
+import time
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -67,8 +68,8 @@ def write_bag(folder: Path, messages: int) -> None:
         bag.write(DESCRIPTION.name, string(URDF), START, START - 5)
         bag.attach("parameters.yaml", yaml.safe_dump(PARAMETERS))
         for number, state in enumerate(states):
-            time = START + number * 1_000_000
-            bag.write(STATES.name, state, time, time - 7)
+            stamp = START + number * 1_000_000
+            bag.write(STATES.name, state, stamp, stamp - 7)
             if number % CHUNK_MESSAGES == 0:
                 bag.flush()
 
@@ -196,6 +197,16 @@ def test_the_file_holds_the_records_that_rosbag2_writes(small_bag: Path) -> None
     assert profiles == list(DESCRIPTION.qos_profiles)
 
 
+def test_what_is_older_than_a_tenth_of_a_second_is_in_the_file(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag")
+    bag.add_topic(STATES)
+    bag.write(STATES.name, joint_state(0), START, START)
+    time.sleep(0.11)
+    bag.write(STATES.name, joint_state(1), START, START)
+    assert len(list(Bag(tmp_path / "bag").read_raw())) == 2
+    bag.close()
+
+
 def test_chunks_hold_64_kib(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "big") as bag:
         bag.add_topic(STATES)
@@ -212,8 +223,8 @@ def test_rosbags_reads_every_message_in_order(small_bag: Path) -> None:
         (connection,) = (c for c in reader.connections if c.topic == STATES.name)
         assert connection.digest == JAZZY.hash_rihs01(JOINT_STATE)
         messages = [
-            (time, reader.deserialize(raw, connection.msgtype).position[0])
-            for _, time, raw in reader.messages([connection])
+            (stamp, reader.deserialize(raw, connection.msgtype).position[0])
+            for _, stamp, raw in reader.messages([connection])
         ]
     assert messages == [(START + n * 1_000_000, float(n)) for n in range(101)]
 

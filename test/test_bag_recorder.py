@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from eulerparams_control.bags import Bag
+from eulerparams_control.bags import Bag, recover
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 ROOT = Path(__file__).resolve().parents[1]
@@ -156,6 +157,14 @@ def robot(start: Start) -> Process:
     return puppet
 
 
+def eventually(condition: Callable[[], bool]) -> None:
+    """Return when the condition holds; fail if it never does."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def record(start: Start, bag: Path, *topics: str, extra: tuple[str, ...] = ()) -> Process:
     """Start a recorder in the namespace of the robot."""
     listed = ["-p", f"topics:=[{','.join(topics)}]"] if topics else []
@@ -236,18 +245,24 @@ def test_ten_topics_at_1_khz_lose_nothing(start: Start, robot: Process, tmp_path
 def test_what_has_arrived_is_stored_before_the_recorder_ends(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:
-    robot.do("burst = node.create_publisher(JointState, 'burst', QoSProfile(depth=8000))")
-    recorder = record(start, tmp_path / "bag", "burst")
-    recorder.expect("recording 1 topics")
-    robot.do(
-        "wait_until(burst.get_subscription_count)\n"
-        "for number in range(8000):\n"
-        "    burst.publish(state(number))\n"
-        "burst.wait_for_all_acked(rclpy.duration.Duration(seconds=60))"
+    options = ["-p", f"output:={tmp_path}/bag", "-p", "topics:=[joint_states]"]
+    recorder = start(sys.executable, "-c", PUPPET, "idle", "arm", "--ros-args", *options)
+    recorder.do(
+        "from eulerparams_control.bags.recorder_node import BagRecorder\n"
+        "recorder = BagRecorder()  # no executor has it\n"
+        "matched = lambda: any(s.get_publisher_count() for s in recorder._recorded.values())\n"
+        "wait_until(lambda: recorder._tick() or matched())"
     )
-    assert recorder.stop() == 0
+    robot.do(
+        "wait_until(states.get_subscription_count)\n"
+        "for number in range(100):\n"
+        "    states.publish(state(number))\n"
+        "states.wait_for_all_acked(rclpy.duration.Duration(seconds=60))"
+    )
+    assert not Bag(tmp_path / "bag").topics
+    recorder.do("recorder.close()")
     numbers = [message.message.position[0] for message in Bag(tmp_path / "bag").messages()]
-    assert numbers == list(range(8000))
+    assert numbers == list(range(100))
 
 
 def test_a_listed_topic_is_waited_for_and_named(
@@ -272,8 +287,10 @@ def test_without_a_list_all_topics_are_recorded_but_hidden_and_own_ones(
     recorder.expect("recording /arm/new")
     robot.do("wait_until(new.get_subscription_count); new.publish(String(data='x'))")
     robot.do("new.wait_for_all_acked(rclpy.duration.Duration(seconds=60))")
+    eventually(lambda: bool(Bag(tmp_path / "bag").parameters()))
     assert recorder.stop() == 0
     bag = Bag(tmp_path / "bag")
+    assert bag.parameters().keys() == {"/arm/robot"}
     arm = {"/arm/joint_states", "/arm/robot_description", "/arm/new"}
     assert bag.topics.keys() == arm | {"/parameter_events"}
     assert bag.robot_description() == "<robot/>"
@@ -338,8 +355,7 @@ def test_the_bag_holds_the_parameters_of_the_recorded_nodes(
             }
         }
     }
-    while Bag(tmp_path / "bag").parameters() != expected:  # as soon as it has answered
-        robot.do("time.sleep(0.05)")
+    eventually(lambda: Bag(tmp_path / "bag").parameters() == expected)
     robot.do("node.set_parameters([Parameter('gains.k_Pp', value=7.0)])")
     robot.do("time.sleep(0.5)")
     assert recorder.stop() == 0
@@ -379,6 +395,16 @@ def test_a_killed_recorder_loses_no_more_than_a_chunk(
     assert bag.robot_description() == "<robot/>"
     with Reader(tmp_path / "bag") as reader:
         assert reader.message_count == len(numbers) + 1
+
+
+def test_a_message_before_a_silence_is_not_lost_with_the_recorder(
+    start: Start, robot: Process, tmp_path: Path
+) -> None:
+    recorder = record(start, tmp_path / "bag", "robot_description")
+    eventually((tmp_path / "bag/bag_0.mcap").exists)
+    eventually(lambda: len(list(Bag(tmp_path / "bag").read_raw())) == 1)
+    recorder.kill()
+    assert recover(tmp_path / "bag").messages == 1
 
 
 def test_an_existing_folder_is_refused_in_one_line(start: Start, tmp_path: Path) -> None:
@@ -424,8 +450,9 @@ def test_two_types_on_a_topic_are_refused_with_both(
     )
 
 
+@pytest.mark.parametrize(("name", "pause"), [("j", 0.0002), (5000 * "j", 0.001)])
 def test_a_full_disk_ends_the_recorder_with_one_line(
-    start: Start, robot: Process, tmp_path: Path
+    start: Start, robot: Process, tmp_path: Path, name: str, pause: float
 ) -> None:
     recorder = record(start, tmp_path / "bag", "joint_states")
     recorder.expect("recording 1 topics")
@@ -433,8 +460,8 @@ def test_a_full_disk_ends_the_recorder_with_one_line(
     robot.do(
         "wait_until(states.get_subscription_count)\n"
         "for number in range(3000):\n"
-        "    states.publish(state(number))\n"
-        "    time.sleep(0.0002)"
+        f"    states.publish(JointState(name=[{name!r}], position=[float(number)]))\n"
+        f"    time.sleep({pause})"
     )
     assert recorder.end() == 1
     assert "recording 1 topics" in recorder.output[-2]

@@ -87,3 +87,65 @@ POSE_FOUND = 1e-12
 
 # Values that a prototype gave and that are known to two or three digits.
 SEEN = 0.02
+
+# --- nodes ----------------------------------------------------------------------------
+
+# The law (28) at a gain of 100 / s in steps of 10 ms: what is left of an error at rest, in
+# m, rad and rad/s; it decays by half or to nothing in every tick.
+LAW_IN_A_NODE = 1e-6
+
+# The blend of a changed law lets go of 1 % of the difference in a tick of 1 ms (time
+# constant 0.1 s); the difference is up to 9 times the speed, and the error itself decays by
+# a few tenths of a percent.
+BLEND_PER_TICK = 0.1
+
+# R -> xyzw -> R: some ten roundings, and the angle of two rotations that are 1e-16 apart.
+THROUGH_A_QUATERNION = 1e-14
+
+# The joint servo of the simulator at rest, rad and m.
+SIMULATED_POSE = 1e-3
+
+# --- robot and kinematic control ------------------------------------------------------
+
+# Kinematics of a chain of ten transforms with entries of order 1.
+KINEMATICS = 1e-13
+
+# A degree-5 polynomial through given ends: its coefficients are up to 100 times as large
+# as the ends, and J_r is inverted up to 175 deg.
+THROUGH_POINTS = 1e-11
+
+# Accelerations of a quintic by central differences: jerks of order 100 times STEP.
+MOTION_DIFFERENCES = 1e-7
+
+# A circle of 60 quintic arcs a turn between its points [m, rad]: the arcs are 6 deg long,
+# and the error of the interpolation is arc^6 / 46080 = 3e-11 for a radius of 1.
+BETWEEN_POINTS = 1e-9
+
+# The same where a ramp changes the speed: derivatives of the ramp come into it.
+RAMPED = 1e-7
+
+# Rounding of a position that stops at its limit: (limit - q) / dt * dt + q.
+LIMIT_ROUNDING = 1e-12
+
+# Closed loops of gain k = 10 in steps of 1 ms, of the first error: the explicit step
+# leaves k dt / (2 e) = 2e-3, and the curvature of the joint motion as much again.
+CLOSED_LOOP = 5e-3
+
+# E3, T1: orientation error [deg] and joint speed [rad/s] at most; the prototype had
+# 2e-4 deg and 1.12 rad/s.
+T1_DEG = 1e-3
+T1_SPEED = 1.2
+
+# A law replaced by another commands a velocity that is the same to rounding [rad/s].
+NO_JUMP = 1e-10
+
+# E6: the error of an open loop grows at least by this factor from first to last turn;
+# that of the closed loop at most by the other.
+OPEN_LOOP_GROWS = 5.0
+CLOSED_LOOP_GROWS = 1.05
+
+# The joint command is exact at its stamp [m, rad] when the controller holds a pose.
+HELD = 1e-12
+
+# Pose [m, rad] to which inverse_kinematics iterates.
+REACHED = 1e-10

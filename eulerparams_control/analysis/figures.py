@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.labels import colour, labels, line, sequences
-from eulerparams_control.analysis.poles import Approach, approach, near_pole
+from eulerparams_control.analysis.poles import NEAR, Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import (
     JOINT_SPEED,
     POLE_DISTANCE,
@@ -29,7 +29,6 @@ _COLUMNS = 2  # of the joints
 _SHADE = "rgba(204, 121, 167, 0.20)"
 _GREY = "rgba(128, 128, 128, 0.9)"
 _NEAR_LIMIT = 4.0  # limit over largest speed, up to which the axis shows the limit
-_MARK_BELOW = math.radians(30)  # a closest approach farther away is no event
 
 
 class Panel(NamedTuple):
@@ -78,7 +77,7 @@ def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Pa
     _finish(figure, recordings)
     if quantity is not QUANTITIES[0]:
         return Panel(quantity.title, quantity.caption, figure, 300)
-    figure.update_layout(showlegend=len(recordings) > 1, margin_t=64)
+    figure.update_layout(showlegend=len(recordings) > 1)
     return Panel(quantity.title, quantity.caption, figure, 420)
 
 
@@ -108,10 +107,10 @@ def _mark_poles(figure: go.Figure, quantity: Quantity, recordings: Sequence[Reco
     for start, end in near_pole(recordings):
         figure.add_vrect(start, end, fillcolor=_SHADE, line_width=0, layer="below")
     closest = min(map(approach, recordings), key=lambda a: a.distance)
-    if closest.distance < _MARK_BELOW:
+    if closest.distance < NEAR:
         text = _approach_text(closest) if quantity is QUANTITIES[0] else ""
         figure.add_vline(closest.t, line={"color": _GREY, "width": 1, "dash": "dot"})
-        place = {"x": closest.t, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "bottom"}
+        place = {"x": closest.t, "y": 1, "yref": "paper", "yanchor": "bottom"}
         figure.add_annotation(text=text, showarrow=False, **place)
     if quantity is POLE_DISTANCE:
         figure.add_traces(list(_markers(recordings)))
@@ -164,7 +163,7 @@ def _joint_speeds(recordings: Sequence[Recording], bins: int) -> Panel:
         reached = _draw_limits(figure, limits, speeds, **where)
         figure.update_yaxes(axis(speeds + reached, JOINT_SPEED.floor, labels=4), **where)
     figure.update_yaxes(title="|dq| [rad/s]", title_standoff=14, col=1)
-    caption = "Speed of each joint. Dashed: its velocity limit in the URDF."
+    caption = "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near."
     return Panel("Speed of each joint", caption, _finish(figure, recordings), 210 * rows + 60)
 
 
@@ -188,6 +187,6 @@ def _finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:
         margin={"l": 80, "r": 16, "t": 32, "b": 48},
         hovermode="x unified",
         showlegend=False,
-        legend={"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
+        legend={"orientation": "h", "x": 0, "y": -0.18, "yanchor": "top"},
     )
     return figure

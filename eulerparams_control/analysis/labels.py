@@ -39,5 +39,5 @@ def line(index: int, count: int) -> dict[str, str | float]:
     The first is the widest: it shows beneath those that cover it.
     """
     dash = DASHES[index // len(COLOURS) % len(DASHES)]
-    width = 1.4 + 2.4 * (1 - (index + 1) / count)
+    width = 1.6 + 2.4 * (1 - (index + 1) / count)
     return {"color": colour(index), "dash": dash, "width": round(width, 2)}

@@ -52,8 +52,7 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
-_NUMBER = re.compile(r"\d\S*( (deg|mm|rad/s))?")
-"""Not to be broken over two lines."""
+_NUMBER = re.compile(r"(\d\S*(?: (?:deg|mm|rad/s))?)")
 
 
 def write_page(
@@ -81,7 +80,7 @@ def write_page(
         policy=_POLICY,
         title=escape(sentence),
         style=STYLE,
-        sentence=_NUMBER.sub(r'<span class="whole">\g<0></span>', escape(sentence)),
+        sentence=_with_whole_numbers(sentence),
         claim=_claim(claim, verdicts),
         warnings="\n".join(_warning(r.warning) for r in recordings if r.warning),
         body=_body(drawn, recordings, verdicts),
@@ -94,6 +93,15 @@ def write_page(
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"cannot write the page {path}: {error.strerror}") from error
+
+
+def _with_whole_numbers(text: str) -> str:
+    """Return the text, escaped, with numbers and units that are not broken over two lines."""
+    words = map(escape, _NUMBER.split(text))  # every second one is a number
+    return "".join(
+        f'<span class="whole">{word}</span>' if index % 2 else word
+        for index, word in enumerate(words)
+    )
 
 
 def _claim(claim: str, verdicts: Sequence["Verdict"]) -> str:

@@ -32,8 +32,12 @@ def _criterion(verdicts: list["Verdict"]) -> str:
     lines = []
     for index, verdict in enumerate(verdicts):
         shared = [
-            f"<td{span}>{escape(text)}</td>" if index == 0 else ""
-            for text in (verdict.text, verdict.predicted or MISSING, verdict.bound)
+            f'<td{span} class="{kind}">{escape(text)}</td>' if index == 0 else ""
+            for text, kind in (
+                (verdict.text, ""),
+                (verdict.predicted or MISSING, ""),
+                (verdict.bound, "whole"),
+            )
         ]
         measured = escape(quantity(verdict.measured, verdict.unit))
         met = '<td class="yes">✓ yes</td>' if verdict.met else '<td class="no">✗ no</td>'

@@ -72,7 +72,8 @@ ORIENTATION_ERROR = Quantity(
 JOINT_SPEED = Quantity(
     "Joint speed",
     "largest |dq| [rad/s]",
-    "Speed of the fastest joint, what (23) and (28) ask for. Dashed: velocity limits of the URDF.",
+    "Speed of the fastest joint, what (23) and (28) ask for. Dashed: velocity limits of the "
+    "URDF, where they are near.",
     "rad/s",
     1e-3,
     _joint_speed,

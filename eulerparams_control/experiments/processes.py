@@ -55,11 +55,12 @@ class Nodes:
 
     Attributes:
         environment: of the processes; names the domain.
+        processes: by executable.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(free_domain()),
@@ -78,7 +79,7 @@ class Nodes:
         _error: BaseException | None,
         _traceback: TracebackType | None,
     ) -> None:
-        self.stop(*reversed(list(self._processes)))
+        self.stop(*reversed(list(self.processes)))
 
     def start(self, executable: str, parameters: dict[str, Any], namespace: str = "/") -> None:
         """Start a node with its parameters."""
@@ -86,7 +87,7 @@ class Nodes:
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), encoding="utf-8")
         command = [sys.executable, "-m", module_of(executable)]
         with open(self._log(executable), "wb") as log:
-            self._processes[executable] = subprocess.Popen(
+            self.processes[executable] = subprocess.Popen(
                 [*command, "--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}"],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -108,19 +109,19 @@ class Nodes:
         Raises:
             SimulationError: if any node has died; with its last words.
         """
-        for name, process in self._processes.items():
+        for name, process in self.processes.items():
             if process.poll() is not None and (process.returncode != 0 or name != executable):
                 raise SimulationError(
                     f"the node {name} died with exit code {process.returncode}:\n"
                     + self._last_words(name)
                     + self.complaints(but=name)
                 )
-        return self._processes[executable].poll() is not None
+        return self.processes[executable].poll() is not None
 
     def stop(self, *executables: str) -> None:
         """End nodes one after the other, those that have not ended yet."""
         for name in executables:
-            process = self._processes[name]
+            process = self.processes[name]
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
             try:
@@ -153,7 +154,7 @@ class Nodes:
     def complaints(self, but: str) -> str:
         """Return the last error of each other node: the cause is often with a neighbour."""
         text = ""
-        for name in self._processes:
+        for name in self.processes:
             errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]
             if errors and name != but:
                 text += f"\n{name} said:\n  {errors[-1]}"

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -42,6 +44,8 @@ from eulerparams_control.ros.conversions import error_to_ros, pose_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import Scheme
+
+RCLError = rclpy_implementation.RCLError
 
 QOS = QoSProfile(depth=10)  # reliable, volatile
 QOS_STREAM = QoSProfile(depth=1000)  # what publishers keep for readers that lag, a recorder say
@@ -140,6 +144,7 @@ class ControlNode(LifecycleNode):
         self._measured: tuple[int, Array, Array] | None = None
         self._next_report = 0
         self._reference: Subscription | None = None
+        self._survive_wrong_transitions()
         self._subscribe()
         self._try_start()
 
@@ -187,6 +192,21 @@ class ControlNode(LifecycleNode):
         self._params = new
 
     # --- lifecycle ---------------------------------------------------------------------
+
+    def _survive_wrong_transitions(self) -> None:
+        """Answer a transition that the state does not have; rclpy would end the process."""
+        service = self._service_change_state
+        change_state = service.callback
+
+        def guarded(request: ChangeState.Request, response: ChangeState.Response) -> Any:
+            try:
+                return change_state(request, response)
+            except RCLError as error:
+                self._health.complain(f"transition refused: {error}")
+                response.success = False
+                return response
+
+        service.callback = guarded
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description."""

@@ -111,7 +111,8 @@ class Clik(Scheme):
         self.feedback = feedback
         self.limits = limits
         self.blend_time = blend_time
-        self._replaced: ClikLaw | None = None
+        self._x_de: Any = None
+        self._replaced: tuple[ClikLaw, Any] | None = None  # with its x_de
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
 
@@ -121,13 +122,18 @@ class Clik(Scheme):
         Raises:
             ConfigurationError: if its posture has the wrong size.
         """
-        self._replaced, self.law = self.law, _checked(law, self.robot)
+        _checked(law, self.robot)
+        if self._replaced is None:  # else it was replaced before it commanded anything
+            self._replaced = self.law, self._x_de
+        if type(law.orientation) is not type(self.law.orientation):
+            self._x_de = None  # means nothing to another representation
+        self.law = law
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
         self._q = q.copy()
         self._dq = np.zeros_like(q)
-        self._x_de: Any = None
+        self._x_de = None
         self._offset = np.zeros_like(q)
         self._replaced = None
 
@@ -135,6 +141,8 @@ class Clik(Scheme):
         """Return the command that holds still: the integrated q, no velocity."""
         self._dq = np.zeros_like(self._q)
         self._x_de = None
+        self._offset = np.zeros_like(self._q)
+        self._replaced = None
         return JointCommand(self._q, self._dq)
 
     def start_frame(self) -> DesiredFrame:
@@ -149,6 +157,8 @@ class Clik(Scheme):
             SingularityError: if the law has no finite answer; nothing is integrated then.
         """
         q_c = self._integrate(dt)
+        if not np.all(np.isfinite(q_c)):
+            raise SingularityError("the joint velocities lead to infinite joint positions")
         if self.feedback == "internal":
             state = self.robot.state(q_c, self._dq)
         else:
@@ -174,12 +184,11 @@ class Clik(Scheme):
 
     def _blend(self, dt: float, dq: Array, state: RobotState, desired: DesiredFrame) -> Array:
         """Return what remains of the difference (n,) to the law that was replaced."""
+        self._offset = self._offset * math.exp(-dt / self.blend_time)
         if self._replaced is not None:
-            replaced, self._replaced = self._replaced, None
-            dq_before, _, _ = replaced.velocity(state, desired, None)
+            (replaced, x_de), self._replaced = self._replaced, None
+            dq_before, _, _ = replaced.velocity(state, desired, x_de)
             self._offset = self._offset + dq_before - dq
-        else:
-            self._offset = self._offset * math.exp(-dt / self.blend_time)
         return self._offset
 
 

@@ -1,0 +1,27 @@
+"""What all tests share: the environment of ROS, set before anything imports it."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# The type checks of messages are off in Jazzy: with them a wrong type is an error, not garbage.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+from ros_processes import Graph  # noqa: E402
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A ROS domain of its own, for one test."""
+    with Graph(tmp_path / "nodes") as own:
+        yield own
+
+
+@pytest.fixture(scope="module")
+def shared_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    """A ROS domain for all tests of a module."""
+    with Graph(tmp_path_factory.mktemp("nodes")) as own:
+        yield own

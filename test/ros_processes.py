@@ -1,0 +1,393 @@
+"""Executables as processes in a ROS domain of their own, and a node of the test beside them.
+
+Nothing here measures time: what is waited for is polled until it is there, and deadlines
+only guard against hanging.
+"""
+
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# A guard against hanging, not a measure: what is waited for takes a second or two.
+PATIENCE = 60.0
+
+# Linux gives none of the ports of these domains to outgoing connections, and neither the
+# experiments nor the other tests use them.
+DOMAINS = range(215, 232)
+
+MODULES = {
+    "clik": "eulerparams_control.ros.clik_node",
+    "reference": "eulerparams_control.ros.reference_node",
+    "pybullet_bridge": "sim_bridge.bridge_node",
+    "experiment": "eulerparams_control.experiments.main",
+}
+
+Array = NDArray[np.float64]
+
+
+def free_domain() -> int:
+    """Return a domain whose first participant's port, 7410 + 250 d (RTPS 9.6.1.1), is free."""
+    for offset in range(len(DOMAINS)):
+        domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise AssertionError("no ROS domain of the tests is free")
+
+
+def environment(folder: Path, domain: int) -> dict[str, str]:
+    """Return the environment of the processes of a domain."""
+    return os.environ | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_PYTHON_CHECK_FIELDS": "1",
+        "ROS_LOG_DIR": str(folder / "ros"),
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+        # one that the caller has set wins over the source tree, so that a changed copy can be tried
+        "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(":"),
+        "PYTHONUNBUFFERED": "1",
+        "COLUMNS": "200",
+    }
+
+
+class Process:
+    """A child process whose output goes to files."""
+
+    def __init__(self, command: list[str], folder: Path, name: str, env: dict[str, str]) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._files = [folder / f"{name}.{stream}" for stream in ("out", "err")]
+        with open(self._files[0], "wb") as out, open(self._files[1], "wb") as err:
+            self._child = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=env
+            )
+
+    @property
+    def stdout(self) -> str:
+        return self._files[0].read_text(errors="replace")
+
+    @property
+    def stderr(self) -> str:
+        return self._files[1].read_text(errors="replace")
+
+    @property
+    def log(self) -> str:
+        return self.stdout + self.stderr
+
+    @property
+    def exit_code(self) -> int | None:
+        """The exit code; None while it runs."""
+        return self._child.poll()
+
+    def end(self) -> int:
+        """Wait for the end; return the exit code."""
+        return self._child.wait(timeout=PATIENCE)
+
+    def signal(self, number: signal.Signals) -> None:
+        self._child.send_signal(number)
+
+    def stop(self) -> int:
+        """Send SIGINT; return the exit code."""
+        self.signal(signal.SIGINT)
+        return self.end()
+
+    def kill(self) -> None:
+        if self.exit_code is None:
+            self._child.kill()
+        self._child.wait()
+
+
+class Graph:
+    """A ROS domain: processes, and ``peer``, the node of the test in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.domain = free_domain()
+        self.processes: list[Process] = []
+        self._peer: Peer | None = None
+        self._numbers = itertools.count()
+
+    def __enter__(self) -> "Graph":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self.processes:
+            process.kill()
+        if self._peer is not None:
+            self._peer.close()
+
+    @property
+    def peer(self) -> "Peer":
+        if self._peer is None:
+            self._peer = Peer(self)
+        return self._peer
+
+    def start(
+        self,
+        executable: str,
+        parameters: dict[str, Any] | None = None,
+        *,
+        files: tuple[Path, ...] = (),
+        namespace: str = "",
+    ) -> Process:
+        """Start a node; ``files`` of parameters come before ``parameters``."""
+        name = f"{executable}_{next(self._numbers)}"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        own = self.folder / f"{name}.yaml"
+        own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
+        given = [*files, own] if parameters else files
+        options = [word for file in given for word in ("--params-file", str(file))]
+        options += ["-r", f"__ns:={namespace}"] if namespace else []
+        return self.run(executable, "--ros-args", *options, name=name)
+
+    def run(self, executable: str, *arguments: str, name: str = "") -> Process:
+        """Start an executable with command-line arguments."""
+        command = [sys.executable, "-m", MODULES[executable], *arguments]
+        name = name or f"{executable}_{next(self._numbers)}"
+        env = environment(self.folder, self.domain)
+        self.processes.append(Process(command, self.folder, name, env))
+        return self.processes[-1]
+
+    def logs(self) -> str:
+        return "\n".join(f"--- exit code {p.exit_code}\n{p.log}" for p in self.processes)
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Spin the peer until ``condition()`` is true; return what it returned."""
+        deadline = time.monotonic() + PATIENCE
+        while not (result := condition()):
+            if time.monotonic() > deadline:
+                raise AssertionError(f"{what}: has not happened; the processes said:\n{self.logs()}")
+            if self._peer is None:
+                time.sleep(0.01)
+            else:
+                self._peer.spin_once()
+        return result
+
+    def until_said(self, process: Process, words: str) -> None:
+        """Wait until a process has said some words."""
+        self.until(lambda: words in process.log, f"'{words}' in the log")
+
+
+class Peer:
+    """The node of the test in a domain; spun only while something is waited for."""
+
+    def __init__(self, graph: Graph) -> None:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=graph.domain)
+        self.graph = graph
+        self.node = rclpy.create_node("peer", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+        self._statuses: dict[str, list[Any]] | None = None
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin_once(self) -> None:
+        self._executor.spin_once(timeout_sec=0.02)
+
+    def another_node(self, name: str) -> Any:
+        """Return one more node of the test."""
+        import rclpy
+
+        return rclpy.create_node(name, context=self._context)
+
+    def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
+        return self.node.create_publisher(kind, topic, _qos(100, latched))
+
+    def listen(self, kind: Any, topic: str, *, latched: bool = False, info: bool = False) -> list[Any]:
+        """Return a list to which each message is appended, with its info if asked for."""
+        messages: list[Any] = []
+
+        def keep(msg: Any) -> None:
+            messages.append(msg)
+
+        def keep_with_info(msg: Any, received: Any) -> None:
+            messages.append((msg, received))
+
+        callback = keep_with_info if info else keep
+        self.node.create_subscription(kind, topic, callback, _qos(1000, latched))
+        return messages
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Return the response of a service, once it is there."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
+        self.graph.until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.graph.until(future.done, f"answer of {service}")
+        return future.result()
+
+    def set_parameters(self, node: str, **wanted: Any) -> list[str]:
+        """Set parameters of a node, each for itself; return the reasons of refusals."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in wanted.items()]
+        request = SetParameters.Request(parameters=parameters)
+        results = self.call(SetParameters, f"{node}/set_parameters", request).results
+        return [result.reason for result in results if not result.successful]
+
+    def get_parameters(self, node: str, *names: str) -> list[Any]:
+        from rcl_interfaces.srv import GetParameters
+        from rclpy.parameter import parameter_value_to_python
+
+        request = GetParameters.Request(names=list(names))
+        found = self.call(GetParameters, f"{node}/get_parameters", request).values
+        return [parameter_value_to_python(value) for value in found]
+
+    def change_state(self, node: str, transition: str) -> bool:
+        """Ask for a transition of a lifecycle node by its label; return whether it was made."""
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        number = getattr(Transition, f"TRANSITION_{transition.upper()}")
+        request = ChangeState.Request(transition=Transition(id=number))
+        return bool(self.call(ChangeState, f"{node}/change_state", request).success)
+
+    def lifecycle_state(self, node: str) -> str:
+        from lifecycle_msgs.srv import GetState
+
+        request = GetState.Request()
+        return str(self.call(GetState, f"{node}/get_state", request).current_state.label)
+
+    def status(self, node: str, condition: Callable[[Any], Any] = bool) -> Any:
+        """Return the next status of a node on /diagnostics that meets a condition."""
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        if self._statuses is None:
+            self._statuses = {}
+
+            def keep(msg: Any) -> None:
+                assert self._statuses is not None
+                for status in msg.status:
+                    self._statuses.setdefault(status.name, []).append(status)
+
+            self.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 100)
+        statuses = self._statuses
+        statuses[node] = []
+
+        def found() -> Any:
+            return next((status for status in statuses[node] if condition(status)), None)
+
+        return self.graph.until(found, f"diagnostics of {node}")
+
+    def counter(self, node: str, name: str, at_least: int = 0) -> int:
+        """Return a counter on /diagnostics, as soon as it has reached a value."""
+        status = self.status(node, lambda status: int(values(status).get(name, 0)) >= at_least)
+        return int(values(status).get(name, 0))
+
+
+def _qos(depth: int, latched: bool) -> Any:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    if latched:
+        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return QoSProfile(depth=depth)
+
+
+def values(status: Any) -> dict[str, str]:
+    """Return the keys and values of a status."""
+    return {pair.key: pair.value for pair in status.values}
+
+
+class Arm:
+    """Plays the robot of a controller: publishes joint_states, takes commands.
+
+    It obeys a command at once, unless a test says where the joints are.
+    """
+
+    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import String
+
+        self.graph, self.robot = graph, robot
+        self.joints = list(robot.joints)
+        self.q = np.array(robot.home)
+        self.dq = np.zeros(len(self.q))
+        self.t = 1_000_000_000
+        peer = graph.peer
+        self.states = peer.publisher(JointState, f"{namespace}/joint_states")
+        self._description = peer.publisher(String, f"{namespace}/robot_description", latched=True)
+        self._description.publish(String(data=robot.urdf))
+        self.commands = peer.listen(command or JointState, f"{namespace}/joint_reference")
+
+    def message(self, q: Array | None = None) -> Any:
+        """Return joint_states for q, or for where the joints are, at the present stamp."""
+        from builtin_interfaces.msg import Time
+        from sensor_msgs.msg import JointState
+
+        position = (self.q if q is None else q).tolist()
+        msg = JointState(name=self.joints, position=position, velocity=self.dq.tolist())
+        msg.header.stamp = Time(sec=self.t // 10**9, nanosec=self.t % 10**9)
+        return msg
+
+    def send(self, msg: Any) -> None:
+        self.states.publish(msg)
+
+    def send_next(self, count: int = 1) -> None:
+        """Send the state under the next stamps, 1 ms apart, and wait for nothing."""
+        for _ in range(count):
+            self.t += 1_000_000
+            self.send(self.message())
+
+    def connect(self) -> None:
+        """Repeat the state until a controller answers it."""
+
+        def answered() -> bool:
+            if not self.commands:
+                self.send(self.message())
+            return bool(self.commands)
+
+        self.graph.until(answered, "a command for the first joint_states")
+        self.start_anew()
+
+    def start_anew(self, q: Array | None = None) -> Any:
+        """Jump ahead in time, so that the controller begins to hold q (default: home)."""
+        self.q = np.array(self.robot.home) if q is None else q
+        self.dq = np.zeros(len(self.q))
+        return self.tick(dt=10.0)
+
+    def tick(self, q: Array | None = None, dt: float = 0.001) -> Any:
+        """Advance the stamp, send the state, return its command and obey it."""
+        if q is not None:
+            self.q = q
+        self.t += round(dt * 1e9)
+        msg = self.message()
+        self.send(msg)
+        command = self.answer(msg.header.stamp)
+        self.q, self.dq = np.array(command.position), np.array(command.velocity)
+        return command
+
+    def answer(self, stamp: Any) -> Any:
+        """Return the command stamped ``stamp``, and forget the others."""
+
+        def found() -> Any:
+            return [command for command in self.commands if command.header.stamp == stamp]
+
+        command = self.graph.until(found, f"a command stamped {stamp}")[0]
+        self.commands.clear()
+        return command

@@ -1,0 +1,98 @@
+"""Bags of an arm so simple that every number of a run can be worked out by hand.
+
+A hinge turns a rod of 1 m about the base's y axis: R = R_y(q), p = (cos q, 0, -sin q).
+So the angle to the desired frame at q = 0 is |q|, the distance to it 2 sin(|q| / 2), and
+the angle to the pole of XYZ 90 deg - |q|.  A second joint, which rests, rolls the rod about
+itself.  The columns of J are orthogonal, of norm sqrt(2) and 1: its singular values.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from geometry_msgs.msg import Transform, Vector3
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from eulerparams_control.bags import BagWriter
+from eulerparams_control.bags.format import Topic
+
+URDF = """<robot name="rod">
+<link name="base"/><link name="tip"/>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-4" upper="4" velocity="3" effort="10"/></joint>
+<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="roll" type="revolute"><parent link="arm"/><child link="rod"/><axis xyz="1 0 0"/>
+<limit lower="-4" upper="4" velocity="3" effort="10"/></joint>
+<link name="rod"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="1 0 0"/></joint>
+</robot>"""
+
+PERIOD_NS = 10_000_000
+_START = 1_700_000_000_000_000_000
+_TYPES = {
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/joint_reference": "sensor_msgs/msg/JointState",
+    "/reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "/robot_description": "std_msgs/msg/String",
+}
+
+
+def write_run(
+    folder: Path,
+    measured: Sequence[float],
+    command: Sequence[float] | None = None,
+    *,
+    speeds: Sequence[float] | None = None,
+    desired: bool = True,
+    urdf: str = URDF,
+    parameters: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write a bag with a sample every 10 ms; return its folder.
+
+    Args:
+        folder: of the bag.
+        measured, command: q [rad] in joint_states and joint_reference.
+        speeds: [rad/s] of the command, or of the measured motion if there is none.
+        desired: whether a reference keeps the tip at q = 0.
+        urdf: in robot_description; "" leaves it out.
+        parameters: of the node /clik; None leaves all parameters out.
+    """
+    with BagWriter(folder) as bag:
+        for name, kind in _TYPES.items():
+            bag.add_topic(Topic(name, kind))
+        if parameters is not None:
+            nodes = {"/clik": {"ros__parameters": dict(parameters)}}
+            bag.attach("parameters.yaml", yaml.safe_dump(nodes))
+        if urdf:
+            bag.write("/robot_description", serialize_message(String(data=urdf)), _START, _START)
+        if desired:
+            bag.write("/reference", serialize_message(_reference()), _START, _START)
+        for index, q in enumerate(measured):
+            stamp = _START + index * PERIOD_NS
+            dq = 0.0 if speeds is None or command is not None else speeds[index]
+            bag.write("/joint_states", _joint_state(stamp, q, dq), stamp, stamp)
+            if command is not None:
+                dq = 0.0 if speeds is None else speeds[index]
+                bag.write("/joint_reference", _joint_state(stamp, command[index], dq), stamp, stamp)
+    return folder
+
+
+def _joint_state(stamp: int, q: float, dq: float) -> bytes:
+    names = ["roll", "gripper", "hinge"]
+    message = JointState(name=names, position=[0.0, 9.0, q], velocity=[0.0, 9.0, dq])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    return bytes(serialize_message(message))
+
+
+def _reference() -> MultiDOFJointTrajectory:
+    at_zero = Transform(translation=Vector3(x=1.0))
+    message = MultiDOFJointTrajectory(joint_names=["tip"])
+    message.header.frame_id = "base"
+    message.points = [MultiDOFJointTrajectoryPoint(transforms=[at_zero])]
+    return message

@@ -1,0 +1,362 @@
+"""Desired motions: they pass their frames, and their rates are their derivatives."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from samples import (
+    about,
+    derivative,
+    generator,
+    pairs_apart,
+    rodrigues,
+    uniform,
+    unit_vectors,
+    vectors,
+)
+from tolerances import (
+    ALGEBRAIC,
+    BETWEEN_POINTS,
+    MOTION_DIFFERENCES,
+    RAMPED,
+    RELATIVE,
+    THROUGH_POINTS,
+)
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.motion import (
+    Circle,
+    DesiredFrame,
+    DesiredMotion,
+    SetPoint,
+    Trajectory,
+    way_points,
+)
+from eulerparams_control.rotations import angle_between
+
+X = np.eye(3)[0]
+S_IN_NS = 1_000_000_000
+ANGLES = (0.0, 1e-9, 1e-3, 0.5, 1.5, 2.0, 3.0, math.radians(175))
+CIRCLE = Circle(radius=0.15, normal=np.array([1.0, 2.0, -2.0]), period=4.0, tilt=0.4)
+P_0, R_0 = np.array([0.4, -0.1, 0.5]), rodrigues(2.1, np.array([0.6, 0.0, 0.8]))
+
+
+def moving_frame(R, key):
+    """Return a frame with that orientation, random position, velocities and accelerations."""
+    p, dp, omega, ddp, domega = vectors(5, key=100 + key)
+    return DesiredFrame(p, R, dp, omega, ddp, domega)
+
+
+def trajectory_turning(theta, key=0):
+    """Return a motion of three moving frames, each theta [rad] away from its neighbour."""
+    (R_1, R_0), = pairs_apart(theta, 1, key)
+    R_2 = rodrigues(theta, unit_vectors(1, key + 50)[0]) @ R_1
+    frames = [moving_frame(R, 10 * key + i) for i, R in enumerate((R_0, R_1, R_2))]
+    return Trajectory([0.0, 0.8, 2.0], frames)
+
+
+def assert_same_frame(a, b, atol):
+    """Assert that pose, velocities and accelerations agree."""
+    for of_a, of_b in zip(a, b, strict=True):
+        np.testing.assert_allclose(of_a, of_b, rtol=0, atol=atol)
+
+
+def assert_rates_are_derivatives(motion, t, atol=MOTION_DIFFERENCES):
+    """Assert that velocities and accelerations at t are the derivatives of pose and rates."""
+    frame = motion.sample(t)
+    S_omega = derivative(lambda h: motion.sample(t + h).R_d) @ frame.R_d.T
+    omega = np.array([S_omega[2, 1], S_omega[0, 2], S_omega[1, 0]])
+    for name, rate, value in (
+        ("dp_d", frame.dp_d, derivative(lambda h: motion.sample(t + h).p_d)),
+        ("omega_d", frame.omega_d, omega),
+        ("ddp_d", frame.ddp_d, derivative(lambda h: motion.sample(t + h).dp_d)),
+        ("domega_d", frame.domega_d, derivative(lambda h: motion.sample(t + h).omega_d)),
+    ):
+        np.testing.assert_allclose(rate, value, rtol=atol, atol=atol, err_msg=name)
+
+
+# --- trajectories -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_a_trajectory_passes_its_frames_with_their_velocities_and_accelerations(theta):
+    for key in range(5):
+        trajectory = trajectory_turning(theta, key)
+        for i, t in enumerate(trajectory.times):
+            assert_same_frame(trajectory.sample(t), trajectory.frames[i], THROUGH_POINTS)
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_a_trajectory_arrives_at_a_frame_as_it_leaves_it(theta):
+    # accelerations near 180 deg have the condition of J_r, and jerks of 1e4 make 1e-12 of 1e-16 s
+    for key in range(5):
+        trajectory = trajectory_turning(theta, key)
+        for i in (1, 2):
+            just_before = np.nextafter(trajectory.times[i], 0)
+            assert_same_frame(
+                trajectory.sample(just_before), trajectory.frames[i], 100 * THROUGH_POINTS
+            )
+
+
+@pytest.mark.parametrize("theta", ANGLES)
+def test_the_rates_of_a_trajectory_are_its_derivatives(theta):
+    for key in range(3):
+        trajectory = trajectory_turning(theta, key)
+        for t in generator(60, key).uniform(0.01, 1.99, size=10):
+            if abs(t - 0.8) > 1e-3:
+                assert_rates_are_derivatives(trajectory, t, 30 * MOTION_DIFFERENCES)
+
+
+def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
+    frames = [moving_frame(R, i) for i, R in enumerate(uniform(2))]
+    trajectory = Trajectory([0.5, 2.0], frames)
+    assert trajectory.duration == 2.0
+    for t, frame in ((0.0, frames[0]), (0.4999, frames[0]), (2.0001, frames[1]), (99.0, frames[1])):
+        assert_same_frame(trajectory.sample(t), DesiredFrame(frame.p_d, frame.R_d), 0)
+
+
+def test_a_trajectory_can_be_sampled_in_any_order():
+    trajectory = trajectory_turning(1.0)
+    forth = [trajectory.sample(t) for t in (0.1, 0.9, 1.5)]
+    back = [trajectory.sample(t) for t in (1.5, 0.9, 0.1)][::-1]
+    for a, b in zip(forth, back, strict=True):
+        assert_same_frame(a, b, 0)
+
+
+def test_a_trajectory_that_begins_later_starts_with_the_frame_given():
+    trajectory = Trajectory([0.5, 2.0], [moving_frame(R, i) for i, R in enumerate(uniform(2))])
+    here = moving_frame(uniform(3)[2], 7)
+    longer = trajectory.from_frame(here)
+    assert longer.times == [0.0, 0.5, 2.0]
+    assert_same_frame(longer.sample(0.0), here, THROUGH_POINTS)
+    assert_same_frame(longer.sample(0.5), trajectory.frames[0], THROUGH_POINTS)
+    assert longer.from_frame(moving_frame(np.eye(3), 8)) is longer
+
+
+@pytest.mark.parametrize(
+    ("times", "count", "words"),
+    [
+        ([], 0, "0 times and 0 frames"),
+        ([0.0], 2, "1 times and 2 frames"),
+        ([0.0, 0.0], 2, "must increase"),
+        ([1.0, 0.5], 2, "must increase"),
+        ([0.0, math.nan], 2, "must increase"),
+    ],
+)
+def test_impossible_times_are_refused(times, count, words):
+    frames = [DesiredFrame(P_0, R_0)] * count
+    with pytest.raises(ConfigurationError, match=words):
+        Trajectory(times, frames)
+
+
+# --- way-points ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("theta", [0.3, 1.5, 2.5, math.radians(179)])
+def test_way_points_turn_about_the_equivalent_axis_and_move_on_a_line(theta):
+    for key, r in enumerate(unit_vectors(5, key=3)):
+        R_start = uniform(5, key=3)[key]
+        p_start, p_end = vectors(2, key=20 + key)
+        trajectory = way_points(
+            [0.0, 3.0], [(p_start, R_start), (p_end, rodrigues(theta, r) @ R_start)]
+        )
+        for u in (0.0, 0.1, 0.37, 0.5, 0.82, 1.0):
+            share = 10 * u**3 - 15 * u**4 + 6 * u**5
+            speed = 30 * (u * (1 - u)) ** 2 / 3.0
+            frame = trajectory.sample(3.0 * u)
+            expected = rodrigues(share * theta, r) @ R_start
+            np.testing.assert_allclose(frame.R_d, expected, rtol=0, atol=THROUGH_POINTS)
+            np.testing.assert_allclose(frame.omega_d, speed * theta * r, atol=THROUGH_POINTS)
+            line = p_start + share * (p_end - p_start)
+            np.testing.assert_allclose(frame.p_d, line, rtol=0, atol=THROUGH_POINTS)
+
+
+def test_way_points_rest_at_each_pose():
+    poses = list(zip(vectors(4), uniform(4, key=4), strict=True))
+    trajectory = way_points([0.0, 1.0, 1.5, 4.0], poses)
+    for t, (p, R) in zip(trajectory.times, poses, strict=True):
+        assert_same_frame(trajectory.sample(t), DesiredFrame(p, R), THROUGH_POINTS)
+
+
+# --- circles ------------------------------------------------------------------------------
+
+
+def centre_of(circle):
+    """Return the centre of the circle that begins at P_0, from three of its points."""
+    trajectory = circle._replace(ramp=0.0).trajectory(P_0, R_0)
+    return (trajectory.sample(0.0).p_d + trajectory.sample(circle.period / 2).p_d) / 2
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.5, 1.0, 4.0])
+@pytest.mark.parametrize("tilt", [0.0, 0.4, 2.0])
+def test_a_circle_starts_and_ends_at_the_pose(ramp, tilt):
+    trajectory = CIRCLE._replace(ramp=ramp, tilt=tilt).trajectory(P_0, R_0)
+    assert trajectory.duration == pytest.approx(CIRCLE.period + ramp, rel=RELATIVE)
+    for t in (0.0, trajectory.duration):
+        frame = trajectory.sample(t)
+        np.testing.assert_allclose(frame.p_d, P_0, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.R_d, R_0, rtol=0, atol=ALGEBRAIC)
+        speed = 0.0 if ramp else 2 * math.pi * CIRCLE.radius / CIRCLE.period
+        assert np.linalg.norm(frame.dp_d) == pytest.approx(speed, abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 1.0])
+def test_a_circle_is_a_circle_between_its_points_too(ramp):
+    circle = CIRCLE._replace(ramp=ramp)
+    trajectory = circle.trajectory(P_0, R_0)
+    centre, n = centre_of(circle), circle.normal / 3
+    for t in generator(61).uniform(0, trajectory.duration, size=200):
+        frame = trajectory.sample(t)
+        arm = frame.p_d - centre
+        assert np.linalg.norm(arm) == pytest.approx(circle.radius, abs=RAMPED)
+        assert arm @ n == pytest.approx(0, abs=BETWEEN_POINTS)
+        assert frame.dp_d @ arm == pytest.approx(0, abs=RAMPED)
+
+
+def test_a_circle_turns_by_the_right_hand_about_its_normal_at_the_speed_of_its_period():
+    trajectory = CIRCLE.trajectory(P_0, R_0)
+    centre, n = centre_of(CIRCLE), CIRCLE.normal / 3
+    omega = 2 * math.pi / CIRCLE.period * n
+    for t in np.linspace(1.0, 4.0, 31):  # after the ramp up, before the ramp down
+        frame = trajectory.sample(t)
+        dp = np.cross(omega, frame.p_d - centre)
+        np.testing.assert_allclose(frame.dp_d, dp, rtol=0, atol=RAMPED)
+        np.testing.assert_allclose(frame.ddp_d, np.cross(omega, dp), rtol=0, atol=RAMPED)
+
+
+def test_the_tool_of_a_circle_turns_on_a_cone_once_a_turn():
+    circle = CIRCLE._replace(ramp=0.0)
+    trajectory = circle.trajectory(P_0, R_0)
+    n, u = circle.normal / 3, (P_0 - centre_of(circle)) / circle.radius
+    axis = (rodrigues(-circle.tilt, u) @ R_0).T @ n  # of the tool, fixed in it
+    for t in np.linspace(0, circle.period, 60):
+        frame = trajectory.sample(t)
+        on_cone = frame.R_d @ axis
+        assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=RAMPED)
+        omega = 2 * math.pi / circle.period * (n - on_cone)
+        np.testing.assert_allclose(frame.omega_d, omega, rtol=0, atol=RAMPED)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("turns", [1.0, 2.5])
+def test_the_rates_of_a_circle_are_its_derivatives(ramp, turns):
+    circle = CIRCLE._replace(ramp=ramp, turns=turns)
+    if ramp > 0:
+        circle = circle._replace(ramp=min(ramp, turns * circle.period))
+    trajectory = circle.trajectory(P_0, R_0)
+    for t in generator(62).uniform(0.01, trajectory.duration - 0.01, size=60):
+        assert_rates_are_derivatives(trajectory, t)
+
+
+def test_the_points_of_a_circle_bear_its_own_rates():
+    # coarse and fine points lie on the same curve only if their rates are its derivatives
+    coarse, fine = (CIRCLE.trajectory(P_0, R_0, n) for n in (40, 160))
+    for t in generator(63).uniform(0, coarse.duration, size=100):
+        a, b = coarse.sample(t), fine.sample(t)
+        np.testing.assert_allclose(a.p_d, b.p_d, rtol=0, atol=RAMPED)
+        np.testing.assert_allclose(a.R_d, b.R_d, rtol=0, atol=RAMPED)
+        np.testing.assert_allclose(a.omega_d, b.omega_d, rtol=0, atol=100 * RAMPED)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}],
+)
+def test_an_impossible_circle_is_refused_with_its_numbers(change):
+    with pytest.raises(ConfigurationError, match="expected positive period and turns"):
+        CIRCLE._replace(**change).trajectory(P_0, R_0)
+
+
+def test_a_circle_without_a_normal_is_refused():
+    with pytest.raises(ConfigurationError, match="normal is zero"):
+        CIRCLE._replace(normal=np.zeros(3)).trajectory(P_0, R_0)
+
+
+# --- set-points ---------------------------------------------------------------------------
+
+
+def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
+    dp, omega = np.array([0.1, -0.2, 0.3]), np.array([0.5, 1.0, -2.0])
+    frame = DesiredFrame(P_0, R_0, dp, omega)
+    speed = np.linalg.norm(omega)
+    set_point = SetPoint(frame, lasting=0.2)
+    for t, moved in ((-1.0, 0.0), (0.0, 0.0), (0.07, 0.07), (0.2, 0.2), (0.21, 0.2), (9.0, 0.2)):
+        sample = set_point.sample(t)
+        np.testing.assert_allclose(sample.p_d, P_0 + moved * dp, rtol=0, atol=ALGEBRAIC)
+        expected = rodrigues(speed * moved, omega / speed) @ R_0
+        np.testing.assert_allclose(sample.R_d, expected, rtol=0, atol=ALGEBRAIC)
+        still = t > 0.2
+        np.testing.assert_array_equal(sample.dp_d, 0 * dp if still else dp)
+        np.testing.assert_array_equal(sample.omega_d, 0 * omega if still else omega)
+
+
+def test_the_twist_of_a_set_point_is_the_derivative_of_its_pose():
+    frame = DesiredFrame(P_0, R_0, *vectors(2, key=40))
+    for t in (0.01, 0.1, 0.3):
+        assert_rates_are_derivatives(SetPoint(frame, lasting=0.5), t)
+
+
+# --- start and hold -----------------------------------------------------------------------
+
+
+def test_a_motion_without_a_start_begins_at_the_first_sample():
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    trajectory = trajectory_turning(1.0)
+    desired.follow(trajectory, None)
+    for t in (0, 300_000_000, 1_900_000_000):
+        assert_same_frame(desired.sample(77 * S_IN_NS + t), trajectory.sample(t / 1e9), 0)
+
+
+def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
+    start = 1_700_000_000_123_456_789
+    trajectory = trajectory_turning(1.0)
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired.follow(trajectory, start)
+    for t in (1, 1000, 500_000_001, 1_999_999_999):
+        assert_same_frame(desired.sample(start + t), trajectory.sample(t / 1e9), 0)
+
+
+def test_a_motion_that_starts_later_waits_at_rest_in_its_first_frame():
+    trajectory = trajectory_turning(1.0)
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired.follow(trajectory, 10 * S_IN_NS)
+    waiting = desired.sample(9 * S_IN_NS)
+    assert_same_frame(waiting, DesiredFrame(*trajectory.frames[0][:2]), 0)
+    assert_same_frame(desired.sample(11 * S_IN_NS), trajectory.sample(1.0), 0)
+
+
+def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    goal = P_0 + 0.1 * X, about(0, 0.3) @ R_0
+    desired.follow(way_points([2.0], [goal]), None)
+    assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), THROUGH_POINTS)
+    halfway = desired.sample(S_IN_NS)
+    np.testing.assert_allclose(halfway.p_d, P_0 + 0.05 * X, rtol=0, atol=THROUGH_POINTS)
+    np.testing.assert_allclose(halfway.R_d, about(0, 0.15) @ R_0, rtol=0, atol=THROUGH_POINTS)
+    assert_same_frame(desired.sample(2 * S_IN_NS), DesiredFrame(*goal), 0)
+
+
+def test_a_new_motion_takes_over_velocity_and_acceleration():
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired.follow(trajectory_turning(1.0), 0)
+    last = desired.sample(500_000_000)
+    desired.follow(way_points([1.0], [(P_0, R_0)]), 500_000_000)
+    assert np.linalg.norm(last.dp_d) > 0.1
+    assert_same_frame(desired.sample(500_000_000), last, THROUGH_POINTS)
+
+
+def test_holding_forgets_the_motion_and_its_velocity():
+    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired.follow(trajectory_turning(1.0), 0)
+    last = desired.sample(S_IN_NS)
+    desired.hold(last)
+    for t in (S_IN_NS, 5 * S_IN_NS):
+        assert_same_frame(desired.sample(t), DesiredFrame(last.p_d, last.R_d), 0)
+
+
+def test_the_desired_frame_is_continuous_along_all_of_a_motion():
+    trajectory = trajectory_turning(2.0)
+    frames = [trajectory.sample(t) for t in np.linspace(0, 2, 2001)]
+    fastest = max(np.linalg.norm(frame.omega_d) for frame in frames)
+    assert max(angle_between(a.R_d, b.R_d) for a, b in pairwise(frames)) < 1.1e-3 * fastest
