@@ -111,7 +111,10 @@ class Controller:
         here, there = self._motion.last, motion.frames[0]
         if isinstance(motion, Trajectory):  # after its start, it does not begin at its first frame
             late = 0.0 if start is None or self._t is None else max(0.0, (self._t - start) / 1e9)
-            there = motion.from_frame(here).sample(late)
+            try:
+                there = motion.from_frame(here).sample(late)
+            except SingularityError as error:
+                raise InvalidMessageError(f"the reference is no motion: {error}") from error
         distance, angle = _distance(here, there)
         options = self.options
         if not (distance <= options.max_jump_position and angle <= options.max_jump_rotation):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.rotations import (
     Array,
     R_angle_axis,
@@ -54,8 +54,10 @@ class DesiredFrame(NamedTuple):
 
 
 def _with_an_angle(x: Array) -> Array:
-    """Return the rotation vector x (3,), not a number where its angle is beyond all numbers."""
-    return x if math.isfinite(x @ x) else np.full(3, math.nan)
+    """Return the rotation vector x (3,) [rad], or raise SingularityError if it has no angle."""
+    if not math.isfinite(x @ x):
+        raise SingularityError(f"the desired frame turns beyond all numbers: {x.tolist()} rad")
+    return x
 
 
 class _Segment:
@@ -275,11 +277,12 @@ class SetPoint:
     def __init__(self, frame: DesiredFrame, lasting: float) -> None:
         self.frames = [frame]
         self.lasting = lasting
-        self._held = self._moved(lasting).at_rest()
+        self._held: DesiredFrame | None = None
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
         if t > self.lasting:
+            self._held = self._held or self._moved(self.lasting).at_rest()
             return self._held
         return self._moved(t) if t > 0 else self.frames[0]
 

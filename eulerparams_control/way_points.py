@@ -43,6 +43,11 @@ def parse_way_points(
             f"orientations; expected N, 3 N and {width} N with orientation_format "
             f"{orientation_format}"
         )
+    if not all(map(np.all, map(np.isfinite, (times, positions, orientations)))):
+        raise ConfigurationError(
+            f"way-points: times {list(times)}, positions {list(positions)}, orientations "
+            f"{list(orientations)}; expected finite numbers"
+        )
     rows = np.reshape(np.array(orientations, dtype=float), (n, width))
     rotations = [_rotation(row, orientation_format) for row in rows]
     points = np.reshape(np.array(positions, dtype=float), (n, 3))

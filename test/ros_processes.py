@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 
 # A guard against hanging, not a measure: what is waited for takes a second or two.
-PATIENCE = 60.0
+PATIENCE = float(os.environ.get("PATIENCE", "60"))
 
 # Linux gives none of the ports of these domains to outgoing connections, and neither the
 # experiments nor the other tests use them.

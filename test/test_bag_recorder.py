@@ -89,8 +89,9 @@ class Process:
 
     def expect(self, words: str) -> str:
         """Return the next line that contains ``words``."""
+        deadline = time.monotonic() + PATIENCE
         with contextlib.suppress(queue.Empty):
-            while (line := self._lines.get(timeout=PATIENCE)) is not None:
+            while line := self._lines.get(timeout=max(0, deadline - time.monotonic())):
                 self.output.append(line)
                 if words in line:
                     return line
@@ -245,7 +246,7 @@ def test_ten_topics_at_1_khz_lose_nothing(start: Start, robot: Process, tmp_path
 def test_what_has_arrived_is_stored_before_the_recorder_ends(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:
-    options = ["-p", f"output:={tmp_path}/bag", "-p", "topics:=[joint_states]"]
+    options = ["-p", f"output:={tmp_path}/bag", "-p", "topics:=[/arm/joint_states]"]
     recorder = start(sys.executable, "-c", PUPPET, "idle", "arm", "--ros-args", *options)
     recorder.do(
         "from eulerparams_control.bags.recorder_node import BagRecorder\n"
@@ -269,7 +270,7 @@ def test_a_listed_topic_is_waited_for_and_named(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:
     recorder = record(start, tmp_path / "bag", "joint_states", "late")
-    assert recorder.expect("waiting").endswith("waiting for a publisher of /arm/late\n")
+    recorder.expect("waiting for a publisher of /arm/late")
     robot.do("states.publish(state(-1.0))")
     assert not Bag(tmp_path / "bag").topics
     robot.do("late = node.create_publisher(String, 'late', 10)")
@@ -342,8 +343,10 @@ def test_the_bag_holds_the_parameters_of_the_recorded_nodes(
         "node.declare_parameter('robot_description', '<robot>' + 10000 * '-')"
     )
     start(sys.executable, "-c", PUPPET, "bystander", "arm").do("node.declare_parameter('x', 1)")
-    recorder = record(start, tmp_path / "bag", "joint_states")
-    recorder.expect("recording 1 topics")
+    hidden = start(sys.executable, "-c", PUPPET, "_hidden", "arm")
+    hidden.do("tool = node.create_publisher(String, 'tool', 10)")
+    recorder = record(start, tmp_path / "bag", "joint_states", "tool")
+    recorder.expect("recording 2 topics")
     expected = {
         "/arm/robot": {
             "ros__parameters": {
@@ -397,14 +400,16 @@ def test_a_killed_recorder_loses_no_more_than_a_chunk(
         assert reader.message_count == len(numbers) + 1
 
 
-def test_a_message_before_a_silence_is_not_lost_with_the_recorder(
+def test_messages_before_a_silence_are_not_lost_with_the_recorder(
     start: Start, robot: Process, tmp_path: Path
 ) -> None:
-    recorder = record(start, tmp_path / "bag", "robot_description")
-    eventually((tmp_path / "bag/bag_0.mcap").exists)
-    eventually(lambda: len(list(Bag(tmp_path / "bag").read_raw())) == 1)
+    recorder = record(start, tmp_path / "bag", "joint_states")
+    recorder.expect("recording 1 topics")
+    robot.do("wait_until(states.get_subscription_count)")
+    robot.do("for number in range(5): states.publish(state(number))")
+    eventually(lambda: len(list(Bag(tmp_path / "bag").read_raw())) == 5)
     recorder.kill()
-    assert recover(tmp_path / "bag").messages == 1
+    assert recover(tmp_path / "bag").messages == 5
 
 
 def test_an_existing_folder_is_refused_in_one_line(start: Start, tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_near_a_singularity_it_is_the_formula_of_the_damped_inverse(columns, sma
 @pytest.mark.parametrize("columns", [6, 7])
 def test_at_and_near_singularities_it_is_bounded_by_the_damping(columns):
     inverse = DampedInverse()
-    for smallest in np.geomspace(1e-16, 1, 60).tolist() + [0.0]:
+    for smallest in [0.0, *np.geomspace(1e-16, 1, 60).tolist()]:
         J = jacobian_with([2.0, 1.5, 1.0, 1.0, 1.0, smallest], columns)
         norm = np.linalg.norm(inverse(J), 2)
         # s / (s^2 + lambda^2) <= 1 / (2 lambda), and 1 / s above eps; in between at most 1 / eps

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 from plotly.offline import get_plotlyjs
 from synthetic_runs import write_run
 
-from eulerparams_control.analysis.page import write_page
+from eulerparams_control.analysis.figures import Panel
+from eulerparams_control.analysis.page import figures_json, write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.experiments.criteria import Verdict
 
@@ -73,7 +75,7 @@ def test_the_page_loads_nothing(page: str, tmp_path: Path) -> None:
 
 
 def test_the_page_is_small(tmp_path: Path) -> None:
-    runs = pair(tmp_path) * 6
+    runs = pair(tmp_path) * 20
     write_page(tmp_path / "page.html", runs, "", "")
     assert (tmp_path / "page.html").stat().st_size < MAX_BYTES
 
@@ -129,7 +131,7 @@ def test_a_run_has_one_colour_and_one_time_axis_everywhere(page: str) -> None:
         for trace in figure["data"]
     }
     assert len(figures) == 7
-    assert len(colours) == len({run for run, _ in colours}) == 2
+    assert len(colours) == len({run for run, _ in colours}) == len({c for _, c in colours}) == 2
     ranges = {
         tuple(axis["range"])
         for figure in figures
@@ -173,6 +175,13 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
     assert text.count("alert(1)") >= 9
     for figure in figures_of(text):  # plotly reads its text as HTML, too
         assert all("<script>" not in trace.get("name", "") for trace in figure["data"])
+
+
+def test_the_json_of_the_plots_cannot_end_its_script_element() -> None:
+    panel = Panel("", "", go.Figure(layout={"title": {"text": EVIL}}), 300)
+    text = figures_json([panel])
+    assert "<" not in text
+    assert json.loads(text)[0]["layout"]["title"]["text"] == EVIL
 
 
 def test_a_bag_with_joint_states_only_has_a_page(tmp_path: Path) -> None:

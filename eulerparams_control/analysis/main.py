@@ -9,7 +9,7 @@ from rich.text import Text
 
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.table import terminal_table
+from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 
 
@@ -52,8 +52,9 @@ def _analyze(options: argparse.Namespace, console: Console) -> None:
             if recordings[-1].warning:
                 _say(console, f"warning: {recordings[-1].warning}", "yellow")
     with console.status("analysing"):
-        table = terminal_table(recordings)
-    console.print(table)
+        tables = list(terminal_tables(recordings, console.width))
+    for table in tables:
+        console.print(table)
     if not options.no_page:
         with console.status("drawing"):
             write_page(options.out, recordings, "", "")

@@ -78,9 +78,7 @@ def _peak(values: Array) -> float:
 
 
 @metric("deg")
-def peak_orientation_error(
-    recording: Recording, of: str = "command", after: float = 0.0
-) -> float:
+def peak_orientation_error(recording: Recording, of: str = "command", after: float = 0.0) -> float:
     """Largest orientation error."""
     series = _series(recording, of)
     return math.degrees(_peak(series.orientation_error[series.t >= after]))

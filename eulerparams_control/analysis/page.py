@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from eulerparams_control.experiments.criteria import Verdict
 
 _POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data: blob:"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 )
 
 _PAGE = """<!DOCTYPE html>
@@ -84,7 +83,7 @@ def write_page(
         claim=_claim(claim, verdicts),
         warnings="\n".join(_warning(r.warning) for r in recordings if r.warning),
         body=_body(drawn, recordings, verdicts),
-        figures=_figures(drawn),
+        figures=figures_json(drawn),
         plotly=get_plotlyjs(),
         script=SCRIPT,
     )
@@ -160,7 +159,7 @@ def _figure(panel: Panel) -> str:
     )
 
 
-def _figures(drawn: Sequence[Panel]) -> str:
+def figures_json(drawn: Sequence[Panel]) -> str:
     """Return the plots as JSON that cannot end the script element that it stands in."""
     text = ",".join(panel.figure.to_json() for panel in drawn)
     return f"[{text}]".replace("<", "\\u003c")

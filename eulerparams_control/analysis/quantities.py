@@ -123,5 +123,3 @@ QUANTITIES = (
     SERVO_LAG,
 )
 """In the order of the page; the first is the picture that matters."""
-
-

@@ -228,9 +228,7 @@ def _instants(messages: list[DecodedMessage]) -> Iterator[tuple[int, int]]:
             last = stamp
 
 
-def _series(
-    robot: Robot, messages: list[DecodedMessage], start: int, desired: _Desired
-) -> Series:
+def _series(robot: Robot, messages: list[DecodedMessage], start: int, desired: _Desired) -> Series:
     """Return the series of messages, each stamp once, messages that are not valid left out."""
     reader = JointStateReader(robot.joints)
     rows: dict[int, tuple[Array, Array]] = {}

@@ -1,6 +1,7 @@
 """The numbers of runs side by side: a row a number, a column a run."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.table import Table
@@ -14,6 +15,10 @@ from eulerparams_control.errors import BagError
 
 MISSING = "-"
 """Where a number was not recorded."""
+
+
+_TITLE_WIDTH = 33
+_NAME_WIDTH = 12
 
 
 class Row(NamedTuple):
@@ -37,7 +42,7 @@ _NUMBERS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
     ("  measured, end", "final_position_error", _MEASURED),
     ("joint speed, peak", "peak_joint_speed", _COMMAND),
     ("  measured, peak", "peak_joint_speed", _MEASURED),
-    ("closest to the pole of", "closest_approach", _LEADING),
+    ("closest to pole of", "closest_approach", _LEADING),
     ("smallest singular value of J", "smallest_singular_value", _LEADING),
     ("servo lag, largest", "servo_lag", {}),
 )
@@ -54,15 +59,25 @@ def rows(recordings: Sequence[Recording]) -> list[Row]:
     ]
 
 
-def terminal_table(recordings: Sequence[Recording]) -> Table:
-    """Return the numbers as a table for the terminal."""
-    table = Table()
-    table.add_column("")
-    for name in labels(recordings):
-        table.add_column(Text(name), justify="right", overflow="fold")
-    for row in rows(recordings):
-        table.add_row(Text(row.title), *row.values)
-    return table
+def terminal_tables(recordings: Sequence[Recording], width: int) -> Iterator[Table]:
+    """Yield the numbers as tables for a terminal of ``width``, each with the runs that fit."""
+    names, found = labels(recordings), rows(recordings)
+    count = max(1, (width - _TITLE_WIDTH) // (_NAME_WIDTH + 3))
+    for first in range(0, len(names), count):
+        shown = slice(first, first + count)
+        table = Table()
+        table.add_column("", no_wrap=True)
+        for name in names[shown]:
+            table.add_column(_broken(name), justify="right", overflow="fold")
+        for row in found:
+            table.add_row(Text(row.title), *row.values[shown])
+        yield table
+
+
+def _broken(name: str) -> Text:
+    """Return a name in short lines, which end at underscores where they can."""
+    n = _NAME_WIDTH
+    return Text("\n".join(re.findall(rf".{{1,{n - 1}}}(?:_|$)|.{{1,{n}}}", name)))
 
 
 def _title(title: str, metric: str, recordings: Sequence[Recording]) -> str:

@@ -22,6 +22,7 @@ from typing import Any
 import yaml
 
 from eulerparams_control.analysis.metrics import get_metric
+from eulerparams_control.analysis.sentence import placeholders
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.resources import config_file
 
@@ -70,7 +71,7 @@ class Experiment:
         start_at_reference: whether q starts at the first way-point instead of home.
         variants: parameters of all nodes, by variant.
         criteria: what has to hold.
-        summary: one sentence with numbers; see ``report.sentence``.
+        summary: one sentence with numbers; see ``analysis.sentence.fill``.
     """
 
     name: str
@@ -120,6 +121,10 @@ def _experiment(name: str, content: Any) -> Experiment:
     _known("controller", controller, CONTROLLERS)
     _require(_is_number(content["duration"]) and content["duration"] > 0, "duration must be > 0")
     variants = _variants(content.get("nodes") or {}, content["variants"])
+    for metric, *names in placeholders(str(content.get("summary", ""))):
+        get_metric(metric)
+        for variant in filter(None, names):
+            _known("variant in the summary", variant, variants)
     return Experiment(
         name=name,
         claim=str(content["claim"]).strip(),

@@ -124,7 +124,8 @@ def _sentence(experiment: Experiment, recordings: dict[str, Recording]) -> str:
 def _table(verdicts: list[Verdict]) -> Table:
     table = Table(title=None)
     for name in ("criterion", "variant", "predicted", "measured", "bound", "met"):
-        table.add_column(name, justify="right" if name in ("predicted", "measured") else "left")
+        numeric = name in ("predicted", "measured")
+        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
     for verdict in verdicts:
         table.add_row(
             verdict.text,
