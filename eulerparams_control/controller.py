@@ -7,10 +7,17 @@ gives it measured states and references, and gets commands or nothing.
 import math
 from dataclasses import dataclass
 
-from eulerparams_control.errors import InvalidMessageError, SingularityError
+import numpy as np
+
+from eulerparams_control.errors import FollowingError, InvalidMessageError, SingularityError
 from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+
+_HOLDING = "holding the measured pose"
+
+# A reference may start this far ahead [s]: further, the two clocks are not the same.
+_MAX_AHEAD = 3600.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,9 @@ class Controller:
 
     Attributes:
         tick_now: the last tick of the scheme; None before the first.
-        fault: why the arm is held still instead of moved; "" if it is not.
+        doing: what it does, in words.
+        fault: why the arm was held still instead of moved; "" if it was not, since the
+            reference that came last.
         resets: how often it started anew after a jump of the stamps.
     """
 
@@ -52,8 +61,10 @@ class Controller:
         self.resets = 0
         self.tick_now: Tick | None = None
         self.fault = ""
+        self.doing = "waiting for a reference" if options.require_reference else _HOLDING
         self._waiting = options.require_reference
         self._t: int | None = None
+        self._q = q
         self._command: JointCommand | None = None
         self._begin(q)
 
@@ -72,11 +83,12 @@ class Controller:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
 
         Raises:
-            InvalidMessageError: if it begins too far from the present desired frame.
+            InvalidMessageError: if it is too far from the present desired frame, or not finite.
         """
         self._refuse_jump(motion, start)
         self._motion.follow(motion, start)
         self._waiting = False
+        self.doing, self.fault = "following a reference", ""
 
     def step(self, t: int, q: Array, dq: Array) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
@@ -88,33 +100,52 @@ class Controller:
             self._begin(q)  # others may move the arm until then
             return None
         if t == self._t:
+            if not np.array_equal(q, self._q):
+                self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
             return self._command
-        dt = 0.0 if self._t is None else (t - self._t) / 1e9
-        if not 0 <= dt <= self.options.state_timeout:
-            self.resets += 1
-            self._begin(q)
-            dt = 0.0
-        self._t = t
+        dt = self._elapsed(t, q)
+        self._t, self._q = t, q
         self._command = self._tick(t, dt, q, dq)
         return self._command
+
+    def _elapsed(self, t: int, q: Array) -> float:
+        """Return the time [s] since the state before; 0 where it starts anew, holding."""
+        if self._t is None:
+            if self._motion.is_holding:
+                self._begin(q)  # the arm may have moved since activation
+            return 0.0
+        dt = (t - self._t) / 1e9
+        if 0 <= dt <= self.options.state_timeout:
+            return dt
+        self.resets += 1
+        self._begin(q)
+        self.doing = f"{_HOLDING}, after a jump of the stamps by {dt:.3g} s"
+        return 0.0
 
     def _tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
         try:
             self.tick_now = self.scheme.tick(dt, q, dq, self._motion.sample(t))
-            self.fault = ""
             return self.tick_now.command
         except SingularityError as error:
             self.fault = str(error)
             return self.stop()
+        except FollowingError as error:
+            self.fault = str(error)
+            self._begin(q)
+            return self.stop()
 
     def _refuse_jump(self, motion: Trajectory | SetPoint, start: int | None) -> None:
-        here, there = self._motion.last, motion.frames[0]
-        if isinstance(motion, Trajectory):  # after its start, it does not begin at its first frame
-            late = 0.0 if start is None or self._t is None else max(0.0, (self._t - start) / 1e9)
-            try:
-                there = motion.from_frame(here).sample(late)
-            except SingularityError as error:
-                raise InvalidMessageError(f"the reference is no motion: {error}") from error
+        here, late = self._motion.last, 0.0
+        if start is not None and self._t is not None:
+            late = (self._t - start) / 1e9
+        if late < -_MAX_AHEAD:
+            raise InvalidMessageError(
+                f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
+            )
+        try:
+            there = _farthest(motion, here, max(0.0, late))
+        except SingularityError as error:
+            raise InvalidMessageError(f"the reference is no motion: {error}") from error
         distance, angle = _distance(here, there)
         options = self.options
         if not (distance <= options.max_jump_position and angle <= options.max_jump_rotation):
@@ -125,6 +156,13 @@ class Controller:
                 "first point a time_from_start > 0, or raise max_jump_position and "
                 "max_jump_rotation"
             )
+
+
+def _farthest(motion: Trajectory | SetPoint, here: DesiredFrame, late: float) -> DesiredFrame:
+    """Return the frame of a motion that it may jump to: of a set-point, where its twist ends."""
+    if isinstance(motion, Trajectory):
+        return motion.from_frame(here).sample(late)
+    return motion.sample(math.inf)
 
 
 def _distance(a: DesiredFrame, b: DesiredFrame) -> tuple[float, float]:

@@ -36,6 +36,10 @@ class SingularityError(EulerParamsError):
     """A representation has no finite answer at this orientation."""
 
 
+class FollowingError(EulerParamsError):
+    """The arm does not follow its commands."""
+
+
 class RobotError(EulerParamsError):
     """The robot description lacks what is asked of it (a frame, a joint, a limit)."""
 

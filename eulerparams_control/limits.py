@@ -26,6 +26,12 @@ class JointLimits:
         """Return the limits with the speeds times ``velocity_scale``."""
         return replace(self, velocity=velocity_scale * self.velocity)
 
+    def deviation(self, q_c: Array, q: Array) -> Array:
+        """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
+        difference = q_c - q
+        turns = 2 * np.pi * np.round(difference / (2 * np.pi))
+        return np.abs(np.where(np.isinf(self.upper), difference - turns, difference))
+
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
         return bool((q <= self.upper).all() and (q >= self.lower).all())

@@ -36,7 +36,7 @@ def quaternion_from_ros(q: Any) -> EulerParameters:
     Raises:
         InvalidMessageError: if the norm is not 1.
     """
-    norm = math.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
+    norm = math.hypot(q.w, q.x, q.y, q.z)
     if not abs(norm - 1) <= QUATERNION_NORM_TOLERANCE:
         raise InvalidMessageError(
             f"quaternion (x {q.x:g}, y {q.y:g}, z {q.z:g}, w {q.w:g}) has norm {norm:g}; expected 1"

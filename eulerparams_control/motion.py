@@ -27,6 +27,9 @@ from eulerparams_control.rotations import (
     right_jacobian,
 )
 
+# Points of one trajectory: more would be a message of megabytes.
+MAX_POINTS = 20000
+
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
 
@@ -220,7 +223,13 @@ class Circle(NamedTuple):
         if not np.linalg.norm(self.normal) > 0:
             raise ConfigurationError("circle: the normal is zero; expected a direction")
         step = min(self.period / points_per_turn, self.ramp / 10 or self.period)
-        times = np.linspace(0.0, duration, max(2, math.ceil(duration / step) + 1))
+        count = max(2, math.ceil(duration / step) + 1)
+        if count > MAX_POINTS:
+            raise ConfigurationError(
+                f"circle: it takes {count} points; at most {MAX_POINTS} are sent: choose fewer "
+                "turns or a longer ramp"
+            )
+        times = np.linspace(0.0, duration, count)
         return Trajectory(times.tolist(), [self._frame(t, p_0, R_0) for t in times])
 
     def _phase(self, t: float) -> tuple[float, float, float]:
@@ -296,8 +305,8 @@ class SetPoint:
 class DesiredMotion:
     """What a controller follows: a trajectory, a set-point, or the frame that it holds.
 
-    Its state is explicit: the motion, the time at which it started (None until the first
-    sample, if it was given without one), and the frame sampled last.
+    Its state is explicit: the motion and the time at which it started, the motion that is to
+    replace it with its start (None: at the next sample), and the frame sampled last.
     """
 
     def __init__(self, held: DesiredFrame) -> None:
@@ -306,19 +315,31 @@ class DesiredMotion:
     def hold(self, frame: DesiredFrame) -> None:
         """Hold the pose of ``frame`` from now on."""
         self._motion: Trajectory | SetPoint | None = None
-        self._start: int | None = None
+        self._start = 0
+        self._next: tuple[Trajectory | SetPoint, int | None] | None = None
         self.last = frame.at_rest()
 
+    @property
+    def is_holding(self) -> bool:
+        """Whether no motion was given since it began to hold."""
+        return self._motion is None and self._next is None
+
     def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
-        """Follow a motion from the time ``start`` [ns], or from the next sample if None."""
-        if isinstance(motion, Trajectory):
-            motion = motion.from_frame(self.last)
-        self._motion, self._start = motion, start
+        """Follow a motion from the time ``start`` [ns], or from the next sample if None.
+
+        Until then the present motion goes on.
+        """
+        self._next = (motion, start)
 
     def sample(self, t: int) -> DesiredFrame:
         """Return the desired frame at the time t [ns]."""
         if self._motion is not None:
-            if self._start is None:
-                self._start = t
+            self.last = self._motion.sample((t - self._start) / 1e9)
+        if self._next is not None and (self._next[1] is None or t >= self._next[1]):
+            (motion, start), self._next = self._next, None
+            if isinstance(motion, Trajectory):
+                motion = motion.from_frame(self.last)
+            self._motion = motion
+            self._start = t if start is None else start
             self.last = self._motion.sample((t - self._start) / 1e9)
         return self.last

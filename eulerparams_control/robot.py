@@ -57,6 +57,7 @@ class Robot:
         base_frame, tip_frame: as given, "" resolved.
         joints: the n active joints, base to tip.
         limits: of the active joints.
+        locked: joints between base and tip that could move, but are held at 0 in the model.
 
     Raises:
         RobotError: if the URDF is broken, or a frame or joint is not there.
@@ -70,6 +71,11 @@ class Robot:
         self.tip_frame = _frame(tree, tip_frame, "tip_frame")
         self.joints = _active_joints(tree, self.base_frame, self.tip_frame, joints)
         self.n = len(self.joints)
+        self.locked = tuple(
+            joint
+            for joint in tree.chain(self.base_frame, self.tip_frame)
+            if joint not in self.joints and tree.joints[joint].get("type") != "fixed"
+        )
         self.limits = JointLimits(
             *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T
         )

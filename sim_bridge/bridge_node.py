@@ -274,6 +274,7 @@ class BridgeNode(Node):
         try:
             self._simulator.set_external_wrench(wrench_from_ros(msg, self._robot.sensor_frame))
         except InvalidMessageError as error:
+            self._health.count("external_wrench rejected")
             self._health.complain(f"external_wrench rejected: {error}", error=True)
 
     def close(self) -> None:

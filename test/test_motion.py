@@ -24,7 +24,7 @@ from tolerances import (
     THROUGH_POINTS,
 )
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.motion import (
     Circle,
     DesiredFrame,
@@ -297,6 +297,15 @@ def test_the_twist_of_a_set_point_is_the_derivative_of_its_pose():
         assert_rates_are_derivatives(SetPoint(frame, lasting=0.5), t)
 
 
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value):RuntimeWarning")
+def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
+    frame = DesiredFrame(P_0, R_0, omega_d=np.full(3, 1e200))
+    with pytest.raises(SingularityError, match="turns beyond all numbers"):
+        SetPoint(frame, lasting=0.5).sample(0.1)
+    with pytest.raises(SingularityError, match="turns beyond all numbers"):
+        Trajectory([0.0, 1.0], [DesiredFrame(P_0, R_0), frame]).sample(0.5)
+
+
 # --- start and hold -----------------------------------------------------------------------
 
 
@@ -317,13 +326,15 @@ def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
         assert_same_frame(desired.sample(start + t), trajectory.sample(t / 1e9), 0)
 
 
-def test_a_motion_that_starts_later_waits_at_rest_in_its_first_frame():
+def test_until_a_motion_starts_the_present_one_goes_on():
     trajectory = trajectory_turning(1.0)
     desired = DesiredMotion(DesiredFrame(P_0, R_0))
     desired.follow(trajectory, 10 * S_IN_NS)
-    waiting = desired.sample(9 * S_IN_NS)
-    assert_same_frame(waiting, DesiredFrame(*trajectory.frames[0][:2]), 0)
+    assert_same_frame(desired.sample(9 * S_IN_NS), DesiredFrame(P_0, R_0), 0)
     assert_same_frame(desired.sample(11 * S_IN_NS), trajectory.sample(1.0), 0)
+    desired.follow(SetPoint(DesiredFrame(P_0, R_0), 0.1), 13 * S_IN_NS)
+    assert_same_frame(desired.sample(12 * S_IN_NS), trajectory.sample(2.0), 0)
+    assert_same_frame(desired.sample(13 * S_IN_NS), DesiredFrame(P_0, R_0), 0)
 
 
 def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():

@@ -95,9 +95,13 @@ SEEN = 0.02
 LAW_IN_A_NODE = 1e-6
 
 # The blend of a changed law lets go of 1 % of the difference in a tick of 1 ms (time
-# constant 0.1 s); the difference is up to 9 times the speed, and the error itself decays by
-# a few tenths of a percent.
-BLEND_PER_TICK = 0.1
+# constant 0.1 s); the difference is up to 1.5 times the speed, and the error itself decays
+# by a few tenths of a percent.
+BLEND_PER_TICK = 0.05
+
+# 1.2 s later e^-12 of the difference is left; the law's angle is that of a step of 20 ms before,
+# and the axes of a sequence of Euler angles are those of a rotation by a few degrees.
+BLENDED = 0.06
 
 # R -> xyzw -> R: some ten roundings, and the angle of two rotations that are 1e-16 apart.
 THROUGH_A_QUATERNION = 1e-14
@@ -149,3 +153,9 @@ HELD = 1e-12
 
 # Pose [m, rad] to which inverse_kinematics iterates.
 REACHED = 1e-10
+
+# Durations are rounded to a nanosecond: half of one, and the rounding of 1e6 s (1e-10).
+NANOSECOND = 0.7e-9
+
+# Residual of the inverse kinematics of an experiment's start, m.
+REST = 1e-9

@@ -6,6 +6,7 @@
 Needs no ROS.
 """
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.bags.reader import Bag, DecodedMessage
-from eulerparams_control.errors import BagError, InvalidMessageError
+from eulerparams_control.errors import BagError, InvalidMessageError, SingularityError
 from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
 from eulerparams_control.motion import DesiredFrame, DesiredMotion
 from eulerparams_control.orientation import EulerSequence
@@ -201,7 +202,8 @@ class _Desired:
             while pending and pending[0].log_time <= log_time:
                 motion = self._follow(motion, pending.pop(0).message, robot)
             if motion is not None:
-                self._frames[stamp] = motion.sample(stamp)
+                with contextlib.suppress(SingularityError):  # the controller held still then
+                    self._frames[stamp] = motion.sample(stamp)
 
     def _follow(
         self, motion: DesiredMotion | None, message: Any, robot: Robot

@@ -114,15 +114,20 @@ class BagRecorder(Node):
             for name, publishers in offers.items():
                 self._record(name, publishers)
             self._step = self._await_matches
-        elif time.monotonic() - self._reminded > _REMIND_SECONDS:
-            self._reminded = time.monotonic()
-            self.get_logger().info(f"waiting for a publisher of {', '.join(missing)}")
+        self._remind(missing)
 
     def _await_matches(self) -> None:
-        if all(subscription.get_publisher_count() for subscription in self._recorded.values()):
+        missing = [name for name, sub in self._recorded.items() if not sub.get_publisher_count()]
+        if not missing:
             count = len(self._recorded)
             self.get_logger().info(f"recording {count} topics to {self._bag.folder}")
             self._step = lambda: None
+        self._remind(missing)
+
+    def _remind(self, missing: list[str]) -> None:
+        if missing and time.monotonic() - self._reminded > _REMIND_SECONDS:
+            self._reminded = time.monotonic()
+            self.get_logger().info(f"waiting for a publisher of {', '.join(missing)}")
 
     def _discover(self) -> None:
         for name, _ in self.get_topic_names_and_types():
@@ -151,14 +156,23 @@ class BagRecorder(Node):
         """Subscribe to a topic with the best QoS that all its publishers offer."""
         message_type = _type_of(name, publishers)
         message_class = _message_class(message_type)
-        self._bag.add_topic(
-            Topic(
-                name,
-                message_type,
-                str(publishers[0].topic_type_hash),
-                tuple(_profile(info.qos_profile) for info in publishers),
-            )
+        profiles = tuple(_profile(info.qos_profile) for info in publishers)
+        self._bag.add_topic(Topic(name, message_type, _hash_of(publishers), profiles))
+        subscription = self.create_subscription(
+            message_class,
+            name,
+            self._storing(name),
+            _adapted_qos(publishers, self._options.depth),
+            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
+            raw=True,
         )
+        # Asks for the info. A callback of two arguments would, too, but ends the executor.
+        subscription._callback_type = Subscription.CallbackType.WithMessageInfo
+        self._recorded[name] = subscription
+        self._ask(publishers)
+
+    def _storing(self, name: str) -> Callable[..., None]:
+        """Return the callback of a topic; it runs for every message, so it does little."""
         write = self._bag.write
 
         def store(*received: Any) -> None:
@@ -169,18 +183,7 @@ class BagRecorder(Node):
             except BagError as error:
                 self._fail(error)
 
-        subscription = self.create_subscription(
-            message_class,
-            name,
-            store,
-            _adapted_qos(publishers, self._options.depth),
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
-            raw=True,
-        )
-        # Asks for the info. A callback of two arguments would, too, but ends the executor.
-        subscription._callback_type = Subscription.CallbackType.WithMessageInfo
-        self._recorded[name] = subscription
-        self._ask(publishers)
+        return store
 
     def _drain(self, subscription: Subscription) -> None:
         """Store what has arrived but was not handed over when the executor stopped."""
@@ -230,6 +233,12 @@ def _type_of(name: str, publishers: list[TopicEndpointInfo]) -> str:
     if len(types) > 1:
         raise MessageTypeError(f"{name} has publishers of several types: {', '.join(types)}")
     return types[0]
+
+
+def _hash_of(publishers: list[TopicEndpointInfo]) -> str:
+    """Return the type hash; empty if the publishers are of a ROS without hashes."""
+    hashes = (str(info.topic_type_hash) for info in publishers)
+    return next((text for text in hashes if text.startswith("RIHS")), "")
 
 
 def _message_class(message_type: str) -> type:

@@ -15,6 +15,8 @@
 """
 
 import copy
+import inspect
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -119,7 +121,10 @@ def _experiment(name: str, content: Any) -> Experiment:
         _require(key in content, f"the key '{key}' is missing")
     controller = content.get("controller", "clik")
     _known("controller", controller, CONTROLLERS)
-    _require(_is_number(content["duration"]) and content["duration"] > 0, "duration must be > 0")
+    duration = content["duration"]
+    _require(_is_number(duration) and 0 < duration < math.inf, "duration must be > 0 and finite")
+    for key in ("equations", "criteria"):
+        _require(isinstance(content.get(key) or [], list), f"{key}: expected a list")
     variants = _variants(content.get("nodes") or {}, content["variants"])
     for metric, *names in placeholders(str(content.get("summary", ""))):
         get_metric(metric)
@@ -128,7 +133,7 @@ def _experiment(name: str, content: Any) -> Experiment:
     return Experiment(
         name=name,
         claim=str(content["claim"]).strip(),
-        equations=tuple(map(str, content.get("equations", ()))),
+        equations=tuple(map(str, content.get("equations") or ())),
         robot=str(content.get("robot", "ur5")),
         duration=float(content["duration"]),
         controller=controller,
@@ -163,9 +168,10 @@ def _criterion(content: Any, variants: dict[str, Parameters]) -> Criterion:
     _require(isinstance(content, dict) and "metric" in content, "a criterion needs a metric")
     for key in content:
         _known("key of a criterion", key, Criterion.__dataclass_fields__)
-    get_metric(content["metric"])
+    _check_options(str(content["metric"]), content.get("options") or {})
     values = dict(content)
     for key in ("variants", "ratio"):
+        _require(isinstance(values.get(key, []), list), f"{key}: expected a list")
         values[key] = tuple(values.get(key, ()))
         for variant in values[key]:
             _known("variant in a criterion", variant, variants)
@@ -174,6 +180,15 @@ def _criterion(content: Any, variants: dict[str, Parameters]) -> Criterion:
     bounds = [bound for bound in (criterion.above, criterion.below) if bound is not None]
     _require(bool(bounds) and all(map(_is_number, bounds)), "expected 'above' or 'below', a number")
     return criterion
+
+
+def _check_options(name: str, options: Any) -> None:
+    """Raise ConfigurationError if there is no such metric, or it does not take the options."""
+    metric = get_metric(name)
+    try:
+        inspect.signature(metric.compute).bind(None, **options)
+    except TypeError as error:
+        raise ConfigurationError(f"options of the metric '{name}': {error}") from error
 
 
 def _known(kind: str, name: Any, known: Any) -> None:

@@ -1,6 +1,7 @@
 """The executable ``experiment``: run experiments, record, analyse, judge."""
 
 import argparse
+import signal
 import sys
 import time
 from functools import partial
@@ -36,6 +37,7 @@ def main(args: list[str] | None = None) -> int:
     """
     options = _parse(args)
     console = Console()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the nodes, as Ctrl-C does
     try:
         if options.list or not options.names:
             return _list(console)

@@ -92,8 +92,11 @@ def node_parameters(experiment: Experiment, variant: str) -> Parameters:
 
 def _start(robot: RobotDescription, reference: dict[str, Any]) -> list[float]:
     """Return the joint positions of the first way-point."""
+    if reference.get("motion") != "way_points":
+        raise ConfigurationError("start_at_reference needs a reference with motion: way_points")
     names = ("times", "positions", "orientations", "orientation_format")
-    motion = parse_way_points(**{name: reference[name] for name in names if name in reference})
+    given = {name: reference[name] for name in names if name in reference}
+    motion = parse_way_points(**{"times": (), "positions": (), "orientations": ()} | given)
     arm = Robot(robot.urdf, robot.base_frame, robot.tip_frame, robot.joints)
     q_0 = inverse_kinematics(arm, motion.frames[0], np.array(robot.home))
     return [float(q) for q in q_0]

@@ -52,7 +52,8 @@ class ClikNode(ControlNode):
 
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
         """Return CLIK for a robot."""
-        return Clik(robot, self._params.law(), self._params.feedback, limits)
+        p = self._params
+        return Clik(robot, p.law(), p.feedback, limits, max_deviation=p.max_deviation)
 
     def change_scheme(
         self, scheme: Scheme, parameters: ClikParameters, limits: JointLimits | None

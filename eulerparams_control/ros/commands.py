@@ -10,14 +10,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from eulerparams_control.ros.conversions import duration_to_ros
 from eulerparams_control.schemes.base import JointCommand
+
+# How far ahead [s] the point of a joint_trajectory is.
+HORIZON = 0.02
 
 
 class CommandPublisher:
     """Publishes commands of one type on one topic.
 
     ``joint_state``       sensor_msgs/JointState: what the scheme commands.
-    ``joint_trajectory``  trajectory_msgs/JointTrajectory of one point.
+    ``joint_trajectory``  trajectory_msgs/JointTrajectory of one point, ``HORIZON`` ahead.
     ``forward``           std_msgs/Float64MultiArray: efforts, else positions.
 
     Args:
@@ -49,7 +53,8 @@ class CommandPublisher:
         self._node.destroy_publisher(self._publisher)
 
     def _kinds(self) -> dict[str, tuple[Any, Callable[[Time, JointCommand], None]]]:
-        trajectory = JointTrajectory(joint_names=self._joints, points=[JointTrajectoryPoint()])
+        point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
+        trajectory = JointTrajectory(joint_names=self._joints, points=[point])
         return {
             "joint_state": (JointState(name=self._joints), self._fill_joint_state),
             "joint_trajectory": (trajectory, self._fill_trajectory),
@@ -66,12 +71,10 @@ class CommandPublisher:
             self._message.effort = command.effort.tolist()
 
     def _fill_trajectory(self, stamp: Time, command: JointCommand) -> None:
-        self._message.header.stamp = stamp
-        point = self._message.points[0]
-        if command.q is not None:
-            point.positions = command.q.tolist()
-        if command.dq is not None:
-            point.velocities = command.dq.tolist()
+        # joint_trajectory_controller refuses a trajectory that ends in the past or with a
+        # velocity: the stamp stays 0, which is now, and the point has a position only
+        if command.q is not None and command.dq is not None:
+            self._message.points[0].positions = (command.q + HORIZON * command.dq).tolist()
 
     def _fill_forward(self, stamp: Time, command: JointCommand) -> None:
         values = command.effort if command.effort is not None else command.q

@@ -6,6 +6,7 @@ default starts itself as soon as it has a robot description and a state.
 """
 
 import math
+import time
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -103,6 +105,12 @@ class ControlParameters:
     max_jump_rotation: float = parameter(
         0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
     )
+    max_deviation: float = parameter(
+        0.3,
+        "a joint farther from its command than this stops the motion",
+        unit="rad",
+        bounds=(0.001, 100.0),
+    )
     require_reference: bool = parameter(False, "be silent until the first reference")
     state_rate: float = parameter(
         50.0, "rate of ~/pose and ~/error at most", unit="Hz", bounds=(0.0, 10000.0)
@@ -143,7 +151,12 @@ class ControlNode(LifecycleNode):
         self._description = self._params.robot_description
         self._measured: tuple[int, Array, Array] | None = None
         self._next_report = 0
+        self._received = 0.0  # when the last valid joint_states came, steady clock [s]
+        self._said = ("", "")
+        self._health.check = self._check_age
+        self.add_on_set_parameters_callback(self._keep_sim_time)
         self._reference: Subscription | None = None
+        self._autostart = self._params.autostart
         self._survive_wrong_transitions()
         self._subscribe()
         self._try_start()
@@ -180,6 +193,14 @@ class ControlNode(LifecycleNode):
                 "enforce_limits: false is accepted only with use_sim_time: true, in simulation"
             )
 
+    def _keep_sim_time(self, changes: list[Any]) -> SetParametersResult:
+        """Refuse to leave simulated time while limits are off."""
+        leaves = any(change.name == "use_sim_time" and not change.value for change in changes)
+        if leaves and not self._params.enforce_limits:
+            reason = "use_sim_time stays true while enforce_limits is false"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
     def _limits(self, parameters: Any, robot: Robot) -> JointLimits | None:
         if not parameters.enforce_limits:
             return None
@@ -187,9 +208,15 @@ class ControlNode(LifecycleNode):
 
     def _on_change(self, _old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""
-        if self._controller is not None and self._robot is not None:
-            self.change_scheme(self._controller.scheme, new, self._limits(new, self._robot))
-        self._params = new
+        old, self._params = self._params, new
+        try:
+            if self._controller is not None and self._robot is not None:
+                self.change_scheme(self._controller.scheme, new, self._limits(new, self._robot))
+            elif self._robot is not None:
+                self.make_scheme(self._robot, None)  # refuses now what activation would refuse
+        except ConfigurationError:
+            self._params = old
+            raise
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -217,13 +244,19 @@ class ControlNode(LifecycleNode):
                     "URDF on the topic robot_description (transient local)"
                 )
             p = self._params
-            self._robot = Robot(self._description, p.base_frame, p.tip_frame, p.joints)
-            self.make_scheme(self._robot, None)  # refuses now what activation would refuse
+            robot = Robot(self._description, p.base_frame, p.tip_frame, p.joints)
+            if robot.locked:
+                raise ConfigurationError(
+                    f"{', '.join(robot.locked)} can move between {robot.base_frame} and "
+                    f"{robot.tip_frame}, but is not among the active joints; set joints: []"
+                )
+            self.make_scheme(robot, None)  # refuses now what activation would refuse
         except EulerParamsError as error:
             self._health.set(diagnostics.ERROR, f"not configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self._reader = JointStateReader(self._robot.joints)
-        self._commands = self.make_commands(self._robot.joints)
+        self._robot = robot
+        self._reader = JointStateReader(robot.joints)
+        self._commands = self.make_commands(robot.joints)
         self._health.set(diagnostics.OK, "configured, waiting for joint_states")
         return TransitionCallbackReturn.SUCCESS
 
@@ -236,31 +269,47 @@ class ControlNode(LifecycleNode):
                 + (", ".join(self._robot.joints) if self._robot else ""),
             )
             return TransitionCallbackReturn.FAILURE
-        scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
-        self._controller = Controller(
-            scheme, self._params.controller_options(), self._measured[1]
-        )
+        try:
+            scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
+        except ConfigurationError as error:
+            self._health.set(diagnostics.ERROR, f"not activated: {error}")
+            return TransitionCallbackReturn.FAILURE
+        options = self._params.controller_options()
+        self._controller = Controller(scheme, options, self._measured[1])
         # only now: who publishes a reference can see by it that somebody follows
         self._reference = self._listen(
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
         )
-        waiting = self._params.require_reference
-        doing = "waiting for a reference" if waiting else "holding the measured pose"
-        self._health.set(
-            diagnostics.OK,
-            f"active with {self._params.orientation}, {self._robot.base_frame} to "
-            f"{self._robot.tip_frame}: {doing}",
-        )
+        self._received = 0.0
+        self._say()
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command to hold still once more, then command nothing."""
-        self._send_hold()
-        self._controller = None
-        if self._reference is not None:
-            self.destroy_subscription(self._reference)
+        self._end_control()
         self._health.set(diagnostics.WARN, "inactive")
         return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then command nothing until configured again."""
+        self._end_control()
+        self._robot = None
+        self._health.set(diagnostics.ERROR, "an error in a transition: unconfigured")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then never command again."""
+        self._end_control()
+        self._health.set(diagnostics.WARN, "shut down")
+        return TransitionCallbackReturn.SUCCESS
+
+    def _end_control(self) -> None:
+        self._send_hold()
+        self._controller = self._measured = None
+        self._autostart = False  # who stopped it decides when it starts again
+        if self._reference is not None:
+            self.destroy_subscription(self._reference)
+            self._reference = None
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the robot."""
@@ -278,7 +327,7 @@ class ControlNode(LifecycleNode):
 
     def _try_start(self) -> None:
         """Configure and activate, as far as what is needed has come."""
-        if not self._params.autostart or self._controller is not None:
+        if not self._autostart or self._controller is not None:
             return
         if self._robot is None and self._description:
             self.trigger_configure()
@@ -288,9 +337,12 @@ class ControlNode(LifecycleNode):
     # --- messages ----------------------------------------------------------------------
 
     def _on_robot_description(self, msg: String) -> None:
-        if self._robot is None:
-            self._description = msg.data
-            self._try_start()
+        if self._robot is not None and msg.data != self._description:
+            self._health.complain(
+                "robot_description has changed: the new one counts after cleanup and configure"
+            )
+        self._description = msg.data
+        self._try_start()
 
     def _on_joint_states(self, msg: JointState) -> None:
         if self._robot is None:
@@ -304,11 +356,14 @@ class ControlNode(LifecycleNode):
             self._try_start()
         if self._controller is None:
             return
+        self._received = time.monotonic()
         command = self._controller.step(t, q, dq)
         if command is not None:
             self._stamp = msg.header.stamp
             self._commands.publish(self._stamp, command)
             self._report(t)
+        if self._said != (self._controller.doing, self._controller.fault):
+            self._say()
 
     def _on_reference(self, msg: MultiDOFJointTrajectory) -> None:
         if self._controller is None or self._robot is None:
@@ -322,15 +377,16 @@ class ControlNode(LifecycleNode):
                 self._params.reference_timeout,
             )
             self._controller.follow(motion, start)
-            self._health.set(diagnostics.OK, "following a reference")
+            self._say()
         except InvalidMessageError as error:
             self._reject("reference", error)
 
     def _refuse_two_publishers(self) -> None:
-        if self.count_publishers("reference") > 1:
+        topic = self._reference.topic_name if self._reference else "reference"  # remapped
+        if self.count_publishers(topic) > 1:
             names = [
                 f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-                for info in self.get_publishers_info_by_topic("reference")
+                for info in self.get_publishers_info_by_topic(topic)
             ]
             raise InvalidMessageError(
                 f"two publishers on 'reference': {', '.join(sorted(names))}; expected one"
@@ -338,18 +394,19 @@ class ControlNode(LifecycleNode):
 
     def _reject(self, topic: str, error: InvalidMessageError) -> None:
         self._health.count(f"{topic} rejected")
-        self._health.complain(f"{topic} rejected: {error}", error=True)
+        self._health.complain(f"{topic} rejected: {error}", error=True, about=topic)
 
     # --- reports -----------------------------------------------------------------------
 
     def _report(self, t: int) -> None:
         """Publish pose, error and health, at most at ``state_rate``."""
-        controller = self._controller
-        if controller is None or t < self._next_report <= t + 10**10:
+        controller, rate = self._controller, self._params.state_rate
+        if controller is None or controller.tick_now is None or controller.fault or rate <= 0:
             return
-        if self._params.state_rate <= 0 or controller.tick_now is None:
+        period = int(1e9 / rate)
+        if self._next_report - period <= t < self._next_report:
             return
-        self._next_report = t + int(1e9 / self._params.state_rate)
+        self._next_report = t + period
         tick = controller.tick_now
         frame = self._robot.base_frame if self._robot else ""
         p_e, R_e = tick.state.p_e, tick.state.R_e
@@ -358,6 +415,31 @@ class ControlNode(LifecycleNode):
             error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), self._stamp, frame)
         )
         self._report_health(controller)
+
+    def _say(self) -> None:
+        """Report what the controller does, or why it holds still."""
+        if self._controller is None:
+            return
+        self._said = doing, fault = self._controller.doing, self._controller.fault
+        if fault:
+            self._health.set(diagnostics.ERROR, f"holding still: {fault}")
+        else:
+            level = (
+                diagnostics.WARN if self._controller.resets and "jump" in doing else diagnostics.OK
+            )
+            self._health.set(level, f"active with {self._params.orientation}: {doing}")
+
+    def _check_age(self) -> None:
+        """Report that joint_states has stopped; without it nothing is commanded."""
+        silence = time.monotonic() - self._received
+        if self._controller is None or not self._received:
+            return
+        if silence > max(self._params.state_timeout, 0.5):
+            self._said = ("", "")  # what it does is said again when they are back
+            self._health.set(
+                diagnostics.ERROR,
+                f"no valid joint_states for {silence:.0f} s: no commands; is the robot running?",
+            )
 
     def _report_health(self, controller: Controller) -> None:
         tick = controller.tick_now
@@ -375,6 +457,3 @@ class ControlNode(LifecycleNode):
                 "restarts after a gap of joint_states": controller.resets,
             }
         )
-        if controller.fault:
-            self._health.set(diagnostics.ERROR, f"holding still: {controller.fault}")
-

@@ -1,6 +1,7 @@
 """What a node reports on /diagnostics: counters, events, its health; 1 Hz and at changes."""
 
 import time
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -11,12 +12,19 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 # The same complaint is logged again after this time at the earliest.
 _REPEAT_SECONDS = 5.0
 
+# So many complaints are remembered.
+_REMEMBERED = 20
+
 
 class Health:
     """The health of a node: a level, a message, counters and values.
 
     Args:
         node: the node that reports.
+
+    Attributes:
+        values: counters and values shown with the state.
+        check: called once a second, before the state is published.
     """
 
     def __init__(self, node: Node) -> None:
@@ -26,7 +34,12 @@ class Health:
         self._logged: dict[str, float] = {}
         self.values: dict[str, str | int | float] = {}
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(1.0, self.publish, clock=steady)
+        self.check: Callable[[], None] = lambda: None
+        node.create_timer(1.0, self._on_timer, clock=steady)
+
+    def _on_timer(self) -> None:
+        self.check()
+        self.publish()
 
     def set(self, level: bytes, message: str) -> None:
         """Change the state; what is new is logged and published at once."""
@@ -39,12 +52,21 @@ class Health:
             self.complain(message, error=level == ERROR)
         self.publish()
 
-    def complain(self, message: str, *, error: bool = False) -> None:
-        """Log a warning or an error, the same one not more than every few seconds."""
-        now = time.monotonic()
-        if now - self._logged.get(message, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
+    def complain(self, message: str, *, error: bool = False, about: str = "") -> None:
+        """Log a warning or an error, those about the same not more than every few seconds.
+
+        Args:
+            message: what to log.
+            error: whether it is an error.
+            about: what it is about; "" is the message itself.
+        """
+        now, key = time.monotonic(), about or message
+        if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
             return
-        self._logged = {message: now, **dict(list(self._logged.items())[:20])}
+        self._logged.pop(key, None)
+        self._logged[key] = now  # the newest last
+        if len(self._logged) > _REMEMBERED:
+            del self._logged[next(iter(self._logged))]
         if error:
             self._node.get_logger().error(message)
         else:

@@ -116,6 +116,8 @@ def _convert(name: str, value: Any, field: Any, hint: Any) -> Any:
     item = typing.get_args(hint)[0] if typing.get_origin(hint) is tuple else hint
     if item is hint:
         return _convert_item(name, value, field, item)
+    if value is None:  # rclpy's value of an empty list
+        return ()
     if isinstance(value, (str, int, float)):
         raise ConfigurationError(f"parameter '{name}' is {value!r}; expected a list")
     return tuple(_convert_item(name, entry, field, item) for entry in value)

@@ -101,12 +101,14 @@ class ReferenceNode(Node):
         self._way_points = (
             self._params.way_points() if self._params.motion == "way_points" else None
         )
+        if self._params.motion == "circle":
+            self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
         self._latest = b""
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
+        self._health.set(diagnostics.OK, "waiting for a robot description")
         self._subscribe()
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._health.set(diagnostics.OK, "waiting for a robot description")
 
     def _subscribe(self) -> None:
         self.create_subscription(PoseStamped, "target_pose", self._on_target_pose, QOS)
@@ -148,6 +150,7 @@ class ReferenceNode(Node):
         try:
             _, q, dq = self._reader.from_ros(deserialize_message(self._latest, JointState))
         except InvalidMessageError as error:
+            self._health.count("joint_states rejected")
             self._health.complain(f"joint_states rejected: {error}", error=True)
             return None
         state = self._robot.state(q, dq)
@@ -160,7 +163,11 @@ class ReferenceNode(Node):
         try:
             p, R = pose_from_ros(msg, self._robot.base_frame)
         except InvalidMessageError as error:
-            self._health.complain(f"target_pose refused: {error}", error=True)
+            self._health.count("target_pose rejected")
+            self._health.complain(f"target_pose rejected: {error}", error=True)
+            return
+        if self._publisher.get_subscription_count() == 0:
+            self._health.complain("target_pose refused: nobody follows the topic reference")
             return
         self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
 

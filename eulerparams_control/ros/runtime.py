@@ -4,14 +4,19 @@ import gc
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 import rclpy
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eulerparams_control.errors import EulerParamsError
+
+RCLError = rclpy_implementation.RCLError
+UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 
 # How often the loop looks whether a signal came; messages are handled at once.
 _POLL_SECONDS = 0.05
@@ -33,7 +38,12 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     published, so the signals are handled here.  Errors of this package end the
     process with one line on stderr and exit code 1.
     """
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
+        text = str(error).partition(", at /")[0]
+        print(f"error: {text}; in the folder {Path.cwd()}", file=sys.stderr, flush=True)
+        return 1
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped.append(received))

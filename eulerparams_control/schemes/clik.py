@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, SingularityError
+from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
 from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.motion import DesiredFrame
@@ -90,6 +90,7 @@ class Clik(Scheme):
             ``"measured"`` on the measured q.
         limits: that bound the command; None is none.
         blend_time: [s] in which the command goes over to a law that replaces another.
+        max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
 
     Raises:
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
@@ -104,6 +105,7 @@ class Clik(Scheme):
         feedback: str = "internal",
         limits: JointLimits | None = None,
         blend_time: float = 0.1,
+        max_deviation: float = 0.3,
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
@@ -111,8 +113,8 @@ class Clik(Scheme):
         self.feedback = feedback
         self.limits = limits
         self.blend_time = blend_time
+        self.max_deviation = max_deviation
         self._x_de: Any = None
-        self._replaced: tuple[ClikLaw, Any] | None = None  # with its x_de
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
 
@@ -123,11 +125,9 @@ class Clik(Scheme):
             ConfigurationError: if its posture has the wrong size.
         """
         _checked(law, self.robot)
-        if self._replaced is None:  # else it was replaced before it commanded anything
-            self._replaced = self.law, self._x_de
         if type(law.orientation) is not type(self.law.orientation):
             self._x_de = None  # means nothing to another representation
-        self.law = law
+        self.law, self._replaced = law, True
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
@@ -135,14 +135,14 @@ class Clik(Scheme):
         self._dq = np.zeros_like(q)
         self._x_de = None
         self._offset = np.zeros_like(q)
-        self._replaced = None
+        self._replaced = False
 
     def hold(self) -> JointCommand:
         """Return the command that holds still: the integrated q, no velocity."""
         self._dq = np.zeros_like(self._q)
         self._x_de = None
         self._offset = np.zeros_like(self._q)
-        self._replaced = None
+        self._replaced = False
         return JointCommand(self._q, self._dq)
 
     def start_frame(self) -> DesiredFrame:
@@ -155,16 +155,18 @@ class Clik(Scheme):
 
         Raises:
             SingularityError: if the law has no finite answer; nothing is integrated then.
+            FollowingError: if the measured q is too far from the integrated one.
         """
         q_c = self._integrate(dt)
         if not np.all(np.isfinite(q_c)):
             raise SingularityError("the joint velocities lead to infinite joint positions")
+        self._refuse_deviation(q_c, q)
         if self.feedback == "internal":
             state = self.robot.state(q_c, self._dq)
         else:
             state = self.robot.state(q, dq)
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de)
-        dq_c = dq_c + self._blend(dt, dq_c, state, desired)
+        dq_c = dq_c + self._blend(dt, dq_c)
         saturated = False
         if not np.all(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
@@ -182,14 +184,24 @@ class Clik(Scheme):
         lower = np.minimum(self.limits.lower, self._q)
         return np.clip(q, lower, np.maximum(self.limits.upper, self._q))
 
-    def _blend(self, dt: float, dq: Array, state: RobotState, desired: DesiredFrame) -> Array:
-        """Return what remains of the difference (n,) to the law that was replaced."""
+    def _blend(self, dt: float, dq: Array) -> Array:
+        """Return what remains (n,) of the step from the last command to a law that is new."""
         self._offset = self._offset * math.exp(-dt / self.blend_time)
-        if self._replaced is not None:
-            (replaced, x_de), self._replaced = self._replaced, None
-            dq_before, _, _ = replaced.velocity(state, desired, x_de)
-            self._offset = self._offset + dq_before - dq
+        if self._replaced:
+            self._offset, self._replaced = self._dq - dq, False
         return self._offset
+
+    def _refuse_deviation(self, q_c: Array, q: Array) -> None:
+        if self.limits is None:
+            return
+        deviation = self.limits.deviation(q_c, q)
+        if not (deviation <= self.max_deviation).all():
+            i = int(np.argmax(deviation))
+            raise FollowingError(
+                f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "
+                f"{self.max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
+                "then send the reference again, else raise max_deviation"
+            )
 
 
 def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:

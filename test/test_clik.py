@@ -1,0 +1,566 @@
+"""Closed-loop inverse kinematics: how errors decay, limits, redundancy, change of law."""
+
+import math
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from samples import about, generator, rodrigues, unit_vectors
+from tolerances import (
+    CLOSED_FORM,
+    CLOSED_LOOP,
+    CLOSED_LOOP_GROWS,
+    HELD,
+    NO_JUMP,
+    OPEN_LOOP_GROWS,
+    REACHED,
+    RELATIVE,
+    T1_DEG,
+    T1_SPEED,
+)
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import (
+    ConfigurationError,
+    FollowingError,
+    RobotError,
+    SingularityError,
+)
+from eulerparams_control.inverse import DampedInverse
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.motion import Circle, DesiredFrame, way_points
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    EulerSequence,
+    OrientationOptions,
+    SignRule,
+    representation,
+)
+from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import angle_between
+from eulerparams_control.schemes.clik import Clik, ClikLaw
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+
+DT = 1e-3  # [s]
+K = 10.0  # [1/s]
+DP_D, OMEGA_D = np.array([0.03, -0.05, 0.04]), np.array([0.1, -0.2, 0.15])
+
+every_orientation = pytest.mark.parametrize("orientation", ORIENTATIONS)
+
+
+@cache
+def robot_named(name):
+    """Return a robot of the catalogue and its home."""
+    description = load_robot(name)
+    robot = Robot(
+        description.urdf, description.base_frame, description.tip_frame, description.joints
+    )
+    return robot, np.array(description.home)
+
+
+UR5, HOME = robot_named("ur5")
+STILL = np.zeros(6)
+
+
+def law(orientation="euler_parameters", k=K, sequence="ZYX", sign="hysteretic", **options):
+    """Return the law with one gain for position and orientation.
+
+    The sequence is far from its pole at the home of the UR5.
+    """
+    chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
+    return ClikLaw(representation(orientation, chosen), k, k, **options)
+
+
+def clik(*args, feedback="internal", limits=None, blend_time=0.1, q=HOME, **options):
+    """Return CLIK of the UR5, begun at q."""
+    scheme = Clik(UR5, law(*args, **options), feedback, limits, blend_time)
+    scheme.reset(q)
+    return scheme
+
+
+def pose_of(robot, q):
+    """Return the frame of the tip at rest."""
+    state = robot.state(q, np.zeros(robot.n))
+    return DesiredFrame(state.p_e, state.R_e)
+
+
+def displaced(distance=0.03, angle=0.5, key=0):
+    """Return home's pose moved and turned in random directions."""
+    along, about_axis = unit_vectors(2, key=200 + key)
+    home = pose_of(UR5, HOME)
+    return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
+
+
+def moving(frame, t):
+    """Return the frame t [s] later, at the twist DP_D, OMEGA_D."""
+    speed = float(np.linalg.norm(OMEGA_D))
+    R_d = rodrigues(speed * t, OMEGA_D / speed) @ frame.R_d
+    return DesiredFrame(frame.p_d + t * DP_D, R_d, DP_D, OMEGA_D)
+
+
+def run(scheme, desired_at, steps, dt=DT):
+    """Return the ticks of a robot that does at once what is commanded."""
+    ticks = [scheme.tick(0.0, scheme.hold().q, STILL, desired_at(0.0))]
+    for step in range(1, steps):
+        command = ticks[-1].command
+        ticks.append(scheme.tick(dt, command.q, command.dq, desired_at(step * dt)))
+    return ticks
+
+
+# --- the closed loop, eqs. (25), (26), (28), (29) ----------------------------------------------
+
+
+@every_orientation
+def test_the_position_error_decays_with_its_gain_while_the_frame_moves(orientation):
+    start = displaced()
+    ticks = run(clik(orientation), lambda t: moving(start, t), 500)
+    decay = np.exp(-K * DT * np.arange(500))[:, None]
+    error = np.array([tick.dp_de for tick in ticks])
+    np.testing.assert_allclose(error, decay * error[0], rtol=0, atol=0.03 * CLOSED_LOOP)
+    assert np.linalg.norm(error[0]) == pytest.approx(0.03, rel=RELATIVE * 1e3)
+
+
+@pytest.mark.parametrize("orientation", ["angle_axis", "euler_angles", "relative_euler_angles"])
+def test_the_orientation_error_decays_component_by_component_while_the_frame_turns(orientation):
+    start = displaced()
+    ticks = run(clik(orientation), lambda t: moving(start, t), 500)
+    decay = np.exp(-K * DT * np.arange(500))[:, None]
+    error = np.array([tick.x_de.error for tick in ticks])
+    largest = np.linalg.norm(error[0])
+    assert largest > 0.3
+    np.testing.assert_allclose(error, decay * error[0], rtol=0, atol=largest * CLOSED_LOOP)
+
+
+def test_the_angle_of_the_rotation_vector_decays_with_its_gain_while_the_frame_turns():
+    start = displaced(angle=2.0)
+    ticks = run(clik("rotation_vector"), lambda t: moving(start, t), 500)
+    theta = np.array([np.linalg.norm(tick.x_de.error) for tick in ticks])
+    expected = 2.0 * np.exp(-K * DT * np.arange(500))
+    np.testing.assert_allclose(theta, expected, rtol=0, atol=2.0 * CLOSED_LOOP)
+
+
+@pytest.mark.parametrize("angle", [0.5, 1.5, 2.5])
+def test_eta_follows_the_hyperbolic_tangent_while_the_frame_turns(angle):
+    start = displaced(angle=angle)
+    ticks = run(clik("euler_parameters"), lambda t: moving(start, t), 1000)
+    eta = np.array([tick.x_de.Q_de.eta for tick in ticks])
+    c = math.atanh(math.cos(angle / 2))
+    expected = np.tanh(K * DT * np.arange(1000) / 2 + c)  # of (29), (31)
+    np.testing.assert_allclose(eta, expected, rtol=0, atol=2 * CLOSED_FORM)
+    assert eta[-1] > 1 - CLOSED_FORM
+
+
+@every_orientation
+def test_the_error_that_is_reported_is_that_of_the_kinematics_of_the_command(orientation):
+    start = displaced()
+    for tick in run(clik(orientation), lambda t: moving(start, t), 5):
+        state = UR5.state(tick.command.q, STILL)
+        np.testing.assert_array_equal(tick.state.p_e, state.p_e)
+        np.testing.assert_array_equal(tick.dp_de, tick.desired.p_d - state.p_e)
+
+
+def test_q_is_the_integral_of_dq_and_dq_of_the_same_instant():
+    ticks = run(clik(), lambda _: displaced(), 20)
+    np.testing.assert_array_equal(ticks[0].command.q, HOME)
+    for before, after in pairwise(ticks):
+        q = before.command.q + DT * before.command.dq
+        np.testing.assert_array_equal(after.command.q, q)
+
+
+# --- T1 -----------------------------------------------------------------------------------
+
+
+def path_T1(delta_deg):
+    """Return T1: past the pole of XYZ at a distance delta [deg]."""
+    p_0, p_1 = np.array([0.485, 0.02, 0.375]), np.array([0.485, 0.12, 0.475])
+    R_0, R_1 = (
+        about(2, math.radians(delta_deg)) @ about(1, math.radians(beta)) @ about(2, math.pi / 2)
+        for beta in (50, 131)
+    )
+    return way_points([0.0, 4.0, 5.0], [(p_0, R_0), (p_1, R_1), (p_1, R_1)])
+
+
+@every_orientation
+def test_T1_is_followed_10_deg_from_the_pole_with_every_representation(orientation):
+    path = path_T1(10.0)
+    q = inverse_kinematics(UR5, path.sample(0.0), HOME)
+    scheme = clik(orientation, 100.0, sequence="XYZ", limits=UR5.limits)
+    controller = Controller(scheme, ControllerOptions(), q)
+    controller.follow(path, 0)
+    dq, worst, fastest = STILL, 0.0, 0.0
+    for t in range(0, 5_000_000_001, 1_000_000):
+        command = controller.step(t, q, dq)
+        q, dq = command.q, command.dq
+        tick = controller.tick_now
+        worst = max(worst, angle_between(tick.desired.R_d, tick.state.R_e))
+        fastest = max(fastest, np.abs(dq).max())
+        assert not tick.saturated
+    assert math.degrees(worst) < T1_DEG
+    assert fastest < T1_SPEED
+    assert np.linalg.norm(tick.dp_de) < 1e-6
+    np.testing.assert_array_equal(tick.desired.R_d, path.sample(5.0).R_d)
+
+
+# --- feedback -----------------------------------------------------------------------------
+
+
+def test_internal_feedback_ignores_the_measured_joints_and_measured_feedback_uses_them():
+    measured = HOME + 0.05 * generator(80).normal(size=6)
+    dq = generator(81).normal(size=6)
+    for feedback, q, rate in (("internal", HOME, STILL), ("measured", measured, dq)):
+        tick = clik(feedback=feedback).tick(DT, measured, dq, pose_of(UR5, HOME))
+        np.testing.assert_array_equal(tick.state.q, q)
+        np.testing.assert_array_equal(tick.state.dq, rate)
+        np.testing.assert_array_equal(tick.state.p_e, UR5.state(q, STILL).p_e)
+
+
+@pytest.mark.parametrize(("feedback", "converges"), [("internal", False), ("measured", True)])
+def test_only_measured_feedback_removes_a_bias_of_the_arm(feedback, converges):
+    bias = np.array([0.02, -0.01, 0.015, 0.01, -0.02, 0.01])
+    scheme, goal, q, dq = clik(feedback=feedback), displaced(), HOME + bias, STILL
+    for step in range(2000):
+        tick = scheme.tick(DT if step else 0.0, q, dq, goal)
+        q, dq = tick.command.q + bias, tick.command.dq
+    reached = pose_of(UR5, q)
+    error = angle_between(goal.R_d, reached.R_d) + np.linalg.norm(goal.p_d - reached.p_d)
+    assert (error < 1e-3) == converges
+    assert converges or error > 0.01
+
+
+def test_an_unknown_feedback_is_refused_with_those_that_exist():
+    with pytest.raises(ConfigurationError, match=r"feedback is 'both'.*internal.*measured"):
+        clik(feedback="both")
+
+
+# --- drift, E6 ----------------------------------------------------------------------------
+
+
+def drift(k, turns=4, dt=0.01):
+    """Return the largest orientation error [rad] in each turn of a circle."""
+    home = pose_of(UR5, HOME)
+    circle = Circle(0.1, np.array([0.0, 1.0, 0.3]), period=5.0, turns=turns, tilt=0.5, ramp=0.0)
+    path = circle.trajectory(home.p_d, home.R_d)
+    per_turn = round(5.0 / dt)
+    ticks = run(clik(k=k), path.sample, turns * per_turn, dt)
+    errors = [angle_between(tick.desired.R_d, tick.state.R_e) for tick in ticks]
+    return np.reshape(errors, (turns, per_turn)).max(axis=1)
+
+
+def test_the_open_loop_drifts_and_the_closed_loop_does_not():
+    open_loop, closed_loop = drift(0.0, turns=12), drift(20.0)
+    assert np.all(np.diff(open_loop) > 0)
+    assert open_loop[-1] > OPEN_LOOP_GROWS * open_loop[0]
+    assert closed_loop[-1] < CLOSED_LOOP_GROWS * closed_loop[0]
+    assert closed_loop[-1] < open_loop[0]
+
+
+# --- another law --------------------------------------------------------------------------
+
+
+def run_and_replace(laws, blend_time=0.1, steps=30, goal=None):
+    """Return two schemes after ``steps`` of the first law; in one the others replaced it.
+
+    And the goal, and the velocity commanded last.
+    """
+    goal = goal or displaced()
+    schemes = [Clik(UR5, laws[0], "internal", None, blend_time) for _ in range(2)]
+    for scheme in schemes:
+        scheme.reset(HOME)
+        last = run(scheme, lambda _: goal, steps)
+    for other in laws[1:]:
+        schemes[1].replace_law(other)
+    return schemes, goal, last[-1].command.dq
+
+
+def law_differs(before, after, state, goal):
+    """Return by how much [rad/s] two laws differ."""
+    dq = [one.velocity(state, goal, None)[0] for one in (before, after)]
+    return np.abs(dq[0] - dq[1]).max()
+
+
+@pytest.mark.parametrize("before", ORIENTATIONS)
+@pytest.mark.parametrize("after", ORIENTATIONS)
+def test_a_law_is_replaced_by_another_without_a_jump_of_the_velocity(before, after):
+    laws = law(before, K), law(after, 3 * K)
+    (kept, replaced), goal, last = run_and_replace(laws)
+    expected = kept.tick(DT, HOME, STILL, goal)
+    tick = replaced.tick(DT, HOME, STILL, goal)
+    np.testing.assert_allclose(tick.command.dq, last, rtol=0, atol=NO_JUMP)
+    np.testing.assert_array_equal(tick.command.q, expected.command.q)
+    assert law_differs(*laws, tick.state, goal) > 0.1  # there was something to jump
+
+
+def test_after_some_blend_times_only_the_new_law_is_left():
+    laws = law("euler_angles", K), law("euler_parameters", 3 * K)
+    (_, replaced), goal, _ = run_and_replace(laws, blend_time=0.01)
+    replaced.tick(DT, HOME, STILL, goal)
+    jump = law_differs(*laws, replaced.tick(0.0, HOME, STILL, goal).state, goal)
+    for _ in range(300):  # 30 blend times
+        tick = replaced.tick(DT, HOME, STILL, goal)
+    dq, _, _ = laws[1].velocity(tick.state, goal, None)
+    assert jump > 0.1
+    np.testing.assert_allclose(tick.command.dq, dq, rtol=0, atol=NO_JUMP)
+
+
+def test_a_blend_decays_exponentially():
+    laws = law(k=K), law(k=3 * K)
+    (_, replaced), goal, _ = run_and_replace(laws, blend_time=0.1)
+    offsets = []
+    for _ in range(3):
+        tick = replaced.tick(0.05, HOME, STILL, goal)
+        offsets.append(tick.command.dq - laws[1].velocity(tick.state, goal, None)[0])
+    assert np.abs(offsets[0]).max() > 0.1
+    for i in (1, 2):
+        expected = math.exp(-0.5 * i) * offsets[0]
+        np.testing.assert_allclose(offsets[i], expected, rtol=0, atol=NO_JUMP)
+
+
+def test_a_law_replaced_twice_before_a_tick_does_not_jump_either():
+    laws = law("euler_angles", K), law("angle_axis", 7 * K), law("euler_parameters", 3 * K)
+    (_, replaced), goal, last = run_and_replace(laws)
+    dq = replaced.tick(DT, HOME, STILL, goal).command.dq
+    np.testing.assert_allclose(dq, last, rtol=0, atol=NO_JUMP)
+
+
+def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_changes():
+    laws = law(k=K, sign="continuous"), law(k=2 * K, sign="continuous")
+    goal = pose_of(UR5, HOME)
+    schemes = [Clik(UR5, laws[0], blend_time=0.1) for _ in range(2)]
+    for scheme in schemes:
+        scheme.reset(HOME)
+        for angle in (2.0, 3.0, 3.8, 4.5):  # beyond half a turn eta < 0
+            turned = goal._replace(R_d=about(2, angle) @ goal.R_d)
+            scheme.tick(0.0, HOME, STILL, turned)
+    schemes[1].replace_law(laws[1])
+    expected, tick = (scheme.tick(0.0, HOME, STILL, turned) for scheme in schemes)
+    assert expected.x_de.Q_de.eta < -0.5
+    assert tick.x_de.Q_de.eta == expected.x_de.Q_de.eta
+    np.testing.assert_allclose(tick.command.dq, expected.command.dq, rtol=0, atol=NO_JUMP)
+
+
+def test_holding_ends_a_blend():
+    (_, replaced), goal, _ = run_and_replace((law(k=K), law(k=30 * K)))
+    replaced.tick(DT, HOME, STILL, goal)
+    replaced.hold()
+    dq = replaced.tick(DT, HOME, STILL, replaced.start_frame()).command.dq
+    np.testing.assert_allclose(dq, 0, rtol=0, atol=HELD * K)
+
+
+# --- hold and reset -----------------------------------------------------------------------
+
+
+def test_hold_commands_the_position_commanded_last_without_velocity():
+    scheme = clik()
+    ticks = run(scheme, lambda _: displaced(), 50)
+    held = scheme.hold()
+    np.testing.assert_array_equal(held.q, ticks[-1].command.q)
+    np.testing.assert_array_equal(held.dq, STILL)
+    later = scheme.tick(0.05, HOME, STILL, scheme.start_frame())
+    np.testing.assert_array_equal(later.command.q, held.q)
+    np.testing.assert_allclose(later.command.dq, 0, rtol=0, atol=HELD)
+
+
+@every_orientation
+def test_after_a_reset_the_error_is_zero_at_the_start_frame(orientation):
+    scheme = clik(orientation)
+    run(scheme, lambda _: displaced(), 50)
+    q = HOME + 0.1
+    scheme.reset(q)
+    tick = scheme.tick(0.0, q, STILL, scheme.start_frame())
+    np.testing.assert_array_equal(tick.command.q, q)
+    np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
+    np.testing.assert_allclose(tick.x_de.error, 0, rtol=0, atol=HELD)
+    np.testing.assert_allclose(tick.command.dq, 0, rtol=0, atol=HELD * 1e2)
+
+
+def test_a_reset_does_not_keep_the_array_it_was_given():
+    q = HOME.copy()
+    scheme = clik(q=q)
+    q += 1
+    np.testing.assert_array_equal(scheme.hold().q, HOME)
+
+
+def test_nothing_is_integrated_when_the_law_has_no_answer():
+    scheme = clik()
+    before = run(scheme, lambda _: displaced(), 5)[-1].command
+    bad = displaced()._replace(p_d=np.array([math.inf, 0, 0]))
+    with pytest.raises(SingularityError, match="infinite"), np.errstate(invalid="ignore"):
+        scheme.tick(DT, HOME, STILL, bad)
+    after = scheme.tick(DT, HOME, STILL, displaced()).command
+    np.testing.assert_array_equal(after.q, before.q + DT * before.dq)
+
+
+# --- limits -------------------------------------------------------------------------------
+
+
+def test_within_limits_no_command_is_faster_or_further_and_saturation_is_told():
+    narrow = JointLimits(HOME - 0.2, HOME + 0.3, np.full(6, 0.7), np.full(6, math.inf))
+    for key in range(4):
+        goal = displaced(distance=0.3, angle=1.5, key=key)
+        ticks = run(clik(limits=narrow), lambda _, goal=goal: goal, 1500)
+        for tick in ticks:
+            assert np.all(np.abs(tick.command.dq) <= 0.7 * (1 + RELATIVE))
+            assert narrow.contain(tick.command.q)
+        assert ticks[0].saturated
+
+
+def test_velocity_limits_keep_the_direction_of_the_joint_velocity():
+    goal = displaced(distance=0.1)
+    free = clik(k=100.0).tick(0.0, HOME, STILL, goal).command.dq
+    slow = clik(k=100.0, limits=UR5.limits.scaled(0.1)).tick(0.0, HOME, STILL, goal).command.dq
+    assert np.abs(free).max() > 1.0
+    ratio = slow / free
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e3 * RELATIVE)
+    assert np.max(np.abs(slow) / UR5.limits.velocity) == pytest.approx(0.1, rel=RELATIVE)
+
+
+@pytest.mark.parametrize("side", [1, -1], ids=["above", "below"])
+def test_an_arm_that_starts_outside_its_limits_moves_back_and_not_further_out(side):
+    joint_1 = np.eye(6)[0]
+    centre = HOME - 1.1 * side * joint_1  # joint 1 is outside by 0.1
+    limits = JointLimits(centre - 1, centre + 1, np.full(6, 3.0), np.full(6, math.inf))
+    inside, outward = (pose_of(UR5, HOME + step * side * joint_1) for step in (-0.2, 0.2))
+    ticks = run(clik(limits=limits), lambda _: inside, 2000)
+    beyond = np.array([side * (tick.command.q[0] - HOME[0]) for tick in ticks])
+    assert beyond[0] == 0
+    assert beyond[1:].max() < 0
+    assert np.diff(beyond).max() < 1e-5  # it overshoots by the curvature only
+    assert beyond[-1] == pytest.approx(-0.2, abs=1e-4)
+    for tick in run(clik(limits=limits), lambda _: outward, 200):
+        assert side * (tick.command.q[0] - HOME[0]) <= 0
+
+
+# --- redundancy ---------------------------------------------------------------------------
+
+
+def redundant(robot, home, posture):
+    """Return CLIK of an arm of seven joints that tends to a posture."""
+    scheme = Clik(robot, law(k=20.0, posture=posture, k_posture=2.0))
+    scheme.reset(home)
+    return scheme
+
+
+@pytest.mark.parametrize("name", ["panda", "kuka_iiwa"])
+def test_the_null_space_does_not_move_the_tip_and_approaches_the_posture(name):
+    robot, home = robot_named(name)
+    free = np.linalg.svd(robot.state(home, np.zeros(7)).J)[2][6]  # the null space of J
+    posture = home + 0.4 * free
+    scheme = redundant(robot, home, posture)
+    frame = scheme.start_frame()
+    tick = scheme.tick(0.0, home, np.zeros(7), frame)
+    assert np.abs(tick.command.dq).max() > 0.05
+    np.testing.assert_allclose(tick.state.J @ tick.command.dq, 0, rtol=0, atol=NO_JUMP)
+    first = distance = np.linalg.norm(home - posture)
+    for _ in range(3000):
+        tick = scheme.tick(DT, home, np.zeros(7), frame)
+        assert np.linalg.norm(tick.dp_de) < 1e-4
+        assert angle_between(frame.R_d, tick.state.R_e) < 1e-4
+        nearer = np.linalg.norm(tick.command.q - posture)
+        assert nearer < distance + NO_JUMP
+        distance = nearer
+    assert distance < 0.3 * first
+    np.testing.assert_allclose(tick.state.J @ tick.command.dq, 0, rtol=0, atol=1e-3)
+
+
+def test_the_posture_does_not_change_the_velocity_of_the_tip():
+    robot, home = robot_named("panda")
+    goal = pose_of(robot, home + 0.05)
+    state = robot.state(home, np.zeros(7))
+    with_posture, _, _ = law(posture=home - 0.5).velocity(state, goal, None)
+    without, _, _ = law().velocity(state, goal, None)
+    assert np.abs(with_posture - without).max() > 0.05
+    np.testing.assert_allclose(state.J @ with_posture, state.J @ without, rtol=0, atol=NO_JUMP)
+
+
+def test_a_posture_of_the_wrong_size_is_refused_with_the_names_of_the_joints():
+    with pytest.raises(ConfigurationError, match=r"posture has 5 values.* 6 joints .*elbow"):
+        clik(posture=np.zeros(5))
+    scheme = clik()
+    with pytest.raises(ConfigurationError, match="posture has 7 values"):
+        scheme.replace_law(law(posture=np.zeros(7)))
+    assert scheme.law.posture is None  # the law that is refused is not taken
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["k_Pp", "k_Po", "k_posture"])
+def test_an_impossible_gain_is_refused_with_its_value(name, value):
+    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected >= 0"):
+        ClikLaw(representation("euler_parameters"), **{name: value})
+
+
+def test_the_wrist_singularity_is_crossed_with_damping_and_reached_again():
+    q = HOME.copy()
+    q[4] = -0.15
+    start, end = pose_of(UR5, q), pose_of(UR5, q + 0.3 * np.eye(6)[4])
+    path = way_points([0.0, 2.0], [(start.p_d, start.R_d), (end.p_d, end.R_d)])
+    speeds = {}
+    for name, inverse in (("damped", DampedInverse()), ("exact", DampedInverse(eps=0.0))):
+        scheme = clik(k=50.0, inverse=inverse, q=q)
+        ticks = run(scheme, path.sample, 3000)
+        speeds[name] = max(np.abs(tick.command.dq).max() for tick in ticks)
+        assert np.linalg.norm(ticks[-1].dp_de) < 1e-3
+        assert math.degrees(angle_between(end.R_d, ticks[-1].state.R_e)) < 1e-2
+    assert speeds["damped"] < 5.1 < 44.0 < speeds["exact"]
+
+
+# --- inverse kinematics -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa", "panda", "ur10", "ur5"])
+def test_inverse_kinematics_reaches_poses_near_home(name):
+    robot, home = robot_named(name)
+    for step in 0.3 * generator(83).uniform(-1, 1, size=(20, robot.n)):
+        frame = pose_of(robot, home + step)
+        q = inverse_kinematics(robot, frame, home)
+        reached = pose_of(robot, q)
+        assert np.linalg.norm(reached.p_d - frame.p_d) < REACHED
+        assert angle_between(reached.R_d, frame.R_d) < REACHED
+        assert robot.limits.contain(q)
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa", "panda", "ur10", "ur5"])
+def test_inverse_kinematics_refuses_a_pose_out_of_reach_with_the_pose(name):
+    robot, home = robot_named(name)
+    frame = pose_of(robot, home)._replace(p_d=np.array([3.0, 0.5, 0.25]))
+    with pytest.raises(RobotError, match=r"\[3.0, 0.5, 0.25\] m.*within reach"):
+        inverse_kinematics(robot, frame, home)
+
+
+@pytest.mark.parametrize("step", [0.2, -0.2])
+def test_inverse_kinematics_refuses_a_pose_that_is_reached_outside_the_limits_only(step):
+    description = load_robot("ur5")
+    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
+    frame = pose_of(robot, HOME + step)
+    robot.limits = JointLimits(HOME - 0.1, HOME + 0.1, np.ones(6), np.ones(6))
+    with pytest.raises(RobotError, match="only outside the joint limits"):
+        inverse_kinematics(robot, frame, HOME)
+
+
+def test_inverse_kinematics_does_not_depend_on_the_velocity_of_the_frame():
+    frame = displaced()
+    q, also = (inverse_kinematics(UR5, f, HOME) for f in (frame, moving(frame, 0.0)))
+    np.testing.assert_array_equal(q, also)
+
+
+def test_a_law_replaced_at_the_pole_of_the_euler_angles_does_not_throw_the_arm():
+    start = UR5.state(HOME, STILL)
+    goal = DesiredFrame(start.p_e, start.R_e)
+    scheme = Clik(UR5, law("euler_angles", 100.0), limits=UR5.limits)
+    scheme.reset(HOME)
+    scheme.tick(0.0, HOME, STILL, goal)
+    last = scheme.tick(DT, HOME, STILL, goal._replace(omega_d=np.array([0.0, 0.0, 1e9])))
+    scheme.replace_law(law("euler_parameters", 100.0))
+    for _ in range(100):
+        tick = scheme.tick(DT, HOME, STILL, goal)
+        assert np.abs(tick.command.dq).max() <= np.abs(last.command.dq).max() + NO_JUMP
+
+
+def test_an_arm_that_does_not_follow_is_told_and_not_wound_up():
+    scheme = Clik(UR5, law(k=10.0), "measured", UR5.limits, max_deviation=0.2)
+    scheme.reset(HOME)
+    with pytest.raises(FollowingError, match="from its command"):
+        for _ in range(100_000):
+            command = scheme.tick(DT, HOME, STILL, displaced()).command
+    assert np.abs(command.q - HOME).max() <= 0.2

@@ -1,0 +1,434 @@
+"""The controller: stamps, references, faults; no command is ever other than finite."""
+
+import math
+from contextlib import suppress
+from functools import cache
+
+import numpy as np
+import pytest
+from samples import about, by_angles, generator, near_pole, poles, rodrigues, uniform
+from tolerances import ALGEBRAIC, HELD, RELATIVE
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import InvalidMessageError, SingularityError
+from eulerparams_control.motion import DesiredFrame, SetPoint, Trajectory, way_points
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    SIGNS,
+    EulerSequence,
+    OrientationOptions,
+    SignRule,
+    representation,
+)
+from eulerparams_control.robot import Robot
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+
+MS = 1_000_000  # [ns]
+T_0 = 1_700_000_000_000_000_000  # [ns]
+ANY_JUMP = ControllerOptions(max_jump_position=math.inf, max_jump_rotation=math.inf)
+
+
+@cache
+def robot_named(name):
+    """Return a robot of the catalogue and its home."""
+    description = load_robot(name)
+    robot = Robot(
+        description.urdf, description.base_frame, description.tip_frame, description.joints
+    )
+    return robot, np.array(description.home)
+
+
+UR5, HOME = robot_named("ur5")
+STILL = np.zeros(6)
+
+
+def clik(orientation="euler_parameters", sequence="XYZ", sign="hysteretic", **options):
+    """Return CLIK of the UR5."""
+    chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
+    return Clik(UR5, ClikLaw(representation(orientation, chosen), 100.0, 100.0), **options)
+
+
+def controller(options=None, q=HOME, **scheme):
+    """Return a controller of CLIK that begins at q."""
+    return Controller(clik(**scheme), options or ControllerOptions(), q)
+
+
+def pose_of(q):
+    """Return the frame of the tip at rest."""
+    state = UR5.state(q, STILL)
+    return DesiredFrame(state.p_e, state.R_e)
+
+
+def moved(x=0.0, angle=0.0):
+    """Return home's pose moved along and turned about the base's x."""
+    home = pose_of(HOME)
+    return DesiredFrame(home.p_d + x * np.eye(3)[0], about(0, angle) @ home.R_d)
+
+
+def moving_controller(**options):
+    """Return a controller on its way, its last command and the stamp of it."""
+    running = controller(**options)
+    goal = moved(0.1, 0.5)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    for step in range(300):
+        t = T_0 + step * MS
+        command = running.step(t, HOME, STILL)
+    assert np.abs(command.dq).max() > 0.05
+    return running, command, t
+
+
+def is_finite(command):
+    """Return whether all of a command of CLIK is finite."""
+    return bool(np.isfinite(command.q).all() and np.isfinite(command.dq).all())
+
+
+def assert_holds(running, t, q):
+    """Assert that the controller commands q at rest from t on."""
+    for step in range(3):
+        command = running.step(t + step * MS, q, STILL)
+        np.testing.assert_allclose(command.q, q, rtol=0, atol=HELD)
+        np.testing.assert_allclose(command.dq, 0, rtol=0, atol=100 * HELD)
+
+
+# --- stamps -------------------------------------------------------------------------------
+
+
+def test_at_first_the_measured_pose_is_held():
+    running = controller()
+    assert running.tick_now is None
+    assert_holds(running, T_0, HOME)
+    np.testing.assert_array_equal(running.tick_now.desired.p_d, pose_of(HOME).p_d)
+
+
+def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_nothing():
+    running, command, t = moving_controller()
+    for q in (HOME, HOME + 0.3):
+        assert running.step(t, q, STILL) is command
+    twin, _, _ = moving_controller()
+    after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
+    np.testing.assert_array_equal(after.q, expected.q)
+    np.testing.assert_array_equal(after.dq, expected.dq)
+    assert running.resets == 0
+
+
+@pytest.mark.parametrize(
+    "jump", [-1, -MS, -5000 * MS, 100 * MS + 1, 60_000 * MS], ids="{} ns".format
+)
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_held(jump, feedback):
+    running, _, t = moving_controller(feedback=feedback)
+    measured = HOME + 0.02
+    command = running.step(t + jump, measured, STILL)
+    assert running.resets == 1
+    np.testing.assert_array_equal(command.q, measured)
+    np.testing.assert_allclose(command.dq, 0, rtol=0, atol=100 * HELD)
+    assert_holds(running, t + jump + MS, measured)
+    assert running.resets == 1
+
+
+def test_a_stamp_ahead_by_no_more_than_the_timeout_is_integrated():
+    running, before, t = moving_controller()
+    command = running.step(t + 100 * MS, HOME, STILL)
+    assert running.resets == 0
+    np.testing.assert_allclose(command.q, before.q + 0.1 * before.dq, rtol=RELATIVE)
+
+
+def test_every_jump_of_the_stamp_counts():
+    running = controller()
+    for t in (T_0, T_0 - MS, T_0 - 2 * MS, T_0 + 10_000 * MS):
+        running.step(t, HOME, STILL)
+    assert running.resets == 3
+
+
+def test_stop_holds_where_the_arm_was_commanded_to_be():
+    running, before, t = moving_controller()
+    command = running.stop()
+    np.testing.assert_array_equal(command.q, before.q)
+    np.testing.assert_array_equal(command.dq, STILL)
+    assert_holds(running, t + MS, before.q)
+
+
+# --- references ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("x", "angle"), [(0.2, 0.0), (-0.0501, 0.0), (0.0, 0.5), (0.0, -0.201), (3.0, 3.0)]
+)
+@pytest.mark.parametrize("as_trajectory", [False, True])
+def test_a_reference_that_begins_too_far_away_is_refused_with_numbers(x, angle, as_trajectory):
+    running = controller()
+    running.step(T_0, HOME, STILL)
+    frame = moved(x, angle)
+    motion = Trajectory([0.0], [frame]) if as_trajectory else SetPoint(frame, 0.1)
+    with pytest.raises(InvalidMessageError) as refusal:
+        running.follow(motion, None)
+    text = str(refusal.value)
+    assert f"begins {abs(x):.3f} m and {math.degrees(abs(angle)):.1f} deg away" in text
+    assert "at most 0.05 m and 11.5 deg" in text
+    assert "time_from_start > 0" in text
+    assert_holds(running, T_0 + MS, HOME)
+
+
+@pytest.mark.parametrize(("x", "angle"), [(0.0499, 0.0), (0.0, 0.199), (0.04, -0.1)])
+def test_a_reference_that_begins_near_is_followed_at_once(x, angle):
+    running = controller()
+    running.step(T_0, HOME, STILL)
+    frame = moved(x, angle)
+    running.follow(SetPoint(frame, 0.1), None)
+    running.step(T_0 + MS, HOME, STILL)
+    np.testing.assert_array_equal(running.tick_now.desired.p_d, frame.p_d)
+    np.testing.assert_array_equal(running.tick_now.desired.R_d, frame.R_d)
+
+
+def test_a_trajectory_to_a_far_pose_is_followed_from_the_present_desired_frame():
+    running = controller()
+    running.step(T_0, HOME, STILL)
+    goal = moved(0.2, 1.0)
+    running.follow(way_points([2.0], [(goal.p_d, goal.R_d)]), None)
+    running.step(T_0 + MS, HOME, STILL)
+    np.testing.assert_allclose(
+        running.tick_now.desired.p_d, pose_of(HOME).p_d, rtol=0, atol=ALGEBRAIC
+    )
+    for step in range(2, 3000):
+        command = running.step(T_0 + step * MS, HOME, STILL)
+    np.testing.assert_allclose(pose_of(command.q).p_d, goal.p_d, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("times", [[0.0, 2.0], [1.0, 2.0]])
+def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_since(times):
+    running = controller()
+    running.step(T_0, HOME, STILL)
+    here, goal = moved(), moved(0.3, 1.0)
+    late = way_points(times, [(here.p_d, here.R_d), (goal.p_d, goal.R_d)])
+    with pytest.raises(InvalidMessageError, match=r"0\.300 m and 57\.3 deg"):
+        running.follow(late, T_0 - 5000 * MS)
+    assert_holds(running, T_0 + MS, HOME)
+    for start in (T_0, T_0 - 10 * MS, T_0 + 5000 * MS):
+        running.follow(late, start)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_reference_that_is_not_finite_is_refused(bad):
+    running = controller()
+    running.step(T_0, HOME, STILL)
+    frame = moved()._replace(p_d=np.array([bad, 0.0, 0.0]))
+    with pytest.raises(InvalidMessageError):
+        running.follow(SetPoint(frame, 0.1), None)
+
+
+def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():
+    running, _, t = moving_controller()
+    for step in range(1, 1500):
+        running.step(t + step * MS, HOME, STILL)
+    running.follow(SetPoint(moved(0.1, 0.5), 0.1), None)
+    with pytest.raises(InvalidMessageError, match=r"begins 0\.100 m and 28\.6 deg"):
+        running.follow(SetPoint(moved(), 0.1), None)
+
+
+def test_where_a_reference_is_required_there_is_silence_until_the_first():
+    running = controller(ControllerOptions(require_reference=True))
+    for step in range(50):
+        assert running.step(T_0 + step * MS, HOME, STILL) is None
+    assert running.tick_now is None
+    with pytest.raises(InvalidMessageError):
+        running.follow(SetPoint(moved(0.2), 0.1), None)
+    assert running.step(T_0 + 50 * MS, HOME, STILL) is None  # one refused is no reference
+    running.follow(SetPoint(moved(), 0.1), None)
+    assert_holds(running, T_0 + 51 * MS, HOME)
+
+
+def test_while_a_reference_is_awaited_the_arm_may_be_moved_by_others():
+    running = controller(ControllerOptions(require_reference=True))
+    running.step(T_0, HOME, STILL)
+    elsewhere = HOME + 0.4
+    assert running.step(T_0 + 9000 * MS, elsewhere, STILL) is None
+    running.follow(SetPoint(pose_of(elsewhere), 0.1), None)
+    assert_holds(running, T_0 + 9001 * MS, elsewhere)
+    assert running.resets == 0
+
+
+# --- faults -------------------------------------------------------------------------------
+
+
+def at_the_pole_of_ZYZ():
+    """Return the joints of the UR5 with its tool along the base's z, and that pose exactly."""
+    frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))
+    return inverse_kinematics(UR5, frame, HOME), frame
+
+
+def test_exactly_at_the_pole_the_arm_is_held_still_and_the_fault_told():
+    q, frame = at_the_pole_of_ZYZ()
+    running = controller(ANY_JUMP, q, orientation="euler_angles", sequence="ZYZ")
+    running.follow(SetPoint(frame._replace(omega_d=np.array([1.0, 0.0, 0.0])), 0.1), None)
+    command = running.step(T_0, q, STILL)
+    np.testing.assert_array_equal(command.q, q)
+    np.testing.assert_array_equal(command.dq, STILL)
+    assert "ZYZ is singular" in running.fault
+    assert "euler_parameters" in running.fault
+    assert running.step(T_0, q, STILL) is command
+
+
+def test_a_fault_is_told_until_the_next_reference_though_the_law_has_an_answer_again():
+    q, frame = at_the_pole_of_ZYZ()
+    running = controller(ANY_JUMP, q, orientation="euler_angles", sequence="ZYZ")
+    running.follow(SetPoint(frame, 0.1), None)
+    running.step(T_0, q, STILL)
+    assert running.fault
+    running.scheme.replace_law(clik("euler_parameters").law)
+    running.step(T_0 + MS, q, STILL)
+    command = running.step(T_0 + 2 * MS, q, STILL)
+    assert running.fault
+    np.testing.assert_allclose(command.q, q, rtol=0, atol=HELD)
+    running.follow(SetPoint(frame, 0.1), None)
+    assert running.fault == ""
+
+
+class Failing(Scheme):
+    """A scheme that has an answer only while told so."""
+
+    name = "failing"
+    works = True
+
+    def reset(self, q):
+        self.q = q
+
+    def hold(self):
+        return JointCommand(self.q, 0 * self.q)
+
+    def start_frame(self):
+        return pose_of(self.q)
+
+    def tick(self, dt, q, dq, desired):
+        self.dt = dt
+        if not self.works:
+            raise SingularityError("no answer")
+        command = JointCommand(self.q, self.q)
+        return Tick(command, UR5.state(q, dq), desired, STILL[:3], None, False)
+
+
+def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
+    scheme = Failing()
+    running = Controller(scheme, ControllerOptions(), HOME)
+    stamps = (T_0, T_0 + 7 * MS, T_0 + 8 * MS, T_0 - MS, T_0, T_0 + 5000 * MS)
+    for t, dt in zip(stamps, (0.0, 0.007, 0.001, 0.0, 0.001, 0.0), strict=True):
+        running.step(t, HOME, STILL)
+        assert scheme.dt == dt
+
+
+def test_a_singularity_drops_the_motion_and_the_pose_is_held_after_it():
+    scheme = Failing()
+    running = Controller(scheme, ControllerOptions(), HOME)
+    goal = moved(0.1, 0.5)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    for step in range(500):
+        running.step(T_0 + step * MS, HOME, STILL)
+    assert np.linalg.norm(running.tick_now.desired.dp_d) > 0.01
+    scheme.works = False
+    command = running.step(T_0 + 500 * MS, HOME, STILL)
+    assert running.fault == "no answer"
+    np.testing.assert_array_equal(command.dq, STILL)
+    scheme.works = True
+    running.step(T_0 + 501 * MS, HOME, STILL)
+    np.testing.assert_array_equal(running.tick_now.desired.p_d, pose_of(HOME).p_d)
+    np.testing.assert_array_equal(running.tick_now.desired.dp_d, np.zeros(3))
+
+
+# --- commands are finite whatever is desired --------------------------------------------------
+
+
+def garbage(sequence, key):
+    """Return desired frames of any size, orientation and velocity, at and near the poles."""
+    random = generator(95, key)
+    home = pose_of(HOME)
+    at_poles = [
+        R
+        for pole in poles(sequence)
+        for distance in (0.0, 1e-15, 1e-9, 1e-4)
+        for R in near_pole(sequence, pole, distance)[:1]
+    ]
+    at_poles += [by_angles(sequence, 0.0, pole, 0.0) for pole in poles(sequence)]
+    half_turns = [rodrigues(math.pi, r) @ home.R_d for r in np.eye(3)]
+    quarter_turns = [about(axis, math.pi / 2) @ home.R_d for axis in range(3)]
+    frames = []
+    for R in [*uniform(6, key), *at_poles, *half_turns, *quarter_turns, home.R_d]:
+        scale = 10.0 ** random.uniform(-300, 308, size=5) * (random.uniform(size=5) < 0.4)
+        values = scale[:, None] * random.uniform(-1, 1, size=(5, 3))
+        frames.append(DesiredFrame(home.p_d + values[0], R, *values[1:]))
+    return frames
+
+
+def feed(running, motions, steps=4, dt=20 * MS):
+    """Follow each motion for some steps; return the number of faults."""
+    t, q, dq, faults = T_0, HOME, STILL, 0
+    for motion in motions:
+        with suppress(InvalidMessageError):  # what is refused is not followed
+            running.follow(motion, None)
+        for _ in range(steps):
+            t += dt
+            command = running.step(t, q, dq)
+            assert is_finite(command)
+            assert command.q.shape == command.dq.shape == (6,)
+            faults += bool(running.fault)
+            if np.abs(command.q).max() < 1e3:
+                q, dq = command.q, command.dq
+    return faults
+
+
+FAMILIES = [
+    (orientation, sequence, "hysteretic")
+    for orientation in ("euler_angles", "relative_euler_angles")
+    for sequence in SEQUENCES
+]
+FAMILIES += [("angle_axis", "XYZ", "hysteretic")]
+FAMILIES += [(o, "XYZ", sign) for o in ("euler_parameters", "rotation_vector") for sign in SIGNS]
+
+
+def test_the_families_are_all_representations():
+    assert {orientation for orientation, _, _ in FAMILIES} == set(ORIENTATIONS)
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
+@pytest.mark.parametrize("family", FAMILIES, ids="-".join)
+@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
+def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
+    for key, feedback in enumerate(FEEDBACKS):
+        scheme = clik(*family, feedback=feedback, limits=UR5.limits if limited else None)
+        running = Controller(scheme, ANY_JUMP, HOME)
+        set_points = [SetPoint(frame, 0.05) for frame in garbage(family[1], key)]
+        feed(running, set_points)
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_no_trajectory_makes_a_command_that_is_not_finite(orientation):
+    for limits in (UR5.limits, None):
+        running = Controller(clik(orientation, limits=limits), ANY_JUMP, HOME)
+        frames = garbage("XYZ", 7)
+        motions = [
+            Trajectory([0.0, 0.07], [start, end])
+            for start, end in zip(frames, frames[1:] + frames[:1], strict=True)
+        ]
+        feed(running, motions)
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
+def test_joints_that_leave_all_bounds_lead_to_a_fault_and_not_to_infinite_positions():
+    options = ControllerOptions(60.0, 1e9, math.inf, math.inf)
+    running = Controller(clik(), options, HOME)
+    far = SetPoint(moved()._replace(p_d=np.array([1e305, -1e305, 1e305])), 1.0)
+    faults = feed(running, [far] * 10, steps=10, dt=50_000 * MS)
+    assert faults > 0
+
+
+def test_garbage_does_not_survive_in_the_controller():
+    with np.errstate(all="ignore"):
+        running = Controller(clik("euler_angles", limits=UR5.limits), ANY_JUMP, HOME)
+        feed(running, [SetPoint(frame, 0.05) for frame in garbage("XYZ", 3)])
+    t = T_0 + 10**12
+    assert running.step(t, HOME, STILL) is not None  # the stamp jumps: it starts anew
+    assert_holds(running, t + MS, HOME)
+    assert running.fault == ""
