@@ -59,5 +59,5 @@ class SimulationError(EulerParamsError):
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the nearest known name, or ``""``."""
     by_lower = {entry.lower(): entry for entry in known}
-    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.65)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""

@@ -171,7 +171,7 @@ class Graph:
         deadline = time.monotonic() + PATIENCE
         while not (result := condition()):
             if time.monotonic() > deadline:
-                raise AssertionError(f"{what}: has not happened; the processes said:\n{self.logs()}")
+                raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
             if self._peer is None:
                 time.sleep(0.01)
             else:
@@ -217,7 +217,9 @@ class Peer:
     def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
         return self.node.create_publisher(kind, topic, _qos(100, latched))
 
-    def listen(self, kind: Any, topic: str, *, latched: bool = False, info: bool = False) -> list[Any]:
+    def listen(
+        self, kind: Any, topic: str, *, latched: bool = False, info: bool = False
+    ) -> list[Any]:
         """Return a list to which each message is appended, with its info if asked for."""
         messages: list[Any] = []
 

@@ -1,14 +1,16 @@
 """The bag recorder as its users run it: a process that records other processes over DDS."""
 
 import contextlib
-import itertools
+import fcntl
 import json
 import os
 import queue
 import resource
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -28,7 +30,6 @@ from eulerparams_control.bags import Bag, recover
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 ROOT = Path(__file__).resolve().parents[1]
 RECORDER = [sys.executable, "-m", "eulerparams_control.bags.recorder"]
-DOMAINS = itertools.count(os.getpid() * 7)
 
 # A guard against hanging, not a measure: what is waited for takes about a second.
 PATIENCE = 100.0
@@ -124,11 +125,34 @@ class Process:
         self._child.wait()
 
 
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """Hold a ROS domain that no other test of this file and no other process has."""
+    for offset in range(100):
+        domain = 1 + (os.getpid() + offset) % 100
+        with (
+            open(Path(tempfile.gettempdir()) / f"bag_test_domain_{domain}.lock", "w") as lock,
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+        ):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            probe.bind(("", 7410 + 250 * domain))  # the port of its first participant
+            probe.close()
+            yield domain
+            return
+    raise AssertionError("no ROS domain is free")
+
+
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
     """Start processes in a ROS domain of their own; none outlives the test."""
+    with own_domain() as domain:
+        yield from starting(domain, tmp_path)
+
+
+def starting(domain: int, tmp_path: Path) -> Iterator[Start]:
     environment = os.environ | {
-        "ROS_DOMAIN_ID": str(1 + next(DOMAINS) % 100),
+        "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_PYTHON_CHECK_FIELDS": "1",
         "ROS_LOG_DIR": str(tmp_path / "log"),

@@ -271,7 +271,7 @@ def test_two_publishers_on_reference_are_refused_and_both_named(clik):
         "two publishers",
     )
     clik.tester.until(  # until clik, too, has learnt both names
-        lambda: "two publishers on 'reference': /reference, /tester" in clik.tester.nodes.log("clik"),
+        lambda: "publishers on 'reference': /reference, /tester" in clik.tester.nodes.log("clik"),
         "the refusal",
         again=lambda: first.publish(reference_to(moved_frame())),
     )

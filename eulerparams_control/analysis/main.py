@@ -55,6 +55,14 @@ def _analyze(options: argparse.Namespace, console: Console) -> None:
         tables = list(terminal_tables(recordings, console.width))
     for table in tables:
         console.print(table)
+    for recording in recordings:
+        if not any(frame is not None for frame in recording.leading.desired):
+            _say(
+                console,
+                f"{recording.name}: no message of the topic reference: errors are not known; "
+                "start the recorder before the motion",
+                "yellow",
+            )
     if not options.no_page:
         with console.status("drawing"):
             write_page(options.out, recordings, "", "")

@@ -1,0 +1,424 @@
+"""Messages to the core and back, as they travel: serialised; and what is refused of them."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, WrenchStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from samples import all_rotations, generator, uniform
+from sensor_msgs.msg import JointState
+from tolerances import NANOSECOND, RELATIVE, THROUGH_A_QUATERNION
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.messages import (
+    CommandReader,
+    JointStateReader,
+    motion_from_ros,
+    ns_from_ros,
+    pose_from_ros,
+    quaternion_from_ros,
+    vector_from_ros,
+    wrench_from_ros,
+)
+from eulerparams_control.motion import DesiredFrame, SetPoint, Trajectory
+from eulerparams_control.ros.conversions import (
+    duration_to_ros,
+    error_to_ros,
+    motion_to_ros,
+    pose_to_ros,
+    quaternion_to_ros,
+    stamp_to_ros,
+    vector_to_ros,
+    wrench_to_ros,
+)
+from eulerparams_control.rotations import angle_between
+
+JOINTS = ("shoulder", "elbow", "wrist")
+STAMP = Time(sec=3, nanosec=250_000_000)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def travelled(msg: Any) -> Any:
+    """Return the message as its receiver gets it."""
+    return deserialize_message(serialize_message(msg), type(msg))
+
+
+def frames(count: int, key: int) -> list[DesiredFrame]:
+    """Return random desired frames with velocities and accelerations."""
+    vectors = generator(20, key).normal(size=(count, 5, 3))
+    return [
+        DesiredFrame(p, R, dp, omega, ddp, domega)
+        for R, (p, dp, omega, ddp, domega) in zip(uniform(count, key), vectors, strict=True)
+    ]
+
+
+def assert_same(found: DesiredFrame, expected: DesiredFrame) -> None:
+    """Hold two desired frames to be the same, but for the rounding of a quaternion."""
+    for name in ("p_d", "dp_d", "omega_d", "ddp_d", "domega_d"):
+        assert getattr(found, name).tolist() == getattr(expected, name).tolist()
+    assert angle_between(found.R_d, expected.R_d) < THROUGH_A_QUATERNION
+    np.testing.assert_allclose(found.R_d, expected.R_d, atol=THROUGH_A_QUATERNION)
+
+
+# --- there and back --------------------------------------------------------------------------
+
+
+@given(st.integers(min_value=0, max_value=2**31 * 10**9 - 1))
+def test_a_stamp_is_the_same_nanosecond_there_and_back(ns: int) -> None:
+    assert ns_from_ros(travelled(stamp_to_ros(ns))) == ns
+
+
+@given(st.floats(min_value=0.0, max_value=1e6))
+def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds: float) -> None:
+    msg = travelled(duration_to_ros(seconds))
+    assert isinstance(msg, Duration)
+    assert 0 <= msg.nanosec < 10**9
+    assert abs(ns_from_ros(msg) / 1e9 - seconds) <= NANOSECOND
+
+
+@given(st.lists(finite, min_size=3, max_size=3))
+def test_a_vector_is_the_same_to_the_bit_there_and_back(values: list[float]) -> None:
+    found = vector_from_ros(travelled(vector_to_ros(np.array(values))))
+    assert found.tolist() == values
+
+
+def test_a_rotation_is_the_same_there_and_back_at_every_angle() -> None:
+    for R in all_rotations():
+        Q = quaternion_from_ros(travelled(quaternion_to_ros(R)))
+        assert angle_between(Q.R, R) < THROUGH_A_QUATERNION
+
+
+def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside() -> None:
+    half = math.sqrt(0.5)
+    msg = quaternion_to_ros(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose([msg.x, msg.y, msg.z, msg.w], [0, 0, half, half], atol=RELATIVE)
+    eta, eps = quaternion_from_ros(Quaternion(x=0.6, y=0.0, z=0.0, w=0.8))
+    assert eta == pytest.approx(0.8)
+    np.testing.assert_allclose(eps, [0.6, 0.0, 0.0], atol=RELATIVE)
+
+
+def test_a_quaternion_of_single_precision_is_taken_and_normalised() -> None:
+    x, y, z, w = (float(np.float32(v)) for v in np.array([1.0, 2.0, 3.0, 4.0]) / math.sqrt(30))
+    eta, eps = quaternion_from_ros(Quaternion(x=x, y=y, z=z, w=w))
+    assert eta**2 + eps @ eps == pytest.approx(1.0, abs=RELATIVE)
+
+
+def test_a_trajectory_is_the_same_there_and_back() -> None:
+    expected = Trajectory([0.0, 0.5, 2.25], frames(3, key=1))
+    msg = travelled(motion_to_ros(expected, "base_link", "tool0"))
+    assert msg.header.frame_id == "base_link"
+    assert list(msg.joint_names) == ["tool0"]
+    motion, start = motion_from_ros(msg, "base_link", "tool0", 0.1)
+    assert start is None  # stamp 0: at receipt
+    assert isinstance(motion, Trajectory)
+    assert motion.times == [0.0, 0.5, 2.25]
+    for found, frame in zip(motion.frames, expected.frames, strict=True):
+        assert_same(found, frame)
+
+
+def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory() -> None:
+    (frame,) = frames(1, key=2)
+    msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
+    msg.header.stamp = STAMP
+    motion, start = motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
+    assert isinstance(motion, SetPoint)
+    assert motion.lasting == 0.25
+    assert start == 3_250_000_000
+    assert_same(motion.frames[0], frame)
+    msg = motion_to_ros(Trajectory([1.5], [frame]), "base_link", "tool0")
+    motion, start = motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
+    assert isinstance(motion, Trajectory)
+    assert motion.times == [1.5]
+    assert start is None
+
+
+def test_a_point_without_velocities_and_accelerations_rests_there() -> None:
+    (frame,) = frames(1, key=3)
+    msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
+    msg.points[0].velocities = msg.points[0].accelerations = []
+    motion, _ = motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
+    assert_same(motion.frames[0], frame.at_rest())
+
+
+def test_a_pose_is_the_same_there_and_back() -> None:
+    for frame in frames(20, key=4):
+        msg = travelled(pose_to_ros(frame.p_d, frame.R_d, STAMP, "base_link"))
+        assert isinstance(msg, PoseStamped)
+        assert msg.header.stamp == STAMP
+        p, R = pose_from_ros(msg, "base_link")
+        assert p.tolist() == frame.p_d.tolist()
+        assert angle_between(R, frame.R_d) < THROUGH_A_QUATERNION
+
+
+@given(st.lists(finite, min_size=6, max_size=6))
+def test_a_wrench_is_the_same_to_the_bit_there_and_back(values: list[float]) -> None:
+    msg = WrenchStamped()
+    msg.header.frame_id = "tool0"
+    wrench_to_ros(np.array(values), STAMP, msg)
+    found = travelled(msg)
+    assert found.header.stamp == STAMP
+    assert [found.wrench.force.x, found.wrench.torque.z] == [values[0], values[5]]
+    assert wrench_from_ros(found, "tool0").tolist() == values
+
+
+def test_an_error_is_a_twist_with_the_position_error_first() -> None:
+    msg = travelled(error_to_ros(np.arange(3.0), np.arange(3.0, 6.0), STAMP, "base_link"))
+    assert (msg.header.stamp, msg.header.frame_id) == (STAMP, "base_link")
+    assert vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
+    assert vector_from_ros(msg.twist.angular).tolist() == [3.0, 4.0, 5.0]
+
+
+def test_messages_of_a_bag_reader_are_read_as_those_of_rclpy_are() -> None:
+    stamp = SimpleNamespace(sec=1, nanosec=5)
+    msg = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp),
+        name=["wrist", "elbow", "shoulder"],
+        position=[3.0, 2.0, 1.0],
+        velocity=[0.3, 0.2, 0.1],
+    )
+    t, q, dq = JointStateReader(JOINTS).from_ros(msg)
+    assert (t, q.tolist(), dq.tolist()) == (1_000_000_005, [1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+
+
+# --- joint_states and commands ---------------------------------------------------------------
+
+
+@given(
+    st.permutations(["finger", *JOINTS, "other_arm"]), st.lists(finite, min_size=10, max_size=10)
+)
+def test_joints_are_found_by_name_in_any_order_with_others_between(
+    names: list[str], numbers: list[float]
+) -> None:
+    position = dict(zip(names, numbers[:5], strict=True))
+    velocity = dict(zip(names, numbers[5:], strict=True))
+    msg = JointState(name=names, position=numbers[:5], velocity=numbers[5:])
+    msg.header.stamp = STAMP
+    t, q, dq = JointStateReader(JOINTS).from_ros(travelled(msg))
+    assert t == 3_250_000_000
+    assert q.tolist() == [position[joint] for joint in JOINTS]
+    assert dq.tolist() == [velocity[joint] for joint in JOINTS]
+
+
+def test_the_order_of_the_joints_may_change_from_message_to_message() -> None:
+    reader = JointStateReader(JOINTS)
+    for names, position in (
+        (["shoulder", "elbow", "wrist"], [1.0, 2.0, 3.0]),
+        (["wrist", "elbow", "shoulder"], [3.0, 2.0, 1.0]),
+        (["elbow", "x", "wrist", "shoulder"], [2.0, 9.0, 3.0, 1.0]),
+        (["shoulder", "elbow", "wrist"], [1.0, 2.0, 3.0]),
+    ):
+        _, q, dq = reader.from_ros(travelled(JointState(name=names, position=position)))
+        assert q.tolist() == [1.0, 2.0, 3.0]
+        assert dq.tolist() == [0.0, 0.0, 0.0]  # no velocities are given
+
+
+def test_a_joint_that_is_not_ours_may_be_anything() -> None:
+    msg = JointState(name=[*JOINTS, "finger"], position=[1.0, 2.0, 3.0, math.nan])
+    assert JointStateReader(JOINTS).from_ros(msg)[1].tolist() == [1.0, 2.0, 3.0]
+
+
+def state(**changes: Any) -> JointState:
+    fields = {"name": list(JOINTS), "position": [1.0, 2.0, 3.0], "velocity": [0.1, 0.2, 0.3]}
+    return JointState(**(fields | changes))
+
+
+STATE_REFUSALS = [
+    ({"position": [1.0, math.nan, 3.0]}, "joint_states has a non-finite position: {'shoulder': 1"),
+    ({"velocity": [0.1, 0.2, -math.inf]}, "joint_states has a non-finite velocity: {'shoulder'"),
+    ({"position": [1.0, 2.0]}, "joint_states has 3 names but 2 values of position"),
+    ({"position": []}, "joint_states has 3 names but 0 values of position"),
+    ({"position": [1.0, 2.0, 3.0, 4.0]}, "joint_states has 3 names but 4 values of position"),
+    ({"velocity": [1.0]}, "joint_states has 3 names but 1 values of velocity"),
+    (
+        {"name": ["shoulder", "elbo", "wrist"]},
+        "joint_states lacks elbow; expected shoulder, elbow, wrist; found shoulder, elbo, wrist",
+    ),
+    ({"name": []}, "joint_states lacks shoulder, elbow, wrist; expected shoulder, elbow, wrist; "
+                   "found no names"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "words"), STATE_REFUSALS)
+def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(
+    changes: dict[str, Any], words: str
+) -> None:
+    reader = JointStateReader(JOINTS)
+    with pytest.raises(InvalidMessageError) as refusal:
+        reader.from_ros(travelled(state(**changes)))
+    assert words in str(refusal.value)
+    assert reader.from_ros(state())[1].tolist() == [1.0, 2.0, 3.0]  # the next one is good
+
+
+@pytest.mark.parametrize(("changes", "words"), STATE_REFUSALS)
+def test_a_reader_that_has_seen_good_joint_states_refuses_the_same(
+    changes: dict[str, Any], words: str
+) -> None:
+    reader = JointStateReader(JOINTS)
+    reader.from_ros(state())
+    with pytest.raises(InvalidMessageError) as refusal:
+        reader.from_ros(travelled(state(**changes)))
+    assert words in str(refusal.value)
+
+
+def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic() -> None:
+    position, effort = CommandReader(JOINTS, "position"), CommandReader(JOINTS, "torque")
+    names = ["wrist", "shoulder", "elbow"]
+    msg = travelled(JointState(name=names, position=[3.0, 1.0, 2.0], velocity=[0.3, 0.1, 0.2]))
+    q, dq = position.position_from_ros(msg)
+    assert (q.tolist(), dq.tolist()) == ([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+    q, dq = position.position_from_ros(JointState(name=names, position=[3.0, 1.0, 2.0]))
+    assert (q.tolist(), dq.tolist()) == ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0])
+    msg = travelled(JointState(name=names, effort=[30.0, 10.0, 20.0]))
+    assert effort.effort_from_ros(msg).tolist() == [10.0, 20.0, 30.0]
+    with pytest.raises(InvalidMessageError, match="joint_effort has a non-finite effort"):
+        effort.effort_from_ros(JointState(name=names, effort=[1.0, math.nan, 1.0]))
+    with pytest.raises(InvalidMessageError, match="joint_effort has 3 names but 0 values of effor"):
+        effort.effort_from_ros(JointState(name=names, position=[1.0] * 3))
+    with pytest.raises(InvalidMessageError, match="joint_reference has 3 names but 0 values of po"):
+        position.position_from_ros(JointState(name=names, effort=[1.0] * 3))
+    with pytest.raises(InvalidMessageError, match="joint_reference has a non-finite velocity"):
+        bad = JointState(name=names, position=[1.0] * 3, velocity=[math.inf] * 3)
+        position.position_from_ros(bad)
+    with pytest.raises(InvalidMessageError, match="joint_reference lacks elbow, wrist"):
+        position.position_from_ros(JointState(name=["shoulder"], position=[1.0]))
+
+
+# --- what is refused of references, poses, wrenches -------------------------------------------
+
+
+def good_reference() -> MultiDOFJointTrajectory:
+    return motion_to_ros(Trajectory([0.0, 1.0], frames(2, key=5)), "base_link", "tool0")
+
+
+def set_frame(msg: MultiDOFJointTrajectory) -> None:
+    msg.header.frame_id = "world"
+
+
+def set_no_frame(msg: MultiDOFJointTrajectory) -> None:
+    msg.header.frame_id = ""
+
+
+def set_tip(msg: MultiDOFJointTrajectory) -> None:
+    msg.joint_names = ["tool0", "tool1"]
+
+
+def set_no_tip(msg: MultiDOFJointTrajectory) -> None:
+    msg.joint_names = []
+
+
+def set_no_points(msg: MultiDOFJointTrajectory) -> None:
+    msg.points = []
+
+
+def set_no_transform(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].transforms = []
+
+
+def set_two_transforms(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].transforms = [Transform(), Transform()]
+
+
+def set_two_velocities(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].velocities = [Twist(), Twist()]
+
+
+def set_two_accelerations(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].accelerations = [Twist(), Twist()]
+
+
+def set_times(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].time_from_start = Duration()
+
+
+def set_position(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].transforms[0].translation.y = math.nan
+
+
+def set_twist(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].velocities[0].angular.z = math.inf
+
+
+def set_acceleration(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].accelerations[0].linear.x = math.nan
+
+
+def set_norm(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].transforms[0].rotation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
+
+
+def set_nan_quaternion(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].transforms[0].rotation.x = math.nan
+
+
+def set_huge_quaternion(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[0].transforms[0].rotation.w = 1e200  # its square is no number
+
+
+def set_long_quaternion(msg: MultiDOFJointTrajectory) -> None:
+    msg.points[1].transforms[0].rotation = Quaternion(x=0.0, y=0.0, z=0.0, w=1.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (set_frame, "the reference is in the frame 'world'; expected the base frame 'base_link'"),
+        (set_no_frame, "the reference is in the frame ''; expected the base frame 'base_link'"),
+        (set_tip, "the reference is for ['tool0', 'tool1']; expected the tip frame ['tool0']"),
+        (set_no_tip, "the reference is for []; expected the tip frame ['tool0']"),
+        (set_no_points, "the reference has no points; expected at least one"),
+        (set_no_transform, "point 1 of the reference has 0 transforms"),
+        (set_two_transforms, "point 0 of the reference has 2 transforms"),
+        (set_two_velocities, "point 1 of the reference has 2 velocities"),
+        (set_two_accelerations, "point 1 of the reference has 2 accelerations"),
+        (set_times, "the times of a trajectory must increase from point to point"),
+        (set_position, "point 1 of the reference has a non-finite value"),
+        (set_twist, "point 0 of the reference has a non-finite value"),
+        (set_acceleration, "point 0 of the reference has a non-finite value"),
+        (set_norm, "quaternion (x 0, y 0, z 0, w 0) has norm 0; expected 1"),
+        (set_nan_quaternion, "has norm nan; expected 1"),
+        (set_huge_quaternion, "w 1e+200) has norm 1e+200; expected 1"),
+        (set_long_quaternion, "w 1.01) has norm 1.01; expected 1"),
+    ],
+)
+def test_a_reference_that_means_nothing_is_refused_with_what_was_found(
+    change: Any, words: str
+) -> None:
+    msg = good_reference()
+    motion_from_ros(msg, "base_link", "tool0", 0.1)
+    change(msg)
+    with pytest.raises(InvalidMessageError) as refusal:
+        motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
+    assert words in str(refusal.value)
+
+
+def test_a_pose_that_means_nothing_is_refused_with_what_was_found() -> None:
+    msg = pose_to_ros(np.zeros(3), np.eye(3), STAMP, "camera")
+    with pytest.raises(InvalidMessageError, match="in the frame 'camera'; expected the base frame"):
+        pose_from_ros(msg, "base_link")
+    msg = pose_to_ros(np.array([0.0, math.inf, 0.0]), np.eye(3), STAMP, "base_link")
+    with pytest.raises(InvalidMessageError, match=r"non-finite position \[0\.0, inf, 0\.0\]"):
+        pose_from_ros(msg, "base_link")
+    msg = pose_to_ros(np.zeros(3), np.eye(3), STAMP, "base_link")
+    msg.pose.orientation.w = 0.5
+    with pytest.raises(InvalidMessageError, match=r"norm 0\.5; expected 1"):
+        pose_from_ros(msg, "base_link")
+
+
+def test_a_wrench_that_means_nothing_is_refused_with_what_was_found() -> None:
+    msg = WrenchStamped()
+    msg.header.frame_id = "flange"
+    with pytest.raises(InvalidMessageError, match="in the frame 'flange'; expected 'tool0'"):
+        wrench_from_ros(msg, "tool0")
+    for part, axis in (("force", "x"), ("torque", "z")):
+        msg = WrenchStamped()
+        msg.header.frame_id = "tool0"
+        setattr(getattr(msg.wrench, part), axis, math.nan)
+        with pytest.raises(InvalidMessageError, match="the wrench has a non-finite value"):
+            wrench_from_ros(msg, "tool0")
