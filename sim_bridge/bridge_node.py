@@ -25,9 +25,9 @@ from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
 from eulerparams_control.messages import CommandReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from sim_bridge.parameters import CONTROLS, SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState

@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import itertools
 import json
 import os
 import queue
@@ -30,6 +31,8 @@ from eulerparams_control.bags import Bag, recover
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 ROOT = Path(__file__).resolve().parents[1]
 RECORDER = [sys.executable, "-m", "eulerparams_control.bags.recorder"]
+
+TURNS = itertools.count()
 
 # A guard against hanging, not a measure: what is waited for takes about a second.
 PATIENCE = 100.0
@@ -125,18 +128,19 @@ class Process:
         self._child.wait()
 
 
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """Hold a ROS domain that no other test of this file and no other process has."""
-    for offset in range(100):
-        domain = 1 + (os.getpid() + offset) % 100
-        with (
-            open(Path(tempfile.gettempdir()) / f"bag_test_domain_{domain}.lock", "w") as lock,
-            contextlib.suppress(OSError),
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
-        ):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            probe.bind(("", 7410 + 250 * domain))  # the port of its first participant
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Hold a ROS domain that nobody else has; each test takes another one."""
+    first = os.getpid() * 7 + next(TURNS)
+    for number in range(first, first + 100):
+        domain = 100 - number % 100
+        path = Path(tempfile.gettempdir()) / f"bag_test_domain_{domain}.lock"
+        with open(path, "w") as lock, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                probe.bind(("", 7410 + 250 * domain))  # the port of its first participant
+            except OSError:
+                continue
             probe.close()
             yield domain
             return
@@ -144,13 +148,8 @@ def own_domain() -> Iterator[int]:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(domain: int, tmp_path: Path) -> Iterator[Start]:
     """Start processes in a ROS domain of their own; none outlives the test."""
-    with own_domain() as domain:
-        yield from starting(domain, tmp_path)
-
-
-def starting(domain: int, tmp_path: Path) -> Iterator[Start]:
     environment = os.environ | {
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

@@ -9,8 +9,10 @@ from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher
-from eulerparams_control.ros.control_node import QOS_STREAM, ControlNode, ControlParameters
+from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.control_parameters import ControlParameters
 from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.ros.qos import QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.schemes.base import Scheme
 from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw

@@ -18,9 +18,9 @@ from eulerparams_control.messages import JointStateReader, pose_from_ros
 from eulerparams_control.motion import Circle, DesiredFrame, Trajectory, way_points
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.control_node import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.conversions import motion_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.way_points import FORMATS, parse_way_points
