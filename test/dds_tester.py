@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from eulerparams_control.experiments.processes import Nodes
 
-DEADLINE = 40.0  # [s] until something that has to happen must have happened: slow machines
+DEADLINE = 90.0  # [s] until something that has to happen must have happened: slow machines
 QUIET = 0.4  # [s] of listening before "nothing came" is believed
 
 

@@ -92,7 +92,7 @@ def test_an_empty_list_in_yaml_is_an_empty_list(node: MakeNode, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ({"lwa": "fast"}, "unknown parameter 'lwa' (did you mean 'law'?); known: frame, k, law"),
+        ({"laww": "fast"}, "unknown parameter 'laww' (did you mean 'law'?); known: frame, k, law"),
         ({"qqqqqq": 1}, "unknown parameter 'qqqqqq'; known: frame, k, law, mass, names"),
         ({"k": 100.5}, "parameter 'k' is 100.5 1/s; expected between 0 and 100"),
         ({"k": -1}, "parameter 'k' is -1 1/s; expected between 0 and 100"),
