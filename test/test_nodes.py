@@ -1,0 +1,868 @@
+"""The nodes as their users run them: real processes that talk over DDS."""
+
+import math
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from ros_processes import ROOT, Arm, Graph, Process, values
+from rosgraph_msgs.msg import Clock
+from samples import rodrigues
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from tolerances import (
+    BLEND_PER_TICK,
+    BLENDED,
+    LAW_IN_A_NODE,
+    RELATIVE,
+    SIMULATED_POSE,
+    THROUGH_A_QUATERNION,
+)
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.messages import motion_from_ros, ns_from_ros
+from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros.commands import HORIZON, CommandPublisher
+from eulerparams_control.ros.conversions import motion_to_ros, pose_to_ros
+from eulerparams_control.ros.qos import QOS
+from eulerparams_control.rotations import angle_between
+from eulerparams_control.schemes.base import JointCommand
+
+CONFIG = ROOT / "config"
+UR5 = load_robot("ur5")
+KINEMATICS = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
+HOME = np.array(UR5.home)
+FRAMES = {"base_frame": "base_link", "tip_frame": "tool0"}
+
+
+def pose(q: Any) -> tuple[Any, Any]:
+    """Return p (3,) and R (3, 3) of the tip."""
+    state = KINEMATICS.state(np.array(q), np.zeros(len(q)))
+    return state.p_e, state.R_e
+
+
+def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> MultiDOFJointTrajectory:
+    return motion_to_ros(Trajectory(times, frames), "base_link", "tool0")
+
+
+class Controlled:
+    """A controller process with its arm, and a publisher of its reference."""
+
+    def __init__(self, graph: Graph, parameters: dict[str, Any], namespace: str = "") -> None:
+        self.graph, self.peer = graph, graph.peer
+        self.name = f"{namespace}/clik"
+        self.arm = Arm(graph, UR5, namespace)
+        self.process = graph.start("clik", parameters, namespace=namespace)
+        self.arm.connect()
+        self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
+        graph.until(self.references.get_subscription_count, "a subscriber of reference")
+
+    def follow(self, msg: MultiDOFJointTrajectory) -> None:
+        """Send a reference and tick until the arm moves."""
+        self.references.publish(msg)
+        self.graph.until(lambda: any(self.arm.tick().velocity), "a command that moves")
+
+
+@pytest.fixture(scope="module")
+def shared(shared_graph: Graph) -> Controlled:
+    """A controller that the tests of this module share; it runs with its defaults."""
+    return Controlled(shared_graph, FRAMES)
+
+
+@pytest.fixture
+def clik(shared: Controlled) -> Controlled:
+    """The shared controller, active and holding the home position, with default gains."""
+    defaults = {"orientation": "euler_parameters", "k_Pp": 100.0, "k_Po": 100.0}
+    assert shared.peer.set_parameters(shared.name, **defaults) == []
+    shared.arm.start_anew()
+    return shared
+
+
+# --- one state, one command -----------------------------------------------------------------
+
+
+def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
+    clik: Controlled,
+) -> None:
+    arm = clik.arm
+    first = arm.t + 1_000_000
+    for _ in range(10):
+        arm.send_next(5)  # fewer than the queue of a controller holds
+
+        def answered() -> bool:
+            return bool(arm.commands) and ns_from_ros(arm.commands[-1].header.stamp) == arm.t
+
+        clik.graph.until(answered, "the last command")
+    found = [ns_from_ros(command.header.stamp) for command in arm.commands]
+    arm.commands.clear()
+    assert found == list(range(first, arm.t + 1, 1_000_000))
+
+
+def test_without_a_reference_the_command_is_the_measured_position_at_rest(clik: Controlled) -> None:
+    q = HOME + 0.1
+    command = clik.arm.start_anew(q)
+    assert command.name == list(UR5.joints)
+    assert command.position.tolist() == q.tolist()
+    assert command.velocity.tolist() == [0.0] * 6
+    later = clik.arm.tick()
+    np.testing.assert_allclose(later.position, q, atol=RELATIVE)
+
+
+def test_joints_are_matched_by_name_in_any_order_with_others_between(clik: Controlled) -> None:
+    arm = clik.arm
+    arm.q = q = HOME + np.arange(6) / 100
+    arm.t += 10**10
+    msg = arm.message()
+    order = [5, 2, 0, 4, 1, 3]
+    msg.name = ["finger", *(UR5.joints[i] for i in order), "another"]
+    msg.position = [9.0, *(float(q[i]) for i in order), 9.0]
+    msg.velocity = [0.0] * 8
+    arm.send(msg)
+    command = arm.answer(msg.header.stamp)
+    assert command.name == list(UR5.joints)
+    assert command.position.tolist() == q.tolist()
+
+
+def test_a_stamp_that_jumps_back_lets_it_hold_where_the_arm_is_then(clik: Controlled) -> None:
+    arm = clik.arm
+    p, R = pose(arm.q)
+    clik.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
+    arm.t = 500_000_000  # the simulator restarted
+    q = HOME + 0.2
+    command = arm.tick(q)
+    assert command.position.tolist() == q.tolist()
+    assert command.velocity.tolist() == [0.0] * 6
+    np.testing.assert_allclose(arm.tick().position, q, atol=RELATIVE)
+
+
+def test_a_reference_is_followed_to_its_end(clik: Controlled) -> None:
+    arm = clik.arm
+    p, R = pose(arm.q)
+    goal = DesiredFrame(p + [0.02, -0.03, 0.04], rodrigues(0.3, np.array([0.0, 0.6, 0.8])) @ R)
+    clik.follow(reference(goal, times=(0.5,)))
+    for _ in range(90):
+        command = arm.tick(dt=0.01)
+    p, R = pose(command.position)
+    assert np.linalg.norm(p - goal.p_d) < LAW_IN_A_NODE
+    assert angle_between(R, goal.R_d) < LAW_IN_A_NODE
+    assert np.abs(command.velocity).max() < LAW_IN_A_NODE
+
+
+# --- what is refused -------------------------------------------------------------------------
+
+
+def broken_states(arm: Arm) -> list[Any]:
+    """Return joint_states that cannot be used; test_messages has what is said of each."""
+    nan, inf, short, unnamed, missing, fast = (arm.message() for _ in range(6))
+    nan.position[2] = math.nan
+    inf.position[0] = math.inf
+    fast.velocity[5] = -math.inf
+    short.position = short.position[:5]
+    unnamed.name = []
+    missing.name = [*UR5.joints[:5], "wrist_4_joint"]
+    return [nan, inf, fast, short, unnamed, missing]
+
+
+def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
+    clik: Controlled,
+) -> None:
+    arm = clik.arm
+    before = clik.peer.counter("clik", "joint_states rejected")
+    cases = broken_states(arm)
+    for msg in cases:
+        arm.t += 1_000_000
+        msg.header.stamp = Time(sec=arm.t // 10**9, nanosec=arm.t % 10**9)
+        arm.send(msg)
+    clik.graph.until_said(clik.process, "joint_states has a non-finite position: {'shoulder_pan_")
+    arm.t += 1_000_000
+    good = arm.message()
+    arm.send(good)
+    clik.graph.until(lambda: arm.commands, "the command for the next good state")
+    (command,) = arm.commands  # DDS keeps the order: answers to the bad ones would be there
+    arm.commands.clear()
+    assert command.header.stamp == good.header.stamp
+    assert command.position.tolist() == HOME.tolist()
+    after = before + len(cases)
+    assert clik.peer.counter("clik", "joint_states rejected", after) == after
+
+
+def broken_references(q: Any) -> list[MultiDOFJointTrajectory]:
+    """Return references that cannot be followed from q; test_messages has what is said."""
+    p, R = pose(q)
+    start = DesiredFrame(p, R)
+    wrong_base, wrong_tip, norm, nan, empty, twice, late = (reference(start) for _ in range(7))
+    wrong_base.header.frame_id = "world"
+    wrong_tip.joint_names = ["flange"]
+    norm.points[0].transforms[0].rotation.w += 0.5
+    nan.points[0].velocities[0].angular.y = math.nan
+    empty.points = []
+    twice.points[0].transforms = twice.points[0].transforms * 2
+    late = reference(start, start, times=(0.0, 1.0))
+    late.points[1].time_from_start.sec = 0
+    far = reference(DesiredFrame(p + [0.0, 0.3, 0.0], R))
+    turned = reference(DesiredFrame(p, rodrigues(0.5, np.array([1.0, 0.0, 0.0])) @ R))
+    return [wrong_base, wrong_tip, norm, nan, empty, twice, late, far, turned]
+
+
+def test_references_that_cannot_be_followed_are_refused_with_the_reason(clik: Controlled) -> None:
+    before = clik.peer.counter("clik", "reference rejected")
+    cases = broken_references(HOME)
+    for msg in cases:  # fewer than the queue of the controller holds
+        clik.references.publish(msg)
+    after = before + len(cases)
+    assert clik.peer.counter("clik", "reference rejected", after) == after
+    command = clik.arm.tick()
+    np.testing.assert_allclose(command.position, HOME, atol=RELATIVE)
+    np.testing.assert_allclose(command.velocity, 0.0, atol=LAW_IN_A_NODE)
+
+
+def test_two_publishers_on_reference_are_refused_and_both_named(clik: Controlled) -> None:
+    rival = clik.peer.another_node("rival")
+    try:
+        publisher = rival.create_publisher(MultiDOFJointTrajectory, "reference", 10)
+        p, R = pose(HOME)
+        moved = DesiredFrame(p + [0.0, 0.0, 0.01], R)
+
+        def refused() -> bool:  # until the controller, too, has discovered the rival
+            clik.references.publish(reference(moved))
+            clik.arm.start_anew()
+            return "two publishers on 'reference': /peer, /rival; expected one" in clik.process.log
+
+        clik.graph.until(refused, "two publishers refused")
+        clik.arm.start_anew()
+        publisher.publish(reference(moved))
+        clik.references.publish(reference(moved))
+        before = clik.peer.counter("clik", "reference rejected")
+        clik.peer.counter("clik", "reference rejected", before)
+        assert not any(clik.arm.tick().velocity)
+    finally:
+        rival.destroy_node()
+    clik.graph.until(lambda: clik.peer.node.count_publishers("reference") == 1, "the rival gone")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("k_Po", -1.0, "parameter 'k_Po' is -1 1/s; expected between 0 and 10000"),
+        ("k_Pp", math.nan, "parameter 'k_Pp' is nan; expected a finite number"),
+        ("orientation", "quaternion", "known: angle_axis, euler_angles, euler_parameters"),
+        ("euler_sequence", "XYY", "known: XYX, XYZ, XZX"),
+        ("tip_frame", "base_link", "'tip_frame' cannot be changed while running"),
+        ("posture", [0.0, 1.0], "posture has 2 values; expected one for each of the 6 joints"),
+        ("damping_eps", "much", "'much', a str; expected a float"),
+    ],
+)
+def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_nothing(
+    clik: Controlled, name: str, value: Any, words: str
+) -> None:
+    before = clik.peer.get_parameters(clik.name, name)
+    (reason,) = clik.peer.set_parameters(clik.name, **{name: value})
+    assert words in reason
+    assert clik.peer.get_parameters(clik.name, name) == before
+    assert clik.arm.tick().position.tolist() == HOME.tolist()
+
+
+# --- changes while running -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "gain"),  # [1/s] of the angle; eps is theta / 2
+    [
+        ({"orientation": "euler_angles", "euler_sequence": "ZYX"}, 2.0),
+        ({"orientation": "rotation_vector"}, 2.0),
+        ({"k_Po": 5.0}, 2.5),
+    ],
+)
+def test_a_change_of_the_law_while_moving_makes_no_jump_of_position_or_velocity(
+    clik: Controlled, change: dict[str, Any], gain: float
+) -> None:
+    arm, dt = clik.arm, 0.001
+    assert clik.peer.set_parameters(clik.name, k_Po=2.0) == []
+    arm.start_anew()
+    p, R = pose(HOME)
+    turned = rodrigues(0.15, np.array([0.0, 0.0, 1.0])) @ R
+    clik.follow(reference(DesiredFrame(p, turned)))  # an error of 0.15 rad that decays slowly
+    before = arm.tick()
+    assert clik.peer.set_parameters(clik.name, **change) == []
+    after = arm.tick(dt=dt)
+    dq = np.array(before.velocity)
+    speed = float(np.linalg.norm(dq))
+    assert speed > 0.1  # rad/s; without the blend it would be multiplied by the gain
+    np.testing.assert_allclose(after.position, before.position + dt * dq, atol=RELATIVE)
+    assert np.linalg.norm(after.velocity - dq) < BLEND_PER_TICK * speed
+    for _ in range(60):
+        after = arm.tick(dt=0.02)
+    state = KINEMATICS.state(np.array(after.position), np.array(after.velocity))
+    angle = angle_between(state.R_e, turned)
+    assert np.linalg.norm(state.omega_e) == pytest.approx(gain * angle, rel=BLENDED)
+
+
+# --- reports ---------------------------------------------------------------------------------
+
+
+def test_pose_error_and_diagnostics_report_the_loop(clik: Controlled) -> None:
+    peer, arm = clik.peer, clik.arm
+    poses = peer.listen(PoseStamped, "/clik/pose")
+    errors = peer.listen(TwistStamped, "/clik/error")
+    clik.graph.until(
+        lambda: peer.node.count_publishers("/clik/pose") and (arm.tick(), poses and errors)[1],
+        "pose and error",
+    )
+    p, R = pose(HOME)
+    expected = pose_to_ros(p, R, poses[-1].header.stamp, "base_link")
+    assert poses[-1].header.frame_id == "base_link"
+    for axis in "xyz":
+        found = getattr(poses[-1].pose.position, axis)
+        assert found == pytest.approx(getattr(expected.pose.position, axis), abs=LAW_IN_A_NODE)
+        assert getattr(errors[-1].twist.angular, axis) == pytest.approx(0.0, abs=LAW_IN_A_NODE)
+    status = peer.status("clik", lambda s: "smallest singular value of J" in values(s))
+    found = values(status)
+    sigma = np.linalg.svd(KINEMATICS.state(HOME, 0 * HOME).J, compute_uv=False)[-1]
+    assert float(found["smallest singular value of J"]) == pytest.approx(sigma, rel=1e-5)
+    assert found["orientation"] == "euler_parameters"
+    assert found["saturated"] == "0"
+
+
+# --- lifecycle -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("autostart", [True, False])
+def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
+    graph: Graph, autostart: bool
+) -> None:
+    peer = graph.peer
+    arm = Arm(graph, UR5)
+    process = graph.start("clik", {**FRAMES, "autostart": autostart})
+    if autostart:
+        arm.connect()
+    else:
+        graph.until(arm.states.get_subscription_count, "the subscriber of joint_states")
+        assert peer.lifecycle_state("/clik") == "unconfigured"
+        graph.until(lambda: peer.change_state("/clik", "configure"), "configuration")
+        assert peer.lifecycle_state("/clik") == "inactive"
+        arm.send(arm.message())
+
+        def activated() -> bool:
+            arm.send(arm.message())
+            return peer.change_state("/clik", "activate")
+
+        graph.until(activated, "activation")
+        arm.connect()
+    assert peer.lifecycle_state("/clik") == "active"
+    goals = peer.publisher(MultiDOFJointTrajectory, "reference")
+    graph.until(goals.get_subscription_count, "a subscriber of reference")
+    p, R = pose(HOME)
+    goals.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
+    graph.until(lambda: any(np.abs(arm.tick().velocity) > 1e-3), "motion")
+
+    last = arm.tick()
+    assert peer.change_state("/clik", "deactivate")
+    graph.until(lambda: arm.commands, "the command to hold")
+    (hold,) = arm.commands
+    arm.commands.clear()
+    assert hold.position == last.position
+    assert hold.velocity.tolist() == [0.0] * 6
+    assert peer.lifecycle_state("/clik") == "inactive"
+    arm.send_next(5)
+    peer.status("clik")  # one turn of the node later
+    assert peer.lifecycle_state("/clik") == "inactive"
+    assert arm.commands == []
+
+    q = HOME + 0.1
+    arm.q = q
+    arm.send(arm.message())
+    graph.until(lambda: peer.change_state("/clik", "activate"), "activation")
+    command = arm.tick(q)
+    assert command.position.tolist() == q.tolist()  # it begins at the measured pose
+    assert command.velocity.tolist() == [0.0] * 6
+
+    assert not peer.change_state("/clik", "configure")  # not possible now: refused, not fatal
+    assert peer.lifecycle_state("/clik") == "active"
+    assert peer.change_state("/clik", "deactivate")
+    assert peer.change_state("/clik", "cleanup")
+    assert peer.lifecycle_state("/clik") == "unconfigured"
+    assert peer.change_state("/clik", "configure")
+    assert peer.lifecycle_state("/clik") == "inactive"
+    assert process.stop() == 0
+
+
+def test_after_the_shutdown_transition_no_command_follows_the_hold(graph: Graph) -> None:
+    clik = Controlled(graph, FRAMES)
+    clik.arm.tick()
+    assert clik.peer.change_state("/clik", "active_shutdown")
+    graph.until(lambda: clik.arm.commands, "the command to hold")
+    clik.arm.commands.clear()
+    clik.arm.send_next(5)
+    assert clik.peer.lifecycle_state("/clik") == "finalized"
+    clik.peer.status("clik")
+    assert clik.arm.commands == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_moving_controller_with_a_command_to_hold_and_exit_code_0(
+    graph: Graph, number: signal.Signals
+) -> None:
+    clik = Controlled(graph, FRAMES, namespace="/left")
+    arm = clik.arm
+    p, R = pose(HOME)
+    clik.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
+    for _ in range(100):
+        last = arm.tick()
+    assert np.abs(last.velocity).max() > 1e-2
+    clik.process.signal(number)
+    assert clik.process.end() == 0
+    graph.until(lambda: arm.commands, "the command to hold")
+    (hold,) = arm.commands
+    assert hold.header.stamp == last.header.stamp
+    assert hold.position == last.position
+    assert hold.velocity.tolist() == [0.0] * 6
+    assert "Traceback" not in clik.process.log
+
+
+# --- what a robot description lacks ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"tip_frame": "tool1"}, "unknown frame 'tool1' (did you mean 'tool0'?); known: base, "),
+        ({"base_frame": "basis"}, "unknown frame 'basis'"),
+        ({"joints": ["elbow_join"]}, "unknown joint 'elbow_join' (did you mean 'elbow_joint'?)"),
+        ({"posture": [0.0]}, "posture has 1 values; expected one for each of the 6 joints"),
+    ],
+)
+def test_a_robot_description_that_does_not_fit_gives_no_command_and_the_reason(
+    graph: Graph, parameters: dict[str, Any], words: str
+) -> None:
+    peer, arm = graph.peer, Arm(graph, UR5)
+    process = graph.start("clik", {**FRAMES, **parameters})
+    status = peer.status("clik", lambda s: "not configured" in s.message)
+    assert words in status.message
+    assert status.level == b"\x02"
+    arm.send_next(5)
+    peer.status("clik")
+    assert peer.lifecycle_state("/clik") == "unconfigured"
+    assert arm.commands == []
+    assert process.stop() == 0
+
+
+def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_after_it(
+    graph: Graph,
+) -> None:
+    peer = graph.peer
+    process = graph.start("clik", FRAMES)
+    description = peer.publisher(String, "robot_description", latched=True)
+    description.publish(String(data="<robot"))
+    status = peer.status("clik", lambda s: "not configured" in s.message)
+    assert "not valid XML" in status.message
+    arm = Arm(graph, UR5)
+    arm.connect()
+    assert process.exit_code is None
+
+
+# --- parameters at the start -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameters", "words"),
+    [
+        ("clik", {"orientatio": "x"}, "'orientatio' (did you mean 'orientation'?); known: auto"),
+        (
+            "clik",
+            {"orientation": "euler_angels"},
+            "'euler_angels' (did you mean 'euler_angles'?); known: angle_axis, euler_angles",
+        ),
+        ("clik", {"euler_sequence": "XXZ"}, "'XXZ'"),
+        ("clik", {"k_Po": 1e9}, "parameter 'k_Po' is 1e+09 1/s; expected between 0 and 10000"),
+        ("clik", {"enforce_limits": False}, "enforce_limits: false is accepted only with"),
+        ("clik", {"joints": 3}, "parameter 'joints' is 3; expected a list"),
+        ("reference", {"motion": "line"}, "'line'; known: circle, none, way_points"),
+        ("reference", {"motion": "way_points"}, "0 times"),
+        ("reference", {"circle_normal": [1.0], "motion": "circle"}, "circle_normal has 1 numbers"),
+        ("reference", {"robot_description": "<robot/>"}, "expected one root link, found 0"),
+        ("pybullet_bridge", {"robot": "ur55"}, "unknown robot 'ur55' (did you mean 'ur5'?)"),
+        ("pybullet_bridge", {"urdf": "/nowhere/a.urdf"}, "the URDF cannot be read"),
+        ("pybullet_bridge", {"mode": "lock_step"}, "(did you mean 'lockstep'?)"),
+        ("pybullet_bridge", {"initial_positions": [1.0]}, "initial_positions has 1 values"),
+        ("pybullet_bridge", {"friction_viscous": [0.1, 0.1]}, "friction_viscous"),
+        ("pybullet_bridge", {"servo_bandwidth": 5000.0}, "must not exceed the rate"),
+    ],
+)
+def test_an_impossible_parameter_ends_a_node_with_one_line_and_exit_code_1(
+    graph: Graph, executable: str, parameters: dict[str, Any], words: str
+) -> None:
+    process = graph.start(executable, parameters)
+    assert process.end() == 1
+    other = ("[INFO]", "pybullet build time")  # printed when pybullet is imported
+    (line,) = [line for line in process.stderr.splitlines() if not line.startswith(other)]
+    assert line.startswith("error: ")
+    assert words in line
+
+
+def test_limits_can_be_switched_off_in_simulation_only(graph: Graph) -> None:
+    process = graph.start("clik", {"enforce_limits": False, "use_sim_time": True})
+    assert graph.peer.get_parameters("/clik", "enforce_limits") == [False]
+    assert process.stop() == 0
+
+
+@pytest.mark.parametrize("orientation", ["euler_angles", "euler_parameters"])
+def test_a_second_parameter_file_switches_the_orientation(graph: Graph, orientation: str) -> None:
+    files = (CONFIG / "clik.yaml", CONFIG / f"{orientation}.yaml")
+    graph.start("clik", {"k_Pp": 50.0}, files=files)
+    found = graph.peer.get_parameters("/clik", "orientation", "euler_sequence", "k_Pp", "k_Po")
+    assert found == [orientation, "XYZ", 50.0, 100.0]
+
+
+@pytest.mark.parametrize("executable", ["clik", "reference", "pybullet_bridge"])
+def test_the_file_of_a_node_in_config_is_accepted_by_it(graph: Graph, executable: str) -> None:
+    process = graph.start(executable, files=(CONFIG / f"{executable}.yaml",))
+    graph.peer.status(executable)
+    assert process.stop() == 0
+    assert "error" not in process.stderr
+
+
+# --- types of commands -----------------------------------------------------------------------
+
+
+def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions(graph: Graph) -> None:
+    arms = {
+        "/trajectory": (Arm(graph, UR5, "/trajectory", JointTrajectory), "joint_trajectory"),
+        "/forward": (Arm(graph, UR5, "/forward", Float64MultiArray), "forward"),
+    }
+    for namespace, (_, kind) in arms.items():
+        graph.start("clik", {**FRAMES, "command_type": kind}, namespace=namespace)
+    for arm, _ in arms.values():
+
+        def answered(arm: Arm = arm) -> bool:
+            arm.send(arm.message())
+            return bool(arm.commands)
+
+        graph.until(answered, "a command")
+    trajectory = arms["/trajectory"][0].commands[0]
+    assert trajectory.joint_names == list(UR5.joints)
+    assert [point.positions.tolist() for point in trajectory.points] == [HOME.tolist()]
+    assert arms["/forward"][0].commands[0].data.tolist() == HOME.tolist()
+
+
+def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(graph: Graph) -> None:
+    peer = graph.peer
+    found = peer.listen(JointTrajectory, "trajectory")
+    commands = CommandPublisher(peer.node, "trajectory", "joint_trajectory", UR5.joints, QOS)
+    graph.until(lambda: peer.node.count_subscribers("trajectory"), "the subscriber")
+    q, dq = HOME, np.arange(6) / 10
+
+    def arrived() -> bool:
+        commands.publish(Time(sec=5), JointCommand(q, dq))
+        return bool(found)
+
+    graph.until(arrived, "the trajectory")
+    (point,) = found[0].points
+    horizon = ns_from_ros(point.time_from_start) / 1e9
+    assert horizon == HORIZON > 0
+    np.testing.assert_allclose(point.positions, q + horizon * dq, atol=RELATIVE)
+    assert list(point.velocities) == []  # a controller refuses to end with a velocity
+    assert found[0].header.stamp == Time()  # from now on
+
+
+def test_require_reference_is_silent_until_the_first_reference(graph: Graph) -> None:
+    arm, peer = Arm(graph, UR5), graph.peer
+    process = graph.start("clik", {**FRAMES, "require_reference": True})
+    goals = peer.publisher(MultiDOFJointTrajectory, "reference")
+
+    def listening() -> int:
+        arm.send(arm.message())
+        return int(goals.get_subscription_count())
+
+    graph.until(listening, "a subscriber of reference: it is active")
+    arm.send_next(5)
+    graph.until_said(process, "waiting for a reference")
+    peer.status("clik")
+    assert arm.commands == []
+    p, R = pose(HOME)
+    goals.publish(reference(DesiredFrame(p, R)))
+    arm.connect()
+    assert arm.tick().position.tolist() == HOME.tolist()
+
+
+# --- reference -------------------------------------------------------------------------------
+
+
+def test_a_target_pose_becomes_a_motion_and_one_in_another_frame_is_refused(graph: Graph) -> None:
+    peer, arm = graph.peer, Arm(graph, UR5)
+    process = graph.start("reference", {**FRAMES, "linear_speed": 0.1, "angular_speed": 0.5})
+    motions = peer.listen(MultiDOFJointTrajectory, "reference")
+    targets = peer.publisher(PoseStamped, "target_pose")
+    graph.until(targets.get_subscription_count, "the subscriber of target_pose")
+    p_0, R_0 = pose(HOME)
+    p = p_0 + [0.0, 0.2, 0.0]
+    R = rodrigues(0.4, np.array([0.0, 0.0, 1.0])) @ R_0
+
+    def sent() -> bool:
+        arm.t += 1_000_000
+        arm.send(arm.message())
+        targets.publish(pose_to_ros(p, R, Time(), "base_link"))
+        return bool(motions)
+
+    graph.until(sent, "a motion")
+    motion, start = motion_from_ros(motions[0], "base_link", "tool0", 0.1)
+    assert start is None
+    assert isinstance(motion, Trajectory)
+    assert motion.duration == pytest.approx(2.0)  # 0.2 m at 0.1 m/s
+    np.testing.assert_allclose(motion.frames[-1].p_d, p, atol=RELATIVE)
+    assert angle_between(motion.frames[-1].R_d, R) < THROUGH_A_QUATERNION
+
+    before = peer.counter("reference", "target_pose rejected")
+    wrong = pose_to_ros(p, R, Time(), "camera")
+    norm = pose_to_ros(p, R, Time(), "base_link")
+    norm.pose.orientation.w = 3.0
+    nan = pose_to_ros(p * math.nan, R, Time(), "base_link")
+    for msg, words in (
+        (wrong, "the pose is in the frame 'camera'; expected the base frame 'base_link'"),
+        (norm, "; expected 1"),
+        (nan, "the pose has a non-finite position"),
+    ):
+        targets.publish(msg)
+        graph.until_said(process, words)
+    assert peer.counter("reference", "target_pose rejected", before + 3) == before + 3
+
+
+def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used(
+    graph: Graph,
+) -> None:
+    peer, arm = graph.peer, Arm(graph, UR5)
+    process = graph.start("reference", FRAMES)
+    motions = peer.listen(MultiDOFJointTrajectory, "reference")
+    targets = peer.publisher(PoseStamped, "target_pose")
+    graph.until(targets.get_subscription_count, "the subscriber of target_pose")
+    p, R = pose(HOME)
+    nan = arm.message()
+    nan.position[0] = math.nan
+
+    def refused() -> bool:
+        arm.send(nan)
+        targets.publish(pose_to_ros(p, R, Time(), "base_link"))
+        return "joint_states rejected: joint_states has a non-finite position" in process.log
+
+    graph.until(refused, "the refusal")
+    assert peer.counter("reference", "joint_states rejected", 1) >= 1
+    assert motions == []
+    assert process.stop() == 0
+
+
+def test_reference_waits_for_as_many_subscribers_as_it_is_told(graph: Graph) -> None:
+    peer, arm = graph.peer, Arm(graph, UR5)
+    motion = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
+    process = graph.start("reference", {**FRAMES, **motion, "wait_for_subscribers": 2})
+    first = peer.listen(MultiDOFJointTrajectory, "reference")
+    graph.until(arm.states.get_subscription_count, "the subscriber of joint_states")
+    graph.until(lambda: peer.node.count_publishers("reference"), "the publisher")
+    arm.send(arm.message())
+    peer.status("reference", lambda s: s.message == "ready")
+    peer.status("reference")  # a second later, and some twenty looks at the subscribers
+    assert first == []
+    second = peer.listen(MultiDOFJointTrajectory, "reference")
+
+    def sent() -> bool:
+        arm.send(arm.message())
+        return bool(first and second)
+
+    graph.until(sent, "the motion")
+    p, R = pose(HOME)
+    motion_sent, _ = motion_from_ros(first[0], "base_link", "tool0", 0.1)
+    np.testing.assert_allclose(motion_sent.frames[0].p_d, p, atol=RELATIVE)
+    assert angle_between(motion_sent.frames[0].R_d, R) < THROUGH_A_QUATERNION
+    assert process.stop() == 0
+
+
+# --- the bridge ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bridge(shared_graph: Graph) -> Process:
+    """A robot in real time, in the namespace /robot."""
+    slow = {"rate": 100.0, "clock_rate": 100.0, "servo_bandwidth": 50.0}
+    return shared_graph.start("pybullet_bridge", {"robot": "ur5", **slow}, namespace="/robot")
+
+
+def test_the_robot_publishes_its_state_wrench_clock_and_description(
+    shared_graph: Graph, bridge: Process
+) -> None:
+    peer = shared_graph.peer
+    states = peer.listen(JointState, "/robot/joint_states", info=True)
+    wrenches = peer.listen(WrenchStamped, "/robot/wrench", info=True)
+    clocks = peer.listen(Clock, "/clock")
+    descriptions = peer.listen(String, "/robot/robot_description", latched=True)
+    shared_graph.until(
+        lambda: len(states) > 20 and len(wrenches) > 20 and clocks and descriptions, "20 of each"
+    )
+    assert descriptions[0].data == UR5.urdf
+    state = states[-1][0]
+    assert set(UR5.joints) <= set(state.name)
+    assert len(state.name) == len(state.position) == len(state.velocity) == len(state.effort)
+    np.testing.assert_allclose(state.position[:6], HOME, atol=SIMULATED_POSE)
+    stamps = [ns_from_ros(msg.header.stamp) for msg, _ in states]
+    assert set(np.diff(stamps)) == {10_000_000}
+    assert {ns_from_ros(clock.clock) % 10_000_000 for clock in clocks} == {0}
+    assert {msg.header.frame_id for msg, _ in wrenches} == {"tool0"}
+    sent = {ns_from_ros(msg.header.stamp): info["source_timestamp"] for msg, info in wrenches}
+    both = [
+        (sent[stamp], info["source_timestamp"])
+        for stamp, (_, info) in zip(stamps, states, strict=True)
+        if stamp in sent
+    ]
+    assert len(both) > 10
+    assert all(wrench <= state for wrench, state in both)
+
+
+def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_until_silence(
+    shared_graph: Graph, bridge: Process
+) -> None:
+    peer = shared_graph.peer
+    states = peer.listen(JointState, "/robot/joint_states")
+    commands = peer.publisher(JointState, "/robot/joint_reference")
+    shared_graph.until(lambda: commands.get_subscription_count() and states, "the robot")
+    name = "robot/pybullet_bridge"
+    before = peer.counter(name, "commands rejected")
+    start = np.array(states[-1].position[:6])
+    bad = JointState(name=list(UR5.joints), position=[math.nan, *start[1:].tolist()])
+    short = JointState(name=list(UR5.joints), position=start[:3].tolist())
+    unnamed = JointState(position=start.tolist())
+    for msg in (bad, short, unnamed):
+        commands.publish(msg)
+    assert peer.counter(name, "commands rejected", before + 3) == before + 3
+    assert "joint_reference has a non-finite position" in bridge.log
+    assert "joint_reference has 6 names but 3 values of position" in bridge.log
+    assert np.isfinite(states[-1].position).all()
+    np.testing.assert_allclose(states[-1].position[:6], start, atol=SIMULATED_POSE)
+
+    goal = start + 0.05
+    good = JointState(name=list(UR5.joints), position=goal.tolist(), velocity=[0.0] * 6)
+
+    def there() -> bool:
+        commands.publish(good)
+        return bool(np.abs(np.array(states[-1].position[:6]) - goal).max() < SIMULATED_POSE)
+
+    shared_graph.until(there, "the motion to the goal")
+    status = peer.status(name, lambda s: "no command for 0.1 s: braked" in s.message)
+    assert status.level == b"\x02"
+    commands.publish(good)
+    status = peer.status(name, lambda s: s.message == "commanded")
+    assert status.level == b"\x00"
+
+
+def test_a_robot_whose_controller_dies_while_it_moves_brakes(
+    shared_graph: Graph, bridge: Process
+) -> None:
+    peer = shared_graph.peer
+    states = peer.listen(JointState, "/robot/joint_states")
+    commands = peer.publisher(JointState, "/robot/joint_reference")
+    shared_graph.until(lambda: commands.get_subscription_count() and states, "the robot")
+    away = JointState(name=list(UR5.joints), position=(HOME + 1.0).tolist(), velocity=[0.0] * 6)
+
+    def moving() -> bool:
+        commands.publish(away)
+        return bool(np.abs(states[-1].velocity).max() > 0.1)
+
+    shared_graph.until(moving, "motion")
+    peer.status("robot/pybullet_bridge", lambda s: "braked" in s.message)
+    shared_graph.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
+    stopped = np.array(states[-1].position[:6])
+    assert np.abs(stopped - HOME - 1.0).max() > 0.1  # it did not go on to the goal
+
+
+def test_a_wrench_in_the_wrong_frame_or_not_finite_is_rejected_and_counted(
+    shared_graph: Graph, bridge: Process
+) -> None:
+    peer = shared_graph.peer
+    pushes = peer.publisher(WrenchStamped, "/robot/external_wrench")
+    shared_graph.until(pushes.get_subscription_count, "the subscriber of external_wrench")
+    wrong, nan = WrenchStamped(), WrenchStamped()
+    wrong.header.frame_id = "flange"
+    nan.header.frame_id = "tool0"
+    nan.wrench.force.z = math.inf
+    pushes.publish(wrong)
+    pushes.publish(nan)
+    shared_graph.until_said(bridge, "the wrench is in the frame 'flange'; expected 'tool0'")
+    shared_graph.until_said(bridge, "the wrench has a non-finite value: [0.0, 0.0, inf")
+    name = "robot/pybullet_bridge"
+    assert peer.counter(name, "external_wrench rejected", 2) == 2
+
+
+def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_run(
+    graph: Graph,
+) -> None:
+    peer = graph.peer
+    states = peer.listen(JointState, "joint_states")
+    commands = peer.publisher(JointState, "joint_reference")
+    process = graph.start("pybullet_bridge", {"mode": "lockstep", "lockstep_timeout": 2.0})
+    graph.until(lambda: len(states) >= 4 and commands.get_subscription_count(), "repeated states")
+    assert {ns_from_ros(state.header.stamp) for state in states} == {0}
+
+    def answer(stamp: int) -> None:
+        position = states[0].position[:6]
+        msg = JointState(name=list(UR5.joints), position=position, velocity=[0.0] * 6)
+        msg.header.stamp = Time(sec=0, nanosec=stamp)
+        commands.publish(msg)
+
+    answer(5_000_000)  # not the stamp that is asked for
+    graph.until(lambda: len(states) >= 8, "more of the same state")
+    for stamp in range(0, 10_000_000, 1_000_000):
+        answer(stamp)
+
+        def advanced(stamp: int = stamp) -> bool:
+            return ns_from_ros(states[-1].header.stamp) == stamp + 1_000_000
+
+        graph.until(advanced, "the next state")
+    found = [ns_from_ros(state.header.stamp) for state in states]
+    assert sorted(set(found)) == list(range(0, 10_000_001, 1_000_000))
+    assert len(found) - found.count(0) == 10  # later states are not repeated
+    assert process.end() == 1
+    (line,) = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
+    assert "no command for the state stamped 0.010 s within 2 s" in line
+    assert "Traceback" not in process.log
+
+
+def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(graph: Graph) -> None:
+    peer = graph.peer
+    states = peer.listen(JointState, "joint_states")
+    arm = Arm(graph, UR5)
+    graph.start("clik", FRAMES)
+    process = graph.start("pybullet_bridge", {"mode": "lockstep", "duration": 0.05})
+    assert arm.graph.until(lambda: process.exit_code is not None, "the end") is True
+    assert process.end() == 0
+    graph.until(lambda: ns_from_ros(states[-1].header.stamp) == 50_000_000, "the last state")
+
+
+def test_a_robot_a_controller_and_a_reference_together_reach_a_target_pose(graph: Graph) -> None:
+    peer = graph.peer
+    slow = {"rate": 200.0, "servo_bandwidth": 100.0, "command_timeout": 1.0}
+    nodes = [
+        graph.start("pybullet_bridge", slow, namespace="/left"),
+        graph.start("clik", FRAMES, namespace="/left"),
+        graph.start("reference", {**FRAMES, "linear_speed": 0.2}, namespace="/left"),
+    ]
+    states = peer.listen(JointState, "/left/joint_states")
+    targets = peer.publisher(PoseStamped, "/left/target_pose")
+    graph.until(lambda: targets.get_subscription_count() and states, "the nodes")
+    graph.until_said(nodes[1], "holding the measured pose")
+    p_0, R_0 = pose(HOME)
+    p, R = p_0 + [0.0, 0.1, 0.05], rodrigues(0.3, np.array([0.0, 1.0, 0.0])) @ R_0
+    peer.status("left/reference", lambda s: s.message == "ready")
+    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
+    graph.until_said(nodes[1], "following a reference")
+
+    def there() -> bool:
+        found, turned = pose(states[-1].position[:6])
+        near = np.linalg.norm(found - p) < SIMULATED_POSE
+        return bool(near and angle_between(turned, R) < SIMULATED_POSE)
+
+    graph.until(there, "the arm at the target pose")
+    assert [node.stop() for node in reversed(nodes)] == [0, 0, 0]
+    assert peer.node.count_publishers("/joint_reference") == 0  # all names are relative
+
+
