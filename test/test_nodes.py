@@ -391,6 +391,14 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     assert process.stop() == 0
 
 
+def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives_on(
+    graph: Graph,
+) -> None:
+    graph.start("clik", {**FRAMES, "autostart": False})
+    assert not graph.peer.change_state("/clik", "activate")  # it is not configured
+    assert graph.peer.lifecycle_state("/clik") == "unconfigured"
+
+
 def test_after_the_shutdown_transition_no_command_follows_the_hold(graph: Graph) -> None:
     clik = Controlled(graph, FRAMES)
     clik.arm.tick()
