@@ -41,7 +41,7 @@ setup(
         "pin>=4.1",
         "numpy",
         "pybullet>=3.2.7",
-        "mcap>=1.2",
+        "mcap>=1.6",
         "mcap-ros2-support>=0.5",
         "PyYAML",
         "example-robot-data",
