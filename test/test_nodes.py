@@ -838,10 +838,10 @@ def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_r
 def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(graph: Graph) -> None:
     peer = graph.peer
     states = peer.listen(JointState, "joint_states")
-    arm = Arm(graph, UR5)
-    graph.start("clik", FRAMES)
     process = graph.start("pybullet_bridge", {"mode": "lockstep", "duration": 0.05})
-    assert arm.graph.until(lambda: process.exit_code is not None, "the end") is True
+    graph.until(lambda: states, "the first state, which is repeated until it is answered")
+    graph.start("clik", FRAMES)
+    graph.until(lambda: process.exit_code is not None, "the end")
     assert process.end() == 0
     graph.until(lambda: ns_from_ros(states[-1].header.stamp) == 50_000_000, "the last state")
 
