@@ -335,14 +335,14 @@ class ControlNode(LifecycleNode):
 
     def _check_age(self) -> None:
         """Report that joint_states has stopped; without it nothing is commanded."""
-        silence = time.monotonic() - self._received
         if self._controller is None or not self._received:
             return
-        if silence > max(self._params.state_timeout, 0.5):
+        timeout = max(self._params.state_timeout, 0.5)
+        if time.monotonic() - self._received > timeout:
             self._said = ("", "")  # what it does is said again when they are back
             self._health.set(
                 diagnostics.ERROR,
-                f"no valid joint_states for {silence:.0f} s: no commands; is the robot running?",
+                f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
             )
 
     def _report_health(self, controller: Controller) -> None:
