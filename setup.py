@@ -8,6 +8,7 @@ from setuptools import find_packages, setup
 PACKAGE = "eulerparams_control"
 EXECUTABLES = {
     "clik": "eulerparams_control.ros.clik_node",
+    "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
     "reference": "eulerparams_control.ros.reference_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "bag_recorder": "eulerparams_control.bags.recorder",

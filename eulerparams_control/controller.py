@@ -49,9 +49,10 @@ class Controller:
 
     Attributes:
         tick_now: the last tick of the scheme; None before the first.
+        saturated: how many ticks a limit has changed.
         doing: what it does, in words.
-        fault: why the arm was held still instead of moved; "" if it was not, since the
-            reference that came last.
+        fault: why the arm is held still instead of moved; "" if it is not.  It lasts until
+            the next reference is followed.
         resets: how often it started anew after a jump of the stamps.
     """
 
@@ -60,11 +61,15 @@ class Controller:
         self.options = options
         self.resets = 0
         self.tick_now: Tick | None = None
+        self.saturated = 0
         self.fault = ""
         self.doing = "waiting for a reference" if options.require_reference else _HOLDING
         self._waiting = options.require_reference
         self._t: int | None = None
-        self._q = q
+        self._dt = 0.0
+        self._q, self._dq = q, np.zeros_like(q)
+        self._tick_before: Tick | None = None
+        self._stopped = False
         self._command: JointCommand | None = None
         self._begin(q)
 
@@ -72,12 +77,29 @@ class Controller:
         """Start at the measured q with zero error, holding its pose."""
         self.scheme.reset(q)
         self._motion = DesiredMotion(self.scheme.start_frame())
+        self._tick_before = None
 
     def stop(self) -> JointCommand:
-        """Return the command that holds still, and hold from now on."""
-        command = self.scheme.hold()
+        """Return the command that holds still, and hold until the next reference."""
+        self._stopped = True
+        command = self.scheme.hold(self._dt, self._q, self._dq)
         self._motion.hold(self.scheme.start_frame())
         return command
+
+    def lyapunov(self) -> tuple[float, float, float] | None:
+        """Return V, its derivative by the paper, and as measured over the last tick.
+
+        None if the representation has no Lyapunov function, or there are no two ticks yet.
+        """
+        now, before = self.tick_now, self._tick_before
+        if now is None or before is None or self._dt == 0:
+            return None
+        if type(now.x_de) is not type(before.x_de):  # the representation was replaced
+            return None
+        V_now, V_before = self.scheme.lyapunov(now), self.scheme.lyapunov(before)
+        if V_now is None or V_before is None:
+            return None
+        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self._dt
 
     def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
@@ -85,9 +107,11 @@ class Controller:
         Raises:
             InvalidMessageError: if it is too far from the present desired frame, or not finite.
         """
+        if self._stopped:
+            self._begin(self._q)  # the arm may have moved meanwhile
         self._refuse_jump(motion, start)
         self._motion.follow(motion, start)
-        self._waiting = False
+        self._waiting = self._stopped = False
         self.doing, self.fault = "following a reference", ""
 
     def step(self, t: int, q: Array, dq: Array) -> JointCommand | None:
@@ -103,9 +127,9 @@ class Controller:
             if not np.array_equal(q, self._q):
                 self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
             return self._command
-        dt = self._elapsed(t, q)
-        self._t, self._q = t, q
-        self._command = self._tick(t, dt, q, dq)
+        self._dt = self._elapsed(t, q)
+        self._t, self._q, self._dq = t, q, dq
+        self._command = self.stop() if self._stopped else self._tick(t)
         return self._command
 
     def _elapsed(self, t: int, q: Array) -> float:
@@ -122,17 +146,19 @@ class Controller:
         self.doing = f"{_HOLDING}, after a jump of the stamps by {dt:.3g} s"
         return 0.0
 
-    def _tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
+    def _tick(self, t: int) -> JointCommand:
         try:
-            self.tick_now = self.scheme.tick(dt, q, dq, self._motion.sample(t))
-            return self.tick_now.command
+            tick = self.scheme.tick(self._dt, self._q, self._dq, self._motion.sample(t))
         except SingularityError as error:
             self.fault = str(error)
             return self.stop()
         except FollowingError as error:
             self.fault = str(error)
-            self._begin(q)
+            self._begin(self._q)
             return self.stop()
+        self._tick_before, self.tick_now = self.tick_now, tick
+        self.saturated += tick.saturated
+        return tick.command
 
     def _refuse_jump(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         here, late = self._motion.last, 0.0

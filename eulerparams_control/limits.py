@@ -1,10 +1,14 @@
-"""Joint limits, and how a velocity command is kept within them."""
+"""Joint limits, and how velocity, acceleration and effort commands are kept within them."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eulerparams_control.rotations import Array
+
+# A joint approaches a position limit no faster than its distance times this [1/s], and its
+# speed limit no faster than the remaining speed times that [1/s]: both without overshoot.
+_POSITION_RATE, _SPEED_RATE = 10.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -56,3 +60,25 @@ class JointLimits:
         high = np.maximum((self.upper - q) / dt, 0.0)
         limited = np.clip(slowed, low, high)
         return limited, bool((limited != dq).any())
+
+    def limit_acceleration(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, bool]:
+        """Return ddq that keeps the limits of speed and position, and whether it had to change.
+
+        Per joint.  From outside the position limits only the way back is open.
+
+        Args:
+            q, dq: (n,) positions and velocities now.
+            ddq: (n,) accelerations wanted; finite.
+        """
+        high = np.minimum(self.velocity, _POSITION_RATE * np.maximum(self.upper - q, 0.0))
+        low = np.maximum(-self.velocity, _POSITION_RATE * np.minimum(self.lower - q, 0.0))
+        most, least = _SPEED_RATE * (high - dq), _SPEED_RATE * (low - dq)
+        if (ddq <= most).all() and (ddq >= least).all():
+            return ddq, False
+        return np.minimum(np.maximum(ddq, least), most), True
+
+    def limit_effort(self, effort: Array) -> tuple[Array, bool]:
+        """Return the efforts (n,) cut to their limits, and whether one had to be cut."""
+        if (np.abs(effort) <= self.effort).all():
+            return effort, False
+        return np.minimum(np.maximum(effort, -self.effort), self.effort), True

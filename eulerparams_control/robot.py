@@ -1,7 +1,7 @@
 """The robot arm: from joint values to the frozen state that the laws take.
 
 The only user of Pinocchio, and the one place that chooses its reference frame
-(LOCAL_WORLD_ALIGNED, turned into the base frame): eqs. (18)-(20).
+(LOCAL_WORLD_ALIGNED, turned into the base frame): eqs. (18)-(20), and the terms of (32).
 """
 
 import math
@@ -12,9 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
-from eulerparams_control.urdf import UrdfTree, joint_limits
+from eulerparams_control.urdf import UrdfTree, joint_friction, joint_limits
 
 _REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -41,6 +42,38 @@ class RobotState(NamedTuple):
     J: Array
 
 
+class DynamicState(NamedTuple):
+    """Kinematics and dynamics of the arm at one instant: the terms of eq. (32).
+
+    Attributes:
+        arm: its kinematics.
+        dJ_dq: (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0, base frame.
+        B: (n, n) joint inertia [kg m^2].
+        C_dq: (n,) Coriolis and centrifugal efforts C dq [Nm].
+        g: (n,) gravitational efforts [Nm].
+    """
+
+    arm: RobotState
+    dJ_dq: Array
+    B: Array
+    C_dq: Array
+    g: Array
+
+
+class Tool(NamedTuple):
+    """A body fixed to the tip that the URDF does not know.
+
+    Attributes:
+        mass: [kg].
+        com: (3,) [m] centre of mass in the tip frame.
+        inertia: (3, 3) [kg m^2] about that, axes of the tip frame.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
 class Robot:
     """A serial arm of n active joints, from a URDF.
 
@@ -52,11 +85,14 @@ class Robot:
         base_frame: the link that poses and twists refer to; "" is the root link.
         tip_frame: the link that is controlled.
         joints: names of the active joints; () is all that move between base and tip.
+        gravity: (3,) [m/s^2] in the root link.
+        tool: at the tip; None is none.
 
     Attributes:
         base_frame, tip_frame: as given, "" resolved.
         joints: the n active joints, base to tip.
         limits: of the active joints.
+        friction: of the active joints, as the URDF states it.
         locked: joints between base and tip that could move, but are held at 0 in the model.
 
     Raises:
@@ -64,7 +100,13 @@ class Robot:
     """
 
     def __init__(
-        self, urdf: str, base_frame: str, tip_frame: str, joints: Sequence[str] = ()
+        self,
+        urdf: str,
+        base_frame: str,
+        tip_frame: str,
+        joints: Sequence[str] = (),
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        tool: Tool | None = None,
     ) -> None:
         tree = UrdfTree(urdf)
         self.base_frame = _frame(tree, base_frame or tree.root, "base_frame")
@@ -79,11 +121,18 @@ class Robot:
         self.limits = JointLimits(
             *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T
         )
+        self.friction = JointFriction(
+            *np.array([joint_friction(tree.joints[joint]) for joint in self.joints]).T
+        )
         if not np.all(self.limits.velocity > 0):
             raise RobotError("the URDF has a velocity limit of 0 for a joint that has to move")
         self._model = _reduced_model(urdf, self.joints)
-        self._data = self._model.createData()
+        self._model.gravity.linear = np.array(gravity, dtype=float)
         self._tip = self._model.getFrameId(self.tip_frame)
+        if tool is not None:
+            self._carry(tool)
+        self._data = self._model.createData()
+        self._zero = np.zeros(self.n)
         self._placement = self._data.oMf[self._tip]  # a view of what Pinocchio computes
         self._R_base, self._p_base = self._base_placement()
         self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
@@ -106,6 +155,29 @@ class Robot:
             J = np.vstack([self._R_base.T @ J[:3], self._R_base.T @ J[3:]])
         v_e = J @ dq  # eq. (20)
         return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
+
+    def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
+        """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        arm = self.state(q, dq)
+        model, data, configuration = self._model, self._data, self._configuration(q)
+        B = pin.crba(model, data, configuration).copy()
+        g = pin.computeGeneralizedGravity(model, data, configuration).copy()
+        C_dq = pin.nonLinearEffects(model, data, configuration, dq) - g
+        pin.forwardKinematics(model, data, configuration, dq, self._zero)
+        dJ_dq = pin.getFrameClassicalAcceleration(model, data, self._tip, _REFERENCE).vector
+        if not self._base_is_root:
+            dJ_dq = np.concatenate((self._R_base.T @ dJ_dq[:3], self._R_base.T @ dJ_dq[3:]))
+        return DynamicState(arm, dJ_dq, B, C_dq, g)
+
+    def _carry(self, tool: Tool) -> None:
+        """Add a tool to the model of the link that carries the tip."""
+        frame = self._model.frames[self._tip]
+        body = frame.placement.act(pin.Inertia(tool.mass, tool.com, tool.inertia))
+        self._model.inertias[frame.parentJoint] += body
 
     def _configuration(self, q: Array) -> Array:
         """Return Pinocchio's configuration: cosine and sine for each continuous joint."""

@@ -10,6 +10,10 @@ MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints of one degree of freedom."""
 
 
+COULOMB_SPEED = 0.05
+"""Coulomb friction is tanh(dq / COULOMB_SPEED) [rad/s] of its value; a step would chatter."""
+
+
 class Limits(NamedTuple):
     """The limits that a joint states: rad, rad/s, Nm (or m, m/s, N); infinite if none."""
 
@@ -132,6 +136,28 @@ def joint_limits(joint: ET.Element) -> Limits:
     if not (limits.lower <= limits.upper and limits.velocity >= 0.0 and limits.effort >= 0.0):
         raise RobotError(f"impossible limits of joint '{joint.get('name')}': {limits}")
     return limits
+
+
+def joint_friction(joint: ET.Element) -> tuple[float, float]:
+    """Return the viscous [Nm s/rad] and the Coulomb friction [Nm] of a ``<joint>``.
+
+    They are ``damping`` and ``friction`` of its ``<dynamics>``, 0 where it states none.
+
+    Raises:
+        RobotError: if one is not a finite number of 0 or more.
+    """
+    element = joint.find("dynamics")
+    stated = {} if element is None else element.attrib
+    try:
+        viscous, coulomb = float(stated.get("damping", 0)), float(stated.get("friction", 0))
+    except ValueError as error:
+        raise RobotError(f"dynamics of joint '{joint.get('name')}': {error}") from error
+    if not (0.0 <= viscous < math.inf and 0.0 <= coulomb < math.inf):
+        raise RobotError(
+            f"dynamics of joint '{joint.get('name')}': damping {viscous}, friction {coulomb}; "
+            "expected finite numbers of 0 or more"
+        )
+    return viscous, coulomb
 
 
 def _parse(text: str) -> ET.Element:

@@ -102,7 +102,7 @@ def moving(frame, t):
 
 def run(scheme, desired_at, steps, dt=DT):
     """Return the ticks of a robot that does at once what is commanded."""
-    ticks = [scheme.tick(0.0, scheme.hold().q, STILL, desired_at(0.0))]
+    ticks = [scheme.tick(0.0, scheme.hold(0.001, HOME, STILL).q, STILL, desired_at(0.0))]
     for step in range(1, steps):
         command = ticks[-1].command
         ticks.append(scheme.tick(dt, command.q, command.dq, desired_at(step * dt)))
@@ -343,7 +343,7 @@ def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_ch
 def test_holding_ends_a_blend():
     (_, replaced), goal, _ = run_and_replace((law(k=K), law(k=30 * K)))
     replaced.tick(DT, HOME, STILL, goal)
-    replaced.hold()
+    replaced.hold(0.001, HOME, STILL)
     dq = replaced.tick(DT, HOME, STILL, replaced.start_frame()).command.dq
     np.testing.assert_allclose(dq, 0, rtol=0, atol=HELD * K)
 
@@ -354,7 +354,7 @@ def test_holding_ends_a_blend():
 def test_hold_commands_the_position_commanded_last_without_velocity():
     scheme = clik()
     ticks = run(scheme, lambda _: displaced(), 50)
-    held = scheme.hold()
+    held = scheme.hold(0.001, HOME, STILL)
     np.testing.assert_array_equal(held.q, ticks[-1].command.q)
     np.testing.assert_array_equal(held.dq, STILL)
     later = scheme.tick(0.05, HOME, STILL, scheme.start_frame())
@@ -379,7 +379,7 @@ def test_a_reset_does_not_keep_the_array_it_was_given():
     q = HOME.copy()
     scheme = clik(q=q)
     q += 1
-    np.testing.assert_array_equal(scheme.hold().q, HOME)
+    np.testing.assert_array_equal(scheme.hold(0.001, HOME, STILL).q, HOME)
 
 
 def test_nothing_is_integrated_when_the_law_has_no_answer():

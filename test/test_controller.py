@@ -296,7 +296,7 @@ class Failing(Scheme):
     def reset(self, q):
         self.q = q
 
-    def hold(self):
+    def hold(self, dt, q, dq):
         return JointCommand(self.q, 0 * self.q)
 
     def start_frame(self):
@@ -309,6 +309,9 @@ class Failing(Scheme):
         command = JointCommand(self.q, self.q)
         return Tick(command, UR5.state(q, dq), desired, STILL[:3], None, False)
 
+    def lyapunov(self, tick):
+        return None
+
 
 def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
     scheme = Failing()
@@ -319,7 +322,7 @@ def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
         assert scheme.dt == dt
 
 
-def test_a_singularity_drops_the_motion_and_the_pose_is_held_after_it():
+def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     scheme = Failing()
     running = Controller(scheme, ControllerOptions(), HOME)
     goal = moved(0.1, 0.5)
@@ -332,8 +335,14 @@ def test_a_singularity_drops_the_motion_and_the_pose_is_held_after_it():
     assert running.fault == "no answer"
     np.testing.assert_array_equal(command.dq, STILL)
     scheme.works = True
-    running.step(T_0 + 501 * MS, HOME, STILL)
-    np.testing.assert_array_equal(running.tick_now.desired.p_d, pose_of(HOME).p_d)
+    held = running.step(T_0 + 501 * MS, HOME, STILL)
+    assert running.fault == "no answer"
+    np.testing.assert_array_equal(held.dq, STILL)
+    start = pose_of(HOME)
+    running.follow(way_points([1.0], [(start.p_d, start.R_d)]), None)
+    assert running.fault == ""
+    running.step(T_0 + 502 * MS, HOME, STILL)
+    np.testing.assert_array_equal(running.tick_now.desired.p_d, start.p_d)
     np.testing.assert_array_equal(running.tick_now.desired.dp_d, np.zeros(3))
 
 

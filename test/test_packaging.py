@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-EXECUTABLES = {"analyze", "bag_recorder", "clik", "experiment", "pybullet_bridge", "reference"}
+EXECUTABLES = {
+    *("clik", "dynamic_control", "reference", "pybullet_bridge"),
+    *("analyze", "bag_recorder", "experiment"),
+}
 PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")
 
 

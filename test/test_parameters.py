@@ -240,7 +240,7 @@ def test_the_defaults_of_a_node_are_possible_and_described(
             {"euler_sequence": "xyz"},
             "known: XYX, XYZ, XZX, XZY, YXY, YXZ, YZX, YZY, ZXY, ZXZ, ZYX, ZYZ",
         ),
-        ({"quaternion_sign": "long"}, "known: continuous, hysteretic, shortest"),
+        ({"quaternion_sign": "long"}, "known: continuous, hysteretic, separate, shortest"),
         ({"command_type": "twist"}, "known: forward, joint_state, joint_trajectory"),
         ({"feedback": "none"}, "known: internal, measured"),
     ],

@@ -8,20 +8,23 @@ from eulerparams_control.orientation import (
     rotation_vector,
 )
 from eulerparams_control.orientation.base import (
+    Lyapunov,
     OrientationOptions,
     OrientationRepresentation,
     representation,
 )
 from eulerparams_control.orientation.sequences import SEQUENCES, EulerSequence
-from eulerparams_control.orientation.sign import SIGNS, SignRule
+from eulerparams_control.orientation.sign import SEPARATE, SIGNS, SignRule
 
 ORIENTATIONS = tuple(sorted(OrientationRepresentation.registry))
 
 __all__ = [
     "ORIENTATIONS",
+    "SEPARATE",
     "SEQUENCES",
     "SIGNS",
     "EulerSequence",
+    "Lyapunov",
     "OrientationOptions",
     "OrientationRepresentation",
     "SignRule",

@@ -7,7 +7,7 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.orientation.base import OrientationRepresentation
-from eulerparams_control.rotations import Array, angle_between, mutual_R
+from eulerparams_control.rotations import Array, S, angle_between, mutual_R
 
 
 class AngleAxisDisplacement(NamedTuple):
@@ -15,10 +15,12 @@ class AngleAxisDisplacement(NamedTuple):
 
     Attributes:
         o_de: (3,) R_e 2 eta_de eps_de_e, base frame.
-        L: (3, 3) (tr(Q) I - Q') / 2 with Q = R_d R_e'; do_de = L' omega_d - L omega_e.
+        Q: (3, 3) R_d R_e'.
+        L: (3, 3) (tr(Q) I - Q') / 2; do_de = L' omega_d - L omega_e.
     """
 
     o_de: Array
+    Q: Array
     L: Array
 
     @property
@@ -38,7 +40,7 @@ class AngleAxisRepresentation(OrientationRepresentation):
         """Return o_de = 2 eta eps_de and L; neither depends on the sign of the quaternion."""
         eta, eps = mutual_R(R_e, R_d)
         Q = R_d @ R_e.T
-        return AngleAxisDisplacement(2 * eta * (R_e @ eps), (np.trace(Q) * np.eye(3) - Q.T) / 2)
+        return AngleAxisDisplacement(2 * eta * (R_e @ eps), Q, _L(Q))
 
     def resolved_velocity(
         self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float
@@ -48,15 +50,50 @@ class AngleAxisRepresentation(OrientationRepresentation):
         Raises:
             SingularityError: if L is exactly singular.
         """
-        try:
-            return np.linalg.solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.o_de)
-        except np.linalg.LinAlgError:
-            raise SingularityError(
-                "L of angle_axis is singular: the orientation error is 90 deg; use "
-                "orientation: euler_parameters for errors that large"
-            ) from None
+        return _solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.o_de)
+
+    def resolved_acceleration(
+        self,
+        x_de: AngleAxisDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de).
+
+        do_de = L' omega_d - L omega_e; it gives ddo_de + k_Vo do_de + k_Po o_de = 0.
+
+        Raises:
+            SingularityError: if L is exactly singular.
+        """
+        o_de, Q, L = x_de
+        dL = _L(S(omega_d) @ Q - Q @ S(omega_e))  # dQ = S(omega_d) Q - Q S(omega_e)
+        do_de = L.T @ omega_d - L @ omega_e
+        return _solve(
+            L, L.T @ domega_d + dL.T @ omega_d - dL @ omega_e + k_Vo * do_de + k_Po * o_de
+        )
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""
         theta = angle_between(R_e, R_d)
         return min(abs(theta - math.pi / 2), math.pi - theta)
+
+
+def _L(Q: Array) -> Array:
+    """Return (tr(Q) I - Q') / 2 (3, 3), linear in Q."""
+    L: Array = (np.trace(Q) * np.eye(3) - Q.T) / 2
+    return L
+
+
+def _solve(L: Array, b: Array) -> Array:
+    """Return L^-1 b (3,), or raise SingularityError."""
+    try:
+        x: Array = np.linalg.solve(L, b)
+        return x
+    except np.linalg.LinAlgError:
+        raise SingularityError(
+            "L of angle_axis is singular: the orientation error is 90 deg; use "
+            "orientation: euler_parameters for errors that large"
+        ) from None

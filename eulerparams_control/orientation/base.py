@@ -10,7 +10,7 @@ frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacem
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.orientation.sequences import EulerSequence
@@ -24,6 +24,18 @@ class Displacement(Protocol):
     @property
     def error(self) -> Array:
         """The orientation error (3,) that the gains act on; zero where aligned."""
+
+
+class Lyapunov(NamedTuple):
+    """A Lyapunov function of the orientation error along the closed loop.
+
+    Attributes:
+        V: its value.
+        dV: its time derivative [1/s] as the paper gives it.
+    """
+
+    V: float
+    dV: float
 
 
 @dataclass(frozen=True)
@@ -75,6 +87,43 @@ class OrientationRepresentation(ABC):
             omega_d: desired angular velocity (3,) [rad/s], base frame.
             k_Po: gain [1/s].
         """
+
+    @abstractmethod
+    def resolved_acceleration(
+        self,
+        x_de: Any,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return the angular acceleration a_o (3,) [rad/s^2] of dynamic control, eqs. (38), (40).
+
+        Along domega_e = a_o, eq. (35), the error obeys the representation's error equation of
+        second order, (39), (41).
+
+        Args:
+            x_de: from :meth:`displacement`.
+            omega_d, domega_d: desired angular velocity and acceleration (3,), base frame.
+            omega_e: angular velocity (3,) [rad/s] of the end effector, base frame.
+            k_Po: gain of the error [1/s^2].
+            k_Vo: gain of its rate [1/s].
+        """
+
+    def lyapunov_1(self, x_de: Any, k_Po: float) -> Lyapunov | None:
+        """Return V_1 of CLIK, eqs. (30), (31); None: the paper has none for it."""
+        return None
+
+    def lyapunov_2(self, x_de: Any, omega_de: Array, k_Po: float, k_Vo: float) -> Lyapunov | None:
+        """Return V_2 of dynamic control, eqs. (42), (43); None: the paper has none for it.
+
+        Args:
+            x_de: from :meth:`displacement`.
+            omega_de: omega_d - omega_e (3,) [rad/s], base frame.
+            k_Po, k_Vo: gains of :meth:`resolved_acceleration`.
+        """
+        return None
 
     @abstractmethod
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:

@@ -52,6 +52,31 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         dphi_d = sequence.rates(x_de.phi_d, omega_d)  # eq. (3)
         return sequence.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.dphi_de)
 
+    def resolved_acceleration(
+        self,
+        x_de: EulerAnglesDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
+
+        T and dT are those of phi_e.  The first term is the second derivative ddphi_d; the
+        printed eq. (38) has dphi_d (erratum).
+        """
+        sequence = self.options.sequence
+        dphi_d = sequence.rates(x_de.phi_d, omega_d)  # eq. (3)
+        dphi_e = sequence.rates(x_de.phi_e, omega_e)
+        # ddphi_d = T^-1 (domega_d - dT dphi_d), the derivative of (3)
+        ddphi_d = sequence.rates(x_de.phi_d, domega_d - sequence.dT(x_de.phi_d, dphi_d) @ dphi_d)
+        return (
+            sequence.T(x_de.phi_e)
+            @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
+            + sequence.dT(x_de.phi_e, dphi_e) @ dphi_e
+        )
+
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the smaller distance [rad] of the two frames to the pole of the sequence."""
         pole_distance = self.options.sequence.pole_distance

@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
-from eulerparams_control.orientation.base import OrientationRepresentation
-from eulerparams_control.rotations import Array, EulerParameters, mutual_R
+from eulerparams_control.orientation.base import Lyapunov, OrientationRepresentation
+from eulerparams_control.rotations import Array, EulerParameters
 
 
 class QuaternionDisplacement(NamedTuple):
@@ -33,7 +33,7 @@ class EulerParametersRepresentation(OrientationRepresentation):
         self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
     ) -> QuaternionDisplacement:
         """Return {eta_de, eps_de_e} of R_e' R_d and eps_de = R_e eps_de_e, eq. (27)."""
-        Q_de = self.options.sign.choose(mutual_R(R_e, R_d), previous and previous.Q_de)
+        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
 
     def resolved_velocity(
@@ -41,6 +41,33 @@ class EulerParametersRepresentation(OrientationRepresentation):
     ) -> Array:
         """Return omega_d + k_Po eps_de, eq. (28)."""
         return omega_d + k_Po * x_de.eps_de
+
+    def resolved_acceleration(
+        self,
+        x_de: QuaternionDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d + k_Vo Delta omega_de + k_Po eps_de, eq. (40)."""
+        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.eps_de
+
+    def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
+        """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
+        eps_2 = float(x_de.eps_de @ x_de.eps_de)
+        return Lyapunov((x_de.Q_de.eta - 1) ** 2 + eps_2, -k_Po * eps_2)
+
+    def lyapunov_2(
+        self, x_de: QuaternionDisplacement, omega_de: Array, k_Po: float, k_Vo: float
+    ) -> Lyapunov:
+        """Return V_2 and dV_2, eqs. (42), (43).
+
+        V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2 = -k_Vo omega_de' omega_de.
+        """
+        omega_2 = float(omega_de @ omega_de)
+        return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return inf: there is no singularity."""

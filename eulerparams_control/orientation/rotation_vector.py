@@ -8,7 +8,6 @@ from eulerparams_control.rotations import (
     Array,
     EulerParameters,
     angle_between,
-    mutual_R,
     rotation_vector,
 )
 
@@ -39,7 +38,7 @@ class RotationVectorRepresentation(OrientationRepresentation):
         self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None
     ) -> RotationVectorDisplacement:
         """Return theta r of R_e' R_d, in the base frame."""
-        Q_de = self.options.sign.choose(mutual_R(R_e, R_d), previous and previous.Q_de)
+        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return RotationVectorDisplacement(Q_de, R_e @ rotation_vector(Q_de))
 
     def resolved_velocity(
@@ -47,6 +46,18 @@ class RotationVectorRepresentation(OrientationRepresentation):
     ) -> Array:
         """Return omega_d + k_Po theta r, which gives dtheta = -k_Po theta about a fixed axis."""
         return omega_d + k_Po * x_de.rho_de
+
+    def resolved_acceleration(
+        self,
+        x_de: RotationVectorDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d + k_Vo Delta omega_de + k_Po theta r: eq. (40) with theta r for eps."""
+        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.rho_de
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""

@@ -7,15 +7,17 @@ the sign decides which way round the error is undone:
 ``hysteretic``  keeps its sign until eta < -delta: the short way, no chattering at pi.
 ``continuous``  never flips: what (44)-(47) analyse; may take the long way round.
 
-The sign is chosen on the error, never on Q_d and Q_e apart.
+The sign is chosen on the error, never on Q_d and Q_e apart: ``separate`` does that, to show
+that a small error can then look like a turn of almost 360 deg.
 """
 
 from dataclasses import dataclass
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.rotations import EulerParameters
+from eulerparams_control.rotations import Array, EulerParameters, mutual, mutual_R
 
 SIGNS = ("shortest", "hysteretic", "continuous")
+SEPARATE = "separate"
 
 
 @dataclass(frozen=True)
@@ -23,27 +25,46 @@ class SignRule:
     """How the sign of the mutual quaternion follows from its predecessor.
 
     Args:
-        name: one of ``SIGNS``.
+        name: one of ``SIGNS``, or ``SEPARATE``.
         delta: hysteresis in eta, in [0, 1); theta flips beyond 2 acos(-delta).
+        initial: sign of eta at the first sample, 1; or -1, with ``continuous`` only.
 
     Raises:
         UnknownNameError: if there is no such rule.
-        ConfigurationError: if delta is out of bounds.
+        ConfigurationError: if delta or the initial sign is impossible.
     """
 
     name: str = "hysteretic"
     delta: float = 0.2
+    initial: int = 1
 
     def __post_init__(self) -> None:
-        if self.name not in SIGNS:
+        if self.name not in (*SIGNS, SEPARATE):
             raise UnknownNameError("sign of the quaternion", self.name, SIGNS)
         if not 0 <= self.delta < 1:
             raise ConfigurationError(f"hysteresis is {self.delta}; expected in [0, 1)")
+        if not (self.initial == 1 or (self.initial == -1 and self.name == "continuous")):
+            raise ConfigurationError(
+                f"the initial sign of eta is {self.initial}; expected 1, or -1 with continuous"
+            )
+
+    def mutual(
+        self, R_e: Array, R_d: Array, previous: EulerParameters | None
+    ) -> EulerParameters:
+        """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
+
+        Args:
+            R_e, R_d: (3, 3) the two orientations.
+            previous: what was returned for the sample before; None at the first.
+        """
+        if self.name == SEPARATE:
+            return mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
+        return self.choose(mutual_R(R_e, R_d), previous)
 
     def choose(self, Q: EulerParameters, previous: EulerParameters | None) -> EulerParameters:
         """Return Q or -Q, given what was returned for the sample before (None: eta >= 0)."""
         if previous is None or self.name == "shortest":
-            return -Q if Q.eta < 0 else Q
+            return -Q if Q.eta * self.initial < 0 else Q
         if Q.eta * previous.eta + float(Q.eps @ previous.eps) < 0:
             Q = -Q
         if self.name == "hysteretic" and Q.eta < -self.delta:

@@ -3,9 +3,6 @@
 import sys
 from dataclasses import dataclass
 
-import numpy as np
-
-from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher
@@ -25,8 +22,11 @@ class ClikParameters(ControlParameters):
     k_Pp: float = parameter(100.0, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
     k_Po: float = parameter(100.0, "orientation gain", unit="1/s", bounds=(0.0, 1e4), live=True)
     feedback: str = parameter("internal", "which q closes the loop", choices=FEEDBACKS)
-    posture: tuple[float, ...] = parameter(
-        (), "joint positions that a redundant arm tends to; empty: none", unit="rad", live=True
+    max_deviation: float = parameter(
+        0.3,
+        "a joint farther from its command than this stops the motion",
+        unit="rad",
+        bounds=(0.001, 100.0),
     )
     k_posture: float = parameter(
         1.0, "gain of the posture", unit="1/s", bounds=(0.0, 1e3), live=True
@@ -38,8 +38,8 @@ class ClikParameters(ControlParameters):
             self.representation(),
             self.k_Pp,
             self.k_Po,
-            DampedInverse(self.damping_eps, self.damping_max),
-            np.array(self.posture) if self.posture else None,
+            self.inverse(),
+            self.posture_or_none(),
             self.k_posture,
         )
 

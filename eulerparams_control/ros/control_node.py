@@ -18,7 +18,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.controller import Controller
@@ -26,11 +26,12 @@ from eulerparams_control.errors import ConfigurationError, EulerParamsError, Inv
 from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.messages import JointStateReader, motion_from_ros
+from eulerparams_control.orientation import SEPARATE
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.control_parameters import ControlParameters
-from eulerparams_control.ros.conversions import error_to_ros, pose_to_ros
+from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.rotations import Array
@@ -49,7 +50,7 @@ class ControlNode(LifecycleNode):
         self.done = False
         self._health = diagnostics.Health(self)
         self._params = declare(self, self.parameters_type, self._on_change)
-        self._check_limits_off()
+        self._check_simulated(self._params)
         self._robot: Robot | None = None
         self._controller: Controller | None = None
         self._description = self._params.robot_description
@@ -64,6 +65,11 @@ class ControlNode(LifecycleNode):
         self._survive_wrong_transitions()
         self._subscribe()
         self._try_start()
+
+    def make_robot(self, urdf: str) -> Robot:
+        """Return the robot of a URDF, from the parameters; raises RobotError."""
+        p = self._params
+        return Robot(urdf, p.base_frame, p.tip_frame, p.joints)
 
     @abstractmethod
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
@@ -85,23 +91,27 @@ class ControlNode(LifecycleNode):
             self._listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
         self._pose_publisher = self.create_publisher(PoseStamped, "~/pose", 10)
         self._error_publisher = self.create_publisher(TwistStamped, "~/error", 10)
+        self._lyapunov_publisher = self.create_publisher(Float64MultiArray, "~/lyapunov", 10)
 
     def _listen(self, kind: Any, topic: str, callback: Any, qos: QoSProfile) -> Subscription:
         return self.create_subscription(
             kind, topic, callback, qos, qos_overriding_options=QOS_OVERRIDES
         )
 
-    def _check_limits_off(self) -> None:
-        if not self._params.enforce_limits and not self.get_parameter("use_sim_time").value:
+    def _check_simulated(self, parameters: Any) -> None:
+        """Refuse what is dangerous outside a simulation."""
+        unsafe = _unsafe(parameters)
+        if unsafe and not self.get_parameter("use_sim_time").value:
             raise ConfigurationError(
-                "enforce_limits: false is accepted only with use_sim_time: true, in simulation"
+                f"{unsafe} is accepted only with use_sim_time: true, in simulation"
             )
 
     def _keep_sim_time(self, changes: list[Any]) -> SetParametersResult:
-        """Refuse to leave simulated time while limits are off."""
+        """Refuse to leave simulated time while something unsafe is set."""
         leaves = any(change.name == "use_sim_time" and not change.value for change in changes)
-        if leaves and not self._params.enforce_limits:
-            reason = "use_sim_time stays true while enforce_limits is false"
+        unsafe = _unsafe(self._params)
+        if leaves and unsafe:
+            reason = f"use_sim_time stays true with {unsafe}"
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
@@ -112,6 +122,7 @@ class ControlNode(LifecycleNode):
 
     def _on_change(self, _old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""
+        self._check_simulated(new)
         old, self._params = self._params, new
         try:
             if self._controller is not None and self._robot is not None:
@@ -147,8 +158,7 @@ class ControlNode(LifecycleNode):
                     "no robot description: set the parameter robot_description, or publish the "
                     "URDF on the topic robot_description (transient local)"
                 )
-            p = self._params
-            robot = Robot(self._description, p.base_frame, p.tip_frame, p.joints)
+            robot = self.make_robot(self._description)
             if robot.locked:
                 raise ConfigurationError(
                     f"{', '.join(robot.locked)} can move between {robot.base_frame} and "
@@ -318,6 +328,9 @@ class ControlNode(LifecycleNode):
         self._error_publisher.publish(
             error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), self._stamp, frame)
         )
+        lyapunov = controller.lyapunov()
+        if lyapunov is not None:
+            self._lyapunov_publisher.publish(lyapunov_to_ros(*lyapunov))
         self._report_health(controller)
 
     def _say(self) -> None:
@@ -352,12 +365,28 @@ class ControlNode(LifecycleNode):
         distance = self._params.representation().singularity_distance(
             tick.desired.R_d, tick.state.R_e
         )
+        sigma_min = smallest_singular_value(tick.state.J)
+        if controller.scheme.lyapunov(tick) is None:
+            self._health.values["Lyapunov function"] = f"none for {self._params.orientation}"
+        else:
+            self._health.values.pop("Lyapunov function", None)
         self._health.values.update(
             {
                 "orientation": self._params.orientation,
                 "distance to representation singularity [rad]": distance,
-                "smallest singular value of J": smallest_singular_value(tick.state.J),
+                "smallest singular value of J": sigma_min,
+                "inverse of J": "damped" if sigma_min < self._params.damping_eps else "exact",
                 "saturated": int(tick.saturated),
+                "saturated ticks": controller.saturated,
                 "restarts after a gap of joint_states": controller.resets,
             }
         )
+
+
+def _unsafe(parameters: Any) -> str:
+    """Return what is set that is for simulations only; "" if nothing."""
+    if not parameters.enforce_limits:
+        return "enforce_limits: false"
+    if parameters.quaternion_sign == SEPARATE:
+        return f"quaternion_sign: {SEPARATE}"
+    return ""

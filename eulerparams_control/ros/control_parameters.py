@@ -3,9 +3,13 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from eulerparams_control.controller import ControllerOptions
+from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.orientation import (
     ORIENTATIONS,
+    SEPARATE,
     SEQUENCES,
     SIGNS,
     EulerSequence,
@@ -16,6 +20,7 @@ from eulerparams_control.orientation import (
 )
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.rotations import Array
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,13 @@ class ControlParameters:
         "XYZ", "sequence of the Euler angles", choices=SEQUENCES, live=True
     )
     quaternion_sign: str = parameter(
-        "hysteretic", "sign of the mutual quaternion", choices=SIGNS, live=True
+        "hysteretic",
+        "sign of the mutual quaternion; separate, in simulation only, takes the long way round",
+        choices=(*SIGNS, SEPARATE),
+        live=True,
+    )
+    quaternion_initial_sign: int = parameter(
+        1, "of eta at the start; -1 with continuous only, to study Q1", bounds=(-1, 1), live=True
     )
     hysteresis: float = parameter(
         0.2, "eta below minus this flips the sign", bounds=(0.0, 0.99), live=True
@@ -46,6 +57,9 @@ class ControlParameters:
     )
     damping_max: float = parameter(
         0.05, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
+    )
+    posture: tuple[float, ...] = parameter(
+        (), "joint positions that a redundant arm tends to; empty: none", unit="rad", live=True
     )
     enforce_limits: bool = parameter(
         True, "keep to the limits of the URDF; false only with use_sim_time"
@@ -68,24 +82,27 @@ class ControlParameters:
     max_jump_rotation: float = parameter(
         0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
     )
-    max_deviation: float = parameter(
-        0.3,
-        "a joint farther from its command than this stops the motion",
-        unit="rad",
-        bounds=(0.001, 100.0),
-    )
     require_reference: bool = parameter(False, "be silent until the first reference")
     state_rate: float = parameter(
-        50.0, "rate of ~/pose and ~/error at most", unit="Hz", bounds=(0.0, 10000.0)
+        50.0, "rate of ~/pose, ~/error and ~/lyapunov at most", unit="Hz", bounds=(0.0, 10000.0)
     )
     autostart: bool = parameter(True, "configure and activate as soon as possible")
 
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""
         options = OrientationOptions(
-            EulerSequence(self.euler_sequence), SignRule(self.quaternion_sign, self.hysteresis)
+            EulerSequence(self.euler_sequence),
+            SignRule(self.quaternion_sign, self.hysteresis, self.quaternion_initial_sign),
         )
         return representation(self.orientation, options)
+
+    def inverse(self) -> DampedInverse:
+        """Return the inverse of the Jacobian."""
+        return DampedInverse(self.damping_eps, self.damping_max)
+
+    def posture_or_none(self) -> Array | None:
+        """Return the posture (n,) [rad or m], or None."""
+        return np.array(self.posture) if self.posture else None
 
     def controller_options(self) -> ControllerOptions:
         """Return how the controller is to treat time and references."""

@@ -13,6 +13,7 @@ from geometry_msgs.msg import (
     Vector3,
     WrenchStamped,
 )
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.motion import DesiredFrame, Trajectory
@@ -85,6 +86,14 @@ def error_to_ros(dp_de: Array, error: Array, stamp: Time, frame_id: str) -> Twis
     msg = TwistStamped()
     msg.header.stamp, msg.header.frame_id = stamp, frame_id
     msg.twist.linear, msg.twist.angular = vector_to_ros(dp_de), vector_to_ros(error)
+    return msg
+
+
+def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArray:
+    """Return a Lyapunov function, its derivative by the paper and as measured, labelled."""
+    label = "V, dV by the paper, dV measured"
+    msg = Float64MultiArray(data=[V, dV, dV_measured])
+    msg.layout.dim.append(MultiArrayDimension(label=label, size=3, stride=3))
     return msg
 
 

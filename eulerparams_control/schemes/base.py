@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import RobotState
 from eulerparams_control.rotations import Array
 
@@ -52,13 +53,22 @@ class Scheme(ABC):
         """Forget the past; begin at the measured positions q (n,)."""
 
     @abstractmethod
-    def hold(self) -> JointCommand:
-        """Return the command that holds the arm still where it was commanded to be."""
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return the command that holds the arm still, whatever became of the law.
+
+        Args:
+            dt: [s] since the command before.
+            q, dq: (n,) measured now.
+        """
 
     @abstractmethod
     def start_frame(self) -> DesiredFrame:
-        """Return the frame at which the scheme has zero error after :meth:`reset`."""
+        """Return the frame at which the scheme has zero error after a reset, or while it holds."""
 
     @abstractmethod
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the command for the measured q, dq (n,), dt [s] after the tick before."""
+
+    @abstractmethod
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return the Lyapunov function of a tick; None if the representation has none."""

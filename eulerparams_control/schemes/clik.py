@@ -14,10 +14,11 @@ from eulerparams_control.errors import ConfigurationError, FollowingError, Singu
 from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.orientation import OrientationRepresentation
+from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.blend import Blend
 
 FEEDBACKS = ("internal", "measured")
 
@@ -112,7 +113,7 @@ class Clik(Scheme):
         self.robot = robot
         self.feedback = feedback
         self.limits = limits
-        self.blend_time = blend_time
+        self._blend = Blend(blend_time)
         self.max_deviation = max_deviation
         self._x_de: Any = None
         self.law = _checked(law, robot)
@@ -127,22 +128,21 @@ class Clik(Scheme):
         _checked(law, self.robot)
         if type(law.orientation) is not type(self.law.orientation):
             self._x_de = None  # means nothing to another representation
-        self.law, self._replaced = law, True
+        self.law = law
+        self._blend.replace(self._dq)
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
         self._q = q.copy()
         self._dq = np.zeros_like(q)
         self._x_de = None
-        self._offset = np.zeros_like(q)
-        self._replaced = False
+        self._blend.reset()
 
-    def hold(self) -> JointCommand:
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command that holds still: the integrated q, no velocity."""
         self._dq = np.zeros_like(self._q)
         self._x_de = None
-        self._offset = np.zeros_like(self._q)
-        self._replaced = False
+        self._blend.reset()
         return JointCommand(self._q, self._dq)
 
     def start_frame(self) -> DesiredFrame:
@@ -166,7 +166,7 @@ class Clik(Scheme):
         else:
             state = self.robot.state(q, dq)
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de)
-        dq_c = dq_c + self._blend(dt, dq_c)
+        dq_c = dq_c + self._blend.offset(dt, dq_c)
         saturated = False
         if not np.all(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
@@ -184,12 +184,9 @@ class Clik(Scheme):
         lower = np.minimum(self.limits.lower, self._q)
         return np.clip(q, lower, np.maximum(self.limits.upper, self._q))
 
-    def _blend(self, dt: float, dq: Array) -> Array:
-        """Return what remains (n,) of the step from the last command to a law that is new."""
-        self._offset = self._offset * math.exp(-dt / self.blend_time)
-        if self._replaced:
-            self._offset, self._replaced = self._dq - dq, False
-        return self._offset
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_1 and its derivative, eqs. (30), (31)."""
+        return self.law.orientation.lyapunov_1(tick.x_de, self.law.k_Po)
 
     def _refuse_deviation(self, q_c: Array, q: Array) -> None:
         if self.limits is None:

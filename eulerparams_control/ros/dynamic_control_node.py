@@ -1,0 +1,180 @@
+"""The node ``dynamic_control``: section IV; publishes ``joint_effort``."""
+
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.friction import JointFriction
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.ros.commands import CommandPublisher
+from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.control_parameters import ControlParameters
+from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.ros.qos import QOS_STREAM
+from eulerparams_control.ros.runtime import run
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.base import Scheme
+from eulerparams_control.schemes.dynamic import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+
+
+@dataclass(frozen=True)
+class DynamicParameters(ControlParameters):
+    """Parameters of the node ``dynamic_control``."""
+
+    command_type: str = parameter(
+        "joint_state", "message type of the command", choices=("joint_state", "forward")
+    )
+    k_Pp: float = parameter(400.0, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vo: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_posture: float = parameter(
+        10.0, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
+    )
+    k_null: float = parameter(
+        10.0,
+        "damping of motions that do not move the tip",
+        unit="1/s",
+        bounds=(0.0, 1e3),
+        live=True,
+    )
+    compensate_gravity: bool = parameter(True, "false: the robot does it itself")
+    compensate_coriolis: bool = parameter(True, "false: the robot does it itself")
+    compensate_friction: bool = parameter(True, "false: the robot does it itself")
+    friction_viscous: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: of the URDF", unit="Nm s/rad", bounds=(0.0, 1e4)
+    )
+    friction_coulomb: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: of the URDF", unit="Nm", bounds=(0.0, 1e4)
+    )
+    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the root link", unit="m/s^2")
+    tool_mass: float = parameter(0.0, "that the URDF lacks", unit="kg", bounds=(0.0, 1000.0))
+    tool_com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "its centre of mass in the tip frame", unit="m"
+    )
+    tool_inertia: tuple[float, ...] = parameter(
+        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
+    )
+    max_effort_rate: float = parameter(
+        2000.0, "of each joint", unit="Nm/s", bounds=(1.0, 1e9), live=True
+    )
+    max_error_position: float = parameter(
+        0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True
+    )
+    max_error_rotation: float = parameter(
+        0.5,
+        "a larger orientation error stops the motion; pi: none does",
+        unit="rad",
+        bounds=(1e-3, math.pi),
+        live=True,
+    )
+
+    def law(self) -> ResolvedAcceleration:
+        """Return the law with these parameters."""
+        return ResolvedAcceleration(
+            self.representation(), self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
+        )
+
+    def dynamics(self, robot: Robot) -> InverseDynamics:
+        """Return the inverse dynamics of a robot with these parameters."""
+        friction = JointFriction(
+            _each(self.friction_viscous, robot.friction.viscous),
+            _each(self.friction_coulomb, robot.friction.coulomb),
+        )
+        return InverseDynamics(
+            self.inverse(),
+            self.compensate_gravity,
+            self.compensate_coriolis,
+            friction if self.compensate_friction else None,
+            self.posture_or_none(),
+            self.k_posture,
+            self.k_null,
+        )
+
+    def effort_limits(self, limits: JointLimits | None) -> EffortLimits:
+        """Return what bounds the efforts."""
+        return EffortLimits(
+            limits, self.max_effort_rate, self.max_error_position, self.max_error_rotation
+        )
+
+    def tool(self) -> Tool | None:
+        """Return the tool; None if it has no mass.
+
+        Raises:
+            ConfigurationError: if its numbers are impossible.
+        """
+        for name, size in (("tool_com", 3), ("tool_inertia", 6), ("gravity", 3)):
+            if len(getattr(self, name)) != size:
+                raise ConfigurationError(
+                    f"{name} has {len(getattr(self, name))} values; expected {size}"
+                )
+        xx, xy, xz, yy, yz, zz = self.tool_inertia
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] < -1e-12 * moments[-1]:
+            raise ConfigurationError(
+                f"tool_inertia has the principal moments {moments.tolist()}; expected >= 0"
+            )
+        if self.tool_mass == 0:
+            if any(self.tool_inertia):
+                raise ConfigurationError("tool_inertia is given, but tool_mass is 0")
+            return None
+        return Tool(self.tool_mass, np.array(self.tool_com), inertia)
+
+
+def _each(given: tuple[float, ...], stated: Array) -> Array:
+    """Return one value a joint (n,): those given, or as the URDF states them."""
+    if not given:
+        return stated
+    return np.full(stated.shape, given[0]) if len(given) == 1 else np.array(given)
+
+
+class DynamicControlNode(ControlNode):
+    """Dynamic control of one arm."""
+
+    parameters_type = DynamicParameters
+
+    def __init__(self) -> None:
+        super().__init__("dynamic_control")
+
+    def make_robot(self, urdf: str) -> Robot:
+        """Return the robot with its tool."""
+        p = self._params
+        tool = p.tool()
+        return Robot(urdf, p.base_frame, p.tip_frame, p.joints, p.gravity, tool)
+
+    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:
+        """Return dynamic control for a robot."""
+        p = self._params
+        return DynamicControl(robot, p.law(), p.dynamics(robot), p.effort_limits(limits))
+
+    def change_scheme(
+        self, scheme: Scheme, parameters: DynamicParameters, limits: JointLimits | None
+    ) -> None:
+        """Go over to new parameters."""
+        assert isinstance(scheme, DynamicControl)
+        p = parameters
+        scheme.replace_law(p.law(), p.dynamics(scheme.robot), p.effort_limits(limits))
+
+    def make_commands(self, joints: tuple[str, ...]) -> CommandPublisher:
+        """Return the publisher of ``joint_effort``."""
+        kind = self._params.command_type
+        return CommandPublisher(self, "joint_effort", kind, joints, QOS_STREAM)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(DynamicControlNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

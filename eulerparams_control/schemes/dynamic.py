@@ -1,0 +1,296 @@
+"""Dynamic control: resolved acceleration on inverse dynamics, section IV, Fig. 2.
+
+Notation: ``a`` (6,) [m/s^2, rad/s^2] resolved acceleration, ``ddq`` (n,) [rad/s^2],
+``tau`` (n,) [Nm], ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of
+the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base frame.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.friction import JointFriction
+from eulerparams_control.inverse import DampedInverse
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
+from eulerparams_control.robot import DynamicState, Robot, RobotState
+from eulerparams_control.rotations import Array, angle_between
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.blend import Blend
+
+# Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
+_HOLD_K, _HOLD_D = 100.0, 20.0
+
+
+@dataclass(frozen=True)
+class ResolvedAcceleration:
+    """The laws (36), (38), (40): the acceleration of the tip that the loop asks for.
+
+    Attributes:
+        orientation: the representation of the orientation displacement.
+        k_Pp, k_Vp: position gains [1/s^2], [1/s].
+        k_Po, k_Vo: orientation gains [1/s^2], [1/s]; see the errata on fair gains.
+    """
+
+    orientation: OrientationRepresentation
+    k_Pp: float = 400.0
+    k_Vp: float = 40.0
+    k_Po: float = 800.0
+    k_Vo: float = 40.0
+
+    def __post_init__(self) -> None:
+        for name in ("k_Pp", "k_Vp", "k_Po", "k_Vo"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+
+    def acceleration(
+        self, arm: RobotState, desired: DesiredFrame, previous: Any
+    ) -> tuple[Any, ...]:
+        """Return a (6,), dp_de (3,) [m] and x_de.
+
+        a_p = ddp_d + k_Vp (dp_d - dp_e) + k_Pp (p_d - p_e), eq. (36), and a_o of the
+        representation: domega_d + k_Vo Delta omega_de + k_Po eps_de for Euler parameters,
+        eq. (40).
+
+        Args:
+            arm: kinematics of the arm.
+            desired: the desired frame.
+            previous: x_de of the tick before, or None.
+
+        Raises:
+            SingularityError: if the representation has no finite answer.
+        """
+        dp_de = desired.p_d - arm.p_e  # eq. (21)
+        x_de = self.orientation.displacement(desired.R_d, arm.R_e, previous)  # eqs. (22), (27)
+        a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + self.k_Pp * dp_de  # (36)
+        a_o = self.orientation.resolved_acceleration(  # eqs. (38), (40)
+            x_de, desired.omega_d, desired.domega_d, arm.omega_e, self.k_Po, self.k_Vo
+        )
+        return np.concatenate((a_p, a_o)), dp_de, x_de
+
+
+@dataclass(frozen=True)
+class InverseDynamics:
+    """The law (33): from the acceleration of the tip to the efforts of the joints.
+
+    Attributes:
+        inverse: of the Jacobian.
+        gravity, coriolis: whether g and C dq are compensated here; some robots do it themselves.
+        friction: that is compensated; None is none.
+        posture: (n,) [rad or m] to which a redundant arm tends, or None.
+        k_posture: gain of that tendency [1/s^2].
+        k_null: damping [1/s] of motions that do not move the tip.
+    """
+
+    inverse: DampedInverse = field(default_factory=DampedInverse)
+    gravity: bool = True
+    coriolis: bool = True
+    friction: JointFriction | None = None
+    posture: Array | None = None
+    k_posture: float = 10.0
+    k_null: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("k_posture", "k_null"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+
+    def acceleration(self, state: DynamicState, a: Array) -> Array:
+        """Return ddq (n,) = J^-1 (a - dJ dq), with damping and posture in the null space.
+
+        ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
+        """
+        q, dq, J = state.arm.q, state.arm.dq, state.arm.J
+        J_inverse = self.inverse(J)
+        ddq_0 = -self.k_null * dq
+        if self.posture is not None:
+            ddq_0 -= self.k_posture * (q - self.posture)
+        return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
+
+    def effort(self, state: DynamicState, ddq: Array) -> Array:
+        """Return tau (n,) = B ddq + C dq + d + g, eq. (33), of the terms compensated here."""
+        tau: Array = state.B @ ddq
+        if self.coriolis:
+            tau += state.C_dq
+        if self.friction is not None:
+            tau += self.friction.effort(state.arm.dq)
+        if self.gravity:
+            tau += state.g
+        return tau
+
+
+@dataclass(frozen=True)
+class EffortLimits:
+    """What bounds the efforts, and the errors at which the motion is stopped.
+
+    Attributes:
+        joints: limits of the joints; None is none, then the others do not hold either.
+        rate: [Nm/s] of each effort.
+        error_position: [m] between the desired and the actual frame.
+        error_rotation: [rad] between them.
+    """
+
+    joints: JointLimits | None = None
+    rate: float = math.inf
+    error_position: float = math.inf
+    error_rotation: float = math.inf
+
+
+class DynamicControl(Scheme):
+    """Resolved acceleration on inverse dynamics, as in Fig. 2.
+
+    Args:
+        robot: the arm.
+        law: resolves the acceleration of the tip.
+        dynamics: makes efforts of it.
+        limits: that bound the command.
+        blend_time: [s] in which the command goes over to a law that replaces another.
+
+    Raises:
+        ConfigurationError: if the posture or the friction has the wrong size.
+    """
+
+    name = "dynamic_control"
+
+    def __init__(
+        self,
+        robot: Robot,
+        law: ResolvedAcceleration,
+        dynamics: InverseDynamics,
+        limits: EffortLimits,
+        blend_time: float = 0.1,
+    ) -> None:
+        self.robot = robot
+        self.limits = limits
+        self._blend = Blend(blend_time)
+        self._x_de: Any = None
+        self.law, self.dynamics = law, _checked(dynamics, robot)
+        self.reset(np.zeros(robot.n))
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """Go over to another law, without a jump of the command.
+
+        Raises:
+            ConfigurationError: if the posture or the friction has the wrong size.
+        """
+        _checked(dynamics, self.robot)
+        if type(law.orientation) is not type(self.law.orientation):
+            self._x_de = None  # means nothing to another representation
+        self.law, self.dynamics, self.limits = law, dynamics, limits
+        self._blend.replace(self._ddq)
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,)."""
+        self._q = q.copy()
+        self._ddq = np.zeros_like(q)
+        self._tau: Array | None = None  # the first effort is not bounded in its rate
+        self._x_de = None
+        self._held: Array | None = None
+        self._blend.reset()
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return efforts that hold the joints where they were when this began.
+
+        tau = B (k (q_held - q) - d dq) + C dq + d + g: it needs neither J nor the orientation.
+        """
+        state = self.robot.dynamic_state(q, dq)
+        if self._held is None:
+            self._held = q.copy()
+        self._q, self._x_de = q, None
+        self._blend.reset()
+        ddq = _HOLD_K * (self._held - q) - _HOLD_D * dq
+        return JointCommand(effort=self._command(state, ddq, dt)[0])
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the measured q."""
+        arm = self.robot.state(self._q, np.zeros_like(self._q))
+        return DesiredFrame(arm.p_e, arm.R_e)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the efforts for this instant.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+            FollowingError: if the tip is too far from the desired frame.
+        """
+        self._q, self._held = q, None
+        state = self.robot.dynamic_state(q, dq)
+        a, dp_de, x_de = self.law.acceleration(state.arm, desired, self._x_de)
+        self._refuse_error(desired, state.arm, dp_de)
+        if not math.isfinite(a @ a):
+            raise SingularityError("the law asks for an infinite acceleration of the tip")
+        ddq = self.dynamics.acceleration(state, a)
+        ddq = ddq + self._blend.offset(dt, ddq)
+        if not math.isfinite(ddq @ ddq):
+            raise SingularityError("the law asks for an infinite joint acceleration")
+        tau, saturated = self._command(state, ddq, dt)
+        self._x_de = x_de
+        return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, saturated)
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_2 and its derivative, eqs. (42), (43)."""
+        omega_de = tick.desired.omega_d - tick.state.omega_e
+        return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
+
+    def _command(self, state: DynamicState, ddq: Array, dt: float) -> tuple[Array, bool]:
+        """Return the efforts for ddq (n,) within the limits, and whether one changed them."""
+        joints = self.limits.joints
+        if joints is None:
+            self._ddq, self._tau = ddq, self.dynamics.effort(state, ddq)
+            return self._tau, False
+        ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq)
+        tau, cut = joints.limit_effort(self.dynamics.effort(state, ddq))
+        tau, ramped = self._limit_rate(tau, dt)
+        self._ddq, self._tau = ddq, tau
+        return tau, slowed or cut or ramped
+
+    def _limit_rate(self, tau: Array, dt: float) -> tuple[Array, bool]:
+        if self._tau is None:
+            return tau, False
+        step = self.limits.rate * dt
+        change = tau - self._tau
+        if (np.abs(change) <= step).all():
+            return tau, False
+        return self._tau + np.minimum(np.maximum(change, -step), step), True
+
+    def _refuse_error(self, desired: DesiredFrame, arm: RobotState, dp_de: Array) -> None:
+        limits = self.limits
+        if limits.joints is None:
+            return
+        distance = math.sqrt(dp_de @ dp_de)
+        if distance > limits.error_position:
+            raise FollowingError(
+                f"the tip is {distance:.3f} m from the desired frame; at most "
+                f"{limits.error_position} m is allowed: is the arm braked or blocked? then send "
+                "the reference again, else raise max_error_position"
+            )
+        if limits.error_rotation < math.pi:
+            angle = angle_between(desired.R_d, arm.R_e)
+            if angle > limits.error_rotation:
+                raise FollowingError(
+                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+                    f"at most {math.degrees(limits.error_rotation):.1f} deg is allowed: is the arm "
+                    "blocked, or the orientation singular? then send the reference again, else "
+                    "raise max_error_rotation"
+                )
+
+
+def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
+    """Return the inverse dynamics, whose posture and friction fit the robot."""
+    given = {"posture": dynamics.posture}
+    if dynamics.friction is not None:
+        given["friction_viscous"] = dynamics.friction.viscous
+        given["friction_coulomb"] = dynamics.friction.coulomb
+    for name, values in given.items():
+        if values is not None and values.shape != (robot.n,):
+            raise ConfigurationError(
+                f"{name} has {values.size} values; expected one for each of the {robot.n} "
+                f"joints {', '.join(robot.joints)}"
+            )
+    return dynamics
