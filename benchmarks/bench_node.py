@@ -1,7 +1,7 @@
-"""Round trip joint_states to command of the node ``clik``, against a bare rclpy echo.
+"""Round trip joint_states to command of the control nodes, against a bare rclpy echo.
 
-Both run as processes of their own at the same time; a driver publishes to one and to the
-other in turn at 1 kHz, so that noise meets both alike.
+All run as processes of their own at the same time; a driver publishes to one after the
+other at 1 kHz each, so that noise meets all alike.
 """
 
 import contextlib
@@ -22,9 +22,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from eulerparams_control.catalogue import load_robot
+from eulerparams_control.experiments.definition import CONTROLLERS
 from eulerparams_control.experiments.processes import Nodes
 
 MESSAGES, WARM_UP, PERIOD = 4000, 1000, 1e-3
+CONTESTANTS = {"echo": "joint_reference"} | CONTROLLERS
+"""The nodes, and the topic on which each answers."""
 
 
 class Echo(Node):
@@ -47,14 +50,14 @@ class Echo(Node):
 class Driver(Node):
     """Publishes joint_states to each contestant in turn and notes when it answers."""
 
-    def __init__(self, contestants, robot):
+    def __init__(self, robot):
         super().__init__("driver")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._publishers_of, self._sent, self.times = {}, {}, {name: [] for name in contestants}
+        self._publishers_of, self._sent, self.times = {}, {}, {name: [] for name in CONTESTANTS}
         self._descriptions = []
         self._message = JointState(name=list(robot.joints), position=list(robot.home))
         self._message.velocity = [0.0] * len(robot.joints)
-        for name in contestants:
+        for name, topic in CONTESTANTS.items():
             description = self.create_publisher(String, f"{name}/robot_description", latched)
             description.publish(String(data=robot.urdf))
             self._descriptions.append(description)
@@ -62,7 +65,7 @@ class Driver(Node):
                 JointState, f"{name}/joint_states", 10
             )
             self.create_subscription(
-                JointState, f"{name}/joint_reference", lambda msg, n=name: self._answer(n, msg), 10
+                JointState, f"{name}/{topic}", lambda msg, n=name: self._answer(n, msg), 10
             )
 
     def send(self, name, number):
@@ -79,13 +82,13 @@ class Driver(Node):
             self.times[name].append(time.perf_counter() - sent)
 
 
-def drive(driver, executor, contestants, count):
+def drive(driver, executor, count):
     """Send ``count`` states to each contestant, at 1 kHz for each."""
     begin = time.perf_counter()
     first = max((number for _, number in driver._sent), default=0) + 1_000_000
     for i in range(count):
-        for k, name in enumerate(contestants):
-            due = begin + (i + k / len(contestants)) * PERIOD
+        for k, name in enumerate(CONTESTANTS):
+            due = begin + (i + k / len(CONTESTANTS)) * PERIOD
             while time.perf_counter() < due:
                 executor.spin_once(timeout_sec=max(0.0, due - time.perf_counter()))
             driver.send(name, first + i)
@@ -95,35 +98,36 @@ def drive(driver, executor, contestants, count):
 
 def run() -> list[tuple[str, str, str]]:
     """Return rows: what, against what, ratio."""
-    contestants = ["echo", "clik"]
     with tempfile.TemporaryDirectory() as folder, Nodes(Path(folder)) as nodes:
         os.environ.update({k: v for k, v in nodes.environment.items() if k.startswith("ROS_")})
         remap = ["--ros-args", "-r", "__ns:=/echo"]
         echo = subprocess.Popen([sys.executable, __file__, "--echo", *remap])
-        nodes.start("clik", {"tip_frame": "tool0", "state_rate": 0.0, "state_timeout": 10.0},
-                    namespace="/clik")  # fmt: skip
+        parameters = {"tip_frame": "tool0", "state_rate": 0.0, "state_timeout": 10.0}
+        for name in CONTROLLERS:
+            nodes.start(name, parameters, namespace=f"/{name}")
         rclpy.init()
-        driver = Driver(contestants, load_robot("ur5"))
+        driver = Driver(load_robot("ur5"))
         executor = EventsExecutor()
         executor.add_node(driver)
         try:
             deadline = time.monotonic() + 30
             while not all(driver.times.values()) and time.monotonic() < deadline:
-                drive(driver, executor, contestants, 50)
-            drive(driver, executor, contestants, WARM_UP)
+                drive(driver, executor, 50)
+            drive(driver, executor, WARM_UP)
             for times in driver.times.values():
                 times.clear()
-            drive(driver, executor, contestants, MESSAGES)
+            drive(driver, executor, MESSAGES)
         finally:
             echo.terminate()
             echo.wait()
     p50, p99 = (
-        {name: np.percentile(driver.times[name], p) * 1e6 for name in contestants}
+        {name: np.percentile(driver.times[name], p) * 1e6 for name in CONTESTANTS}
         for p in (50, 99)
     )
     return [
-        (f"node clik, {label} ({p['clik']:.0f} us)", f"bare rclpy echo ({p['echo']:.0f} us)",
-         f"{p['clik'] / p['echo']:.2f}")
+        (f"node {name}, {label} ({p[name]:.0f} us)", f"bare rclpy echo ({p['echo']:.0f} us)",
+         f"{p[name] / p['echo']:.2f}")
+        for name in CONTROLLERS
         for label, p in (("round trip p50", p50), ("round trip p99", p99))
     ]  # fmt: skip
 

@@ -10,12 +10,29 @@ from eulerparams_control.motion import Circle, SetPoint
 from eulerparams_control.orientation import ORIENTATIONS, representation
 from eulerparams_control.robot import Robot
 from eulerparams_control.schemes.clik import Clik, ClikLaw
+from eulerparams_control.schemes.dynamic import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
 
 
-def tick_call(robot: Robot, q: np.ndarray, orientation: str, moving: bool = False):
-    """Return a call that makes one tick of CLIK, at 1 kHz of stamps."""
-    law = ClikLaw(representation(orientation))
-    controller = Controller(Clik(robot, law, limits=robot.limits), ControllerOptions(), q)
+def clik(robot: Robot, orientation: str) -> Clik:
+    """Return CLIK with limits."""
+    return Clik(robot, ClikLaw(representation(orientation)), limits=robot.limits)
+
+
+def dynamic_control(robot: Robot, orientation: str) -> DynamicControl:
+    """Return dynamic control with limits and friction."""
+    law = ResolvedAcceleration(representation(orientation))
+    dynamics = InverseDynamics(friction=robot.friction)
+    return DynamicControl(robot, law, dynamics, EffortLimits(robot.limits, 2000.0, 0.1, 0.5))
+
+
+def tick_call(robot: Robot, q: np.ndarray, scheme, moving: bool = False):
+    """Return a call that makes one tick of a scheme, at 1 kHz of stamps."""
+    controller = Controller(scheme, ControllerOptions(), q)
     frame = controller.scheme.start_frame()
     circle = Circle(0.02, np.array([1.0, 0.0, 0.0]), 4.0, 50.0)
     if moving:
@@ -45,6 +62,24 @@ def bare_call(urdf: str, tip_frame: str, q: np.ndarray):
     return bare
 
 
+def bare_dynamics_call(urdf: str, tip_frame: str, q: np.ndarray):
+    """Return the bare calls of inverse dynamics: J, dJ dq, B, C dq, g, and one solve."""
+    model = pin.buildModelFromXML(urdf)
+    data, tip = model.createData(), model.getFrameId(tip_frame)
+    v, dq, axes = np.ones(6), np.zeros(model.nv), pin.LOCAL_WORLD_ALIGNED
+
+    def bare():
+        J = pin.computeFrameJacobian(model, data, q, tip, axes)
+        B = pin.crba(model, data, q)
+        g = pin.computeGeneralizedGravity(model, data, q)
+        C_dq_g = pin.nonLinearEffects(model, data, q, dq)
+        pin.forwardKinematics(model, data, q, dq, dq)
+        dJ_dq = pin.getFrameClassicalAcceleration(model, data, tip, axes).vector
+        return np.linalg.solve(J, v), B, g, C_dq_g, dJ_dq
+
+    return bare
+
+
 def pink_call(urdf: str, tip_frame: str, q: np.ndarray):
     """Return one solve_ik of pink for the same robot and target; None if it is not there."""
     try:
@@ -69,9 +104,12 @@ def run() -> list[tuple[str, str, str]]:
     """Return rows: what, against what, ratio."""
     ur5 = load_robot("ur5")
     robot, q = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
-    calls = {name: tick_call(robot, q, name) for name in ORIENTATIONS}
-    calls["moving"] = tick_call(robot, q, "euler_parameters", moving=True)
+    calls = {name: tick_call(robot, q, clik(robot, name)) for name in ORIENTATIONS}
+    calls["moving"] = tick_call(robot, q, clik(robot, "euler_parameters"), moving=True)
     calls["bare"] = bare_call(ur5.urdf, ur5.tip_frame, q)
+    for name in ORIENTATIONS:
+        calls[f"dynamic {name}"] = tick_call(robot, q, dynamic_control(robot, name))
+    calls["bare dynamics"] = bare_dynamics_call(ur5.urdf, ur5.tip_frame, q)
     pink = pink_call(ur5.urdf, ur5.tip_frame, q)
     if pink:
         calls["pink"] = pink
@@ -79,6 +117,9 @@ def run() -> list[tuple[str, str, str]]:
     bare = "Pinocchio calls and one 6x6 solve"
     pairs = [(f"CLIK tick, {name}", name, bare, "bare") for name in ORIENTATIONS]
     pairs.append(("CLIK tick on a trajectory", "moving", bare, "bare"))
+    terms = "Pinocchio calls for (33) and one 6x6 solve"
+    for name in ORIENTATIONS:
+        pairs.append((f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics"))
     if pink:
         pairs.append(("CLIK tick", "euler_parameters", "pink solve_ik", "pink"))
     return [

@@ -389,4 +389,6 @@ def _unsafe(parameters: Any) -> str:
         return "enforce_limits: false"
     if parameters.quaternion_sign == SEPARATE:
         return f"quaternion_sign: {SEPARATE}"
+    if parameters.velocity_scale > 1:
+        return f"velocity_scale: {parameters.velocity_scale:g}, above 1,"
     return ""

@@ -65,7 +65,10 @@ class ControlParameters:
         True, "keep to the limits of the URDF; false only with use_sim_time"
     )
     velocity_scale: float = parameter(
-        1.0, "fraction of the URDF's velocity limits", bounds=(0.001, 1.0), live=True
+        1.0,
+        "times the URDF's velocity limits; above 1 in simulation only",
+        bounds=(0.001, 100.0),
+        live=True,
     )
     command_type: str = parameter(
         "joint_state", "message type of the command", choices=CommandPublisher.TYPES
