@@ -68,6 +68,7 @@ class Controller:
         self._t: int | None = None
         self._dt = 0.0
         self._q, self._dq = q, np.zeros_like(q)
+        self._tick_last: Tick | None = None
         self._tick_before: Tick | None = None
         self._stopped = False
         self._command: JointCommand | None = None
@@ -77,7 +78,7 @@ class Controller:
         """Start at the measured q with zero error, holding its pose."""
         self.scheme.reset(q)
         self._motion = DesiredMotion(self.scheme.start_frame())
-        self._tick_before = None
+        self._tick_last = self._tick_before = None
 
     def stop(self) -> JointCommand:
         """Return the command that holds still, and hold until the next reference."""
@@ -107,8 +108,9 @@ class Controller:
         Raises:
             InvalidMessageError: if it is too far from the present desired frame, or not finite.
         """
-        if self._stopped:
-            self._begin(self._q)  # the arm may have moved meanwhile
+        if self._stopped:  # the arm may have moved meanwhile
+            self.scheme.resume(self._q)
+            self._motion.hold(self.scheme.start_frame())
         self._refuse_jump(motion, start)
         self._motion.follow(motion, start)
         self._waiting = self._stopped = False
@@ -156,7 +158,7 @@ class Controller:
             self.fault = str(error)
             self._begin(self._q)
             return self.stop()
-        self._tick_before, self.tick_now = self.tick_now, tick
+        self._tick_before, self._tick_last, self.tick_now = self._tick_last, tick, tick
         self.saturated += tick.saturated
         return tick.command
 

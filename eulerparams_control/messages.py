@@ -86,19 +86,31 @@ class _JointReader:
 
 
 class JointStateReader(_JointReader):
-    """Reads the measured state of the active joints from joint_states."""
+    """Reads the measured state of the active joints from joint_states.
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    Args:
+        joints: the active joints.
+        needs_velocity: whether a message without velocities is refused.
+    """
+
+    def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
+        self._needs_velocity = needs_velocity
 
     def from_ros(self, msg: Any) -> tuple[int, Array, Array]:
         """Return the stamp [ns], q (n,) and dq (n,); dq is 0 where the message has none.
 
         Raises:
-            InvalidMessageError: if a joint is missing, sizes differ, or a value is not finite.
+            InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
+                velocities are needed and not there.
         """
         self._match(msg)
         q = self._pick(msg.position, msg, "position")
+        if self._needs_velocity and not len(msg.velocity):
+            raise InvalidMessageError(
+                "joint_states has no velocities; efforts need the measured ones: let the driver of "
+                "the robot publish them"
+            )
         dq = self._pick(msg.velocity, msg, "velocity") if len(msg.velocity) else np.zeros(len(q))
         return ns_from_ros(msg.header.stamp), q, dq
 

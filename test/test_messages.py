@@ -224,6 +224,13 @@ def test_a_joint_that_is_not_ours_may_be_anything() -> None:
     assert JointStateReader(JOINTS).from_ros(msg)[1].tolist() == [1.0, 2.0, 3.0]
 
 
+def test_a_state_without_velocities_is_at_rest_unless_they_are_needed() -> None:
+    msg = JointState(name=list(JOINTS), position=[1.0, 2.0, 3.0])
+    assert JointStateReader(JOINTS).from_ros(msg)[2].tolist() == [0.0, 0.0, 0.0]
+    with pytest.raises(InvalidMessageError, match="joint_states has no velocities"):
+        JointStateReader(JOINTS, needs_velocity=True).from_ros(msg)
+
+
 def state(**changes: Any) -> JointState:
     fields = {"name": list(JOINTS), "position": [1.0, 2.0, 3.0], "velocity": [0.1, 0.2, 0.3]}
     return JointState(**(fields | changes))

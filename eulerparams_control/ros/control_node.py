@@ -44,6 +44,7 @@ class ControlNode(LifecycleNode):
     """A lifecycle node that runs one scheme on one arm."""
 
     parameters_type: type[Any] = ControlParameters
+    needs_velocity = False
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -169,7 +170,7 @@ class ControlNode(LifecycleNode):
             self._health.set(diagnostics.ERROR, f"not configured: {error}")
             return TransitionCallbackReturn.FAILURE
         self._robot = robot
-        self._reader = JointStateReader(robot.joints)
+        self._reader = JointStateReader(robot.joints, self.needs_velocity)
         self._commands = self.make_commands(robot.joints)
         self._health.set(diagnostics.OK, "configured, waiting for joint_states")
         return TransitionCallbackReturn.SUCCESS

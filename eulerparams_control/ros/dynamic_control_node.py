@@ -142,6 +142,7 @@ class DynamicControlNode(ControlNode):
     """Dynamic control of one arm."""
 
     parameters_type = DynamicParameters
+    needs_velocity = True
 
     def __init__(self) -> None:
         super().__init__("dynamic_control")

@@ -52,6 +52,10 @@ class Scheme(ABC):
     def reset(self, q: Array) -> None:
         """Forget the past; begin at the measured positions q (n,)."""
 
+    def resume(self, q: Array) -> None:
+        """Begin again at the measured q (n,) while the last command still acts."""
+        self.reset(q)
+
     @abstractmethod
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command that holds the arm still, whatever became of the law.

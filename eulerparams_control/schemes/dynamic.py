@@ -168,6 +168,7 @@ class DynamicControl(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self._x_de: Any = None
+        self._tau: Array | None = None  # commanded last
         self.law, self.dynamics = law, _checked(dynamics, robot)
         self.reset(np.zeros(robot.n))
 
@@ -186,13 +187,18 @@ class DynamicControl(Scheme):
         self._blend.replace(self._ddq)
 
     def reset(self, q: Array) -> None:
-        """Begin at the measured q (n,)."""
+        """Begin at the measured q (n,); the rate of the efforts stays bounded."""
         self._q = q.copy()
         self._ddq = np.zeros_like(q)
-        self._tau: Array | None = None  # the first effort is not bounded in its rate
         self._x_de = None
         self._held: Array | None = None
         self._blend.reset()
+
+    def resume(self, q: Array) -> None:
+        """Begin at the measured q (n,), with the efforts as they are."""
+        tau = self._tau
+        self.reset(q)
+        self._tau = tau
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return efforts that hold the joints where they were when this began.
@@ -205,7 +211,10 @@ class DynamicControl(Scheme):
         self._q, self._x_de = q, None
         self._blend.reset()
         ddq = _HOLD_K * (self._held - q) - _HOLD_D * dq
-        return JointCommand(effort=self._command(state, ddq, dt)[0])
+        try:
+            return JointCommand(effort=self._command(state, ddq, dt)[0])
+        except SingularityError:  # what was measured is beyond all numbers
+            return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
 
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the measured q."""
@@ -239,19 +248,25 @@ class DynamicControl(Scheme):
         return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
 
     def _command(self, state: DynamicState, ddq: Array, dt: float) -> tuple[Array, bool]:
-        """Return the efforts for ddq (n,) within the limits, and whether one changed them."""
-        joints = self.limits.joints
-        if joints is None:
-            self._ddq, self._tau = ddq, self.dynamics.effort(state, ddq)
-            return self._tau, False
-        ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq)
-        tau, cut = joints.limit_effort(self.dynamics.effort(state, ddq))
-        tau, ramped = self._limit_rate(tau, dt)
+        """Return the efforts for ddq (n,) within the limits, and whether one changed them.
+
+        Raises:
+            SingularityError: if they are not finite; nothing is kept then.
+        """
+        joints, slowed, cut, ramped = self.limits.joints, False, False, False
+        if joints is not None:
+            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq)
+        tau = self.dynamics.effort(state, ddq)
+        if not np.isfinite(tau).all():
+            raise SingularityError("the joints are measured at a state of infinite efforts")
+        if joints is not None:
+            tau, cut = joints.limit_effort(tau)
+            tau, ramped = self._limit_rate(tau, dt)
         self._ddq, self._tau = ddq, tau
         return tau, slowed or cut or ramped
 
     def _limit_rate(self, tau: Array, dt: float) -> tuple[Array, bool]:
-        if self._tau is None:
+        if self._tau is None or dt == 0:  # the first effort, and that after a gap, is free
             return tau, False
         step = self.limits.rate * dt
         change = tau - self._tau
