@@ -16,7 +16,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -67,10 +66,23 @@ class BridgeParameters:
     tool_inertia: tuple[float, ...] = parameter(
         (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
     )
-    friction_viscous: tuple[float, ...] = parameter((0.0,), "one, or one a joint", unit="Nm s/rad")
-    friction_coulomb: tuple[float, ...] = parameter((0.0,), "one, or one a joint", unit="Nm")
+    friction_viscous: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: damping of the URDF", unit="Nm s/rad"
+    )
+    friction_coulomb: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: friction of the URDF", unit="Nm"
+    )
     noise_position: float = parameter(0.0, "standard deviation", unit="rad", bounds=(0.0, 1.0))
     noise_velocity: float = parameter(0.0, "standard deviation", unit="rad/s", bounds=(0.0, 10.0))
+    encoder_resolution: int = parameter(
+        0, "counts per turn of the encoders; 0: exact", bounds=(0, 2**31 - 1)
+    )
+    velocity_cutoff: float = parameter(
+        0.0,
+        "of the filter that derives velocities from positions; 0: as simulated",
+        unit="Hz",
+        bounds=(0.0, 5000.0),
+    )
     noise_force: float = parameter(0.0, "standard deviation", unit="N", bounds=(0.0, 1000.0))
     noise_torque: float = parameter(0.0, "standard deviation", unit="Nm", bounds=(0.0, 1000.0))
     wrench_bias: tuple[float, ...] = parameter((0.0,) * 6, "of the sensor", unit="N, Nm")
@@ -86,11 +98,7 @@ class BridgeParameters:
     def simulator(self) -> SimulatorParameters:
         """Return what concerns the simulator."""
         names = SimulatorParameters.__dataclass_fields__.keys() & self.__dataclass_fields__.keys()
-        values = {name: getattr(self, name) for name in names}
-        for name in ("friction_viscous", "friction_coulomb"):
-            if len(values[name]) == 1:
-                values[name] = values[name][0]
-        return SimulatorParameters(**values)
+        return SimulatorParameters(**{name: getattr(self, name) for name in names})
 
 
 class BridgeNode(Node):
@@ -197,7 +205,11 @@ class BridgeNode(Node):
         self._health.set(diagnostics.ERROR, reason)
 
     def _step(self) -> None:
-        self._simulator.step()
+        try:
+            self._simulator.step()
+        except SimulationError as error:
+            self._health.set(diagnostics.ERROR, str(error))
+            raise
         self._state = self._simulator.read()
         self._publish_state()
         self._report_progress()
@@ -279,8 +291,7 @@ class BridgeNode(Node):
 
     def close(self) -> None:
         """Let the last messages reach their readers, then end the simulator."""
-        publishers: tuple[Publisher, ...] = (self._wrench_publisher, self._state_publisher)
-        for publisher in publishers:
+        for publisher in self.publishers:
             publisher.wait_for_all_acked(_LINGER)
         self._simulator.close()
 

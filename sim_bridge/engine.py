@@ -75,13 +75,15 @@ class Engine:
         _make_exact(self.client, self.body, links, model.moments)
         self._arm = [joints[name] for name in robot.joints]
         self.sensor_link = links[SENSOR_LINK]
+        self._rank = np.argsort(np.argsort(self._arm))
         self._sensed = [*self._arm, self.sensor_link]
         pybullet.enableJointForceTorqueSensor(self.body, self.sensor_link, True, self.client)
 
-    def place(self, q: Array) -> None:
-        """Put the arm at rest at ``q``."""
-        for joint, value in zip(self._arm, q.tolist(), strict=True):
-            pybullet.resetJointState(self.body, joint, value, 0.0, self.client)
+    def place(self, q: Array, dq: Array | None = None) -> None:
+        """Put the arm at ``q``, moving at ``dq``, default at rest."""
+        speeds = [0.0] * len(self._arm) if dq is None else dq.tolist()
+        for joint, value, speed in zip(self._arm, q.tolist(), speeds, strict=True):
+            pybullet.resetJointState(self.body, joint, value, speed, self.client)
 
     def drive(self, dq: Array, effort: Array) -> None:
         """Let motors reach ``dq`` within each step from now on, with at most ``effort``."""
@@ -123,6 +125,13 @@ class Engine:
         *joints, sensor = pybullet.getJointStates(self.body, self._sensed, self.client)
         q, dq, _, motors = zip(*joints, strict=True)
         return Sample(q, dq, motors, sensor[2])
+
+    def inertia(self, q: Array) -> Array:
+        """Return the joint-space inertia M at ``q``, (n, n), kg m^2."""
+        in_tree = np.empty_like(q)
+        in_tree[self._rank] = q
+        M = pybullet.calculateMassMatrix(self.body, in_tree.tolist(), physicsClientId=self.client)
+        return np.array(M)[np.ix_(self._rank, self._rank)]
 
     def sensor_motion(self) -> tuple[Array, Array]:
         """Return the orientation of the sensor frame, (3, 3), and its (v, omega), (2, 3).

@@ -1,4 +1,4 @@
-"""What is simulated besides the robot: rate, control, tool, friction, noise."""
+"""What is simulated besides the robot: rate, control, tool, friction, encoders, noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,8 @@ CONTROLS = ("position", "torque")
 
 _SIZES = {"gravity": 3, "tool_com": 3, "tool_inertia": 6, "wrench_bias": 6}
 _NOT_NEGATIVE = ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
-                 "noise_velocity", "noise_force", "noise_torque")  # fmt: skip
+                 "noise_velocity", "noise_force", "noise_torque", "encoder_resolution",
+                 "velocity_cutoff")  # fmt: skip
 
 _ROUNDING = 1e-12  # of a principal moment that is zero, relative to the largest
 
@@ -36,9 +37,15 @@ class SimulatorParameters:
         tool_mass: of the tool beyond the sensor, kg.
         tool_com: its centre of mass in the sensor frame, m; 3.
         tool_inertia: xx, xy, xz, yy, yz, zz about that, sensor axes, kg m^2; 6.
-        friction_viscous: Nm s/rad; one for all joints or one for each.
-        friction_coulomb: Nm; one for all joints or one for each.
+        friction_viscous: Nm s/rad; one for all joints or one for each; empty: ``damping``
+            of the URDF.
+        friction_coulomb: Nm; the same; empty: ``friction`` of the URDF.
         noise_position, noise_velocity: standard deviations, rad and rad/s.
+            ``velocity_cutoff`` excludes the latter.
+        encoder_resolution: counts per turn, to which the noisy position is rounded;
+            0: exact.
+        velocity_cutoff: the velocity is derived from the measured position, with a low
+            pass of this cut-off, Hz; below half the rate; 0: the velocity as simulated.
         noise_force, noise_torque: standard deviations, N and Nm.
         wrench_bias: added to the wrench, N and Nm; 6.
         seed: of the noise.
@@ -57,10 +64,12 @@ class SimulatorParameters:
     tool_mass: float = 0.0
     tool_com: Sequence[float] = (0.0,) * 3
     tool_inertia: Sequence[float] = (0.0,) * 6
-    friction_viscous: float | Sequence[float] = 0.0
-    friction_coulomb: float | Sequence[float] = 0.0
+    friction_viscous: float | Sequence[float] = ()
+    friction_coulomb: float | Sequence[float] = ()
     noise_position: float = 0.0
     noise_velocity: float = 0.0
+    encoder_resolution: int = 0
+    velocity_cutoff: float = 0.0
     noise_force: float = 0.0
     noise_torque: float = 0.0
     wrench_bias: Sequence[float] = (0.0,) * 6
@@ -81,11 +90,24 @@ class SimulatorParameters:
         for name in _NOT_NEGATIVE:
             value = np.asarray(getattr(self, name))
             _require(bool(np.all((value >= 0.0) & (value < np.inf))), f"{name} must be 0 or more")
+        self._check_velocity()
         moments = np.linalg.eigvalsh(self.tool.inertia)
         possible = moments[0] >= -_ROUNDING * moments[-1]
         _require(possible, f"tool_inertia has a negative principal moment: {moments}")
         stray = self.tool_mass == 0.0 and np.any(self.tool_inertia)
         _require(not stray, "tool_inertia is given without tool_mass")
+
+    def _check_velocity(self) -> None:
+        cutoff, noise = self.velocity_cutoff, self.noise_velocity
+        _require(
+            cutoff < self.rate / 2.0,
+            f"velocity_cutoff {cutoff} Hz must be below half the rate {self.rate} Hz",
+        )
+        _require(
+            cutoff == 0.0 or noise == 0.0,
+            f"noise_velocity {noise} rad/s is given with velocity_cutoff {cutoff} Hz, which "
+            "derives the velocity from the position; set one of them to 0",
+        )
 
     @property
     def tool(self) -> Body:

@@ -10,7 +10,7 @@ sensor frame and about its origin.  The root link stands at the origin of the wo
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,18 +18,21 @@ from numpy.typing import ArrayLike
 
 from eulerparams_control.catalogue import RobotDescription
 from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
-from eulerparams_control.urdf import MOVING, UrdfTree, joint_limits
-from sim_bridge.engine import Engine
+from eulerparams_control.urdf import MOVING, UrdfTree, joint_friction, joint_limits
+from sim_bridge.encoders import Encoders
+from sim_bridge.engine import Engine, Sample
+from sim_bridge.friction import is_stiff, soften
 from sim_bridge.load import Load
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
 
-# Coulomb friction fades below this speed [rad/s]; an abrupt one would chatter.
-COULOMB_SPEED = 0.05
+# In so many configurations within the limits the inertia is looked at.
+_CONFIGURATIONS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +59,7 @@ class Simulator:
     """A robot with its drivers, its brakes and its force/torque sensor.
 
     It stands braked until the first command, and holds a command until the next one.
-    Its dynamics are those of the URDF without the damping; friction is a parameter.
+    Its dynamics, and unless a parameter says otherwise its friction, are those of the URDF.
 
     Args:
         robot: the arm; its other moving joints are locked at zero.
@@ -68,7 +71,7 @@ class Simulator:
         engine: what moves the robot, for an environment to add to.
 
     Raises:
-        ConfigurationError: if a friction is not of n joints.
+        ConfigurationError: if a friction is neither one number nor n.
         RobotError: if the robot cannot be simulated.
         SimulationError: if PyBullet cannot be started.
     """
@@ -78,10 +81,14 @@ class Simulator:
         joints, n = UrdfTree(robot.urdf).joints, len(robot.joints)
         moving = (name for name, joint in joints.items() if joint.get("type") in MOVING)
         self.joint_names = tuple(dict.fromkeys([*robot.joints, *moving]))
-        self._limits = _limits([joints[name] for name in robot.joints], parameters.enforce_limits)
-        self._viscous = _each("friction_viscous", parameters.friction_viscous, n)
-        self._coulomb = _each("friction_coulomb", parameters.friction_coulomb, n)
-        self._has_friction = bool(np.any(self._viscous) or np.any(self._coulomb))
+        arm = [joints[name] for name in robot.joints]
+        self._limits = _limits(arm, parameters.enforce_limits)
+        self._friction = _friction(arm, parameters)
+        self._has_friction = not self._friction.is_none
+        self._dt = 1.0 / parameters.rate
+        self._encoders = Encoders(
+            parameters.encoder_resolution, parameters.velocity_cutoff, self._dt
+        )
         self._bias = np.array(parameters.wrench_bias, dtype=float)
         self._noise = parameters.noise(n)
         self._is_noisy = bool(np.any(self._noise))
@@ -92,7 +99,10 @@ class Simulator:
         self._is_broken = False
         self.engine = Engine(robot, parameters)
         gravity = np.array(parameters.gravity, dtype=float)
-        self._load = Load(self.engine.load, gravity, 1.0 / parameters.rate)
+        self._load = Load(self.engine.load, gravity, self._dt)
+        self._is_stiff = self._has_friction and is_stiff(
+            self._friction, map(self.engine.inertia, self._configurations()), self._dt
+        )
         self.reset()
 
     def reset(self, q0: ArrayLike | None = None) -> None:
@@ -120,6 +130,7 @@ class Simulator:
         self.engine.step()  # the brakes take the weight
         self.engine.place(q)
         self._load.reset()
+        self._encoders.reset()
         self._sense()
 
     def read(self) -> SimulatorState:
@@ -181,13 +192,16 @@ class Simulator:
             self._servo(*self._reference)
         effort = self._effort
         if self._has_friction:
-            effort = (self._zero if effort is None else effort) - self._friction()
+            lost = self._friction.effort(self._dq)
+            effort = (self._zero if effort is None else effort) - lost
         if effort is not None:
             self.engine.exert(effort)
         if self._external is not None:
             self.engine.push(self._external)
         self.engine.step()
         self._count += 1
+        if self._is_stiff and self._effort is not None:
+            self._soften()
         self._sense()
 
     def close(self) -> None:
@@ -199,8 +213,19 @@ class Simulator:
         limit = self._limits.velocity
         self.engine.drive(_clip(dq, -limit, limit), self._limits.effort)
 
-    def _friction(self) -> Array:
-        return self._viscous * self._dq + self._coulomb * np.tanh(self._dq / COULOMB_SPEED)
+    def _configurations(self) -> Array:
+        """Return configurations all over the limits, (_CONFIGURATIONS, n); the same always."""
+        lower, upper = np.clip((self._limits.lower, self._limits.upper), -np.pi, np.pi)
+        shape = _CONFIGURATIONS, len(lower)
+        return np.random.default_rng(0).uniform(lower, upper, shape)
+
+    def _soften(self) -> None:
+        """Correct the last step for a friction that is too stiff for it."""
+        sample = self.engine.sample()
+        q, dq = np.array(sample.q), np.array(sample.dq)
+        M = self.engine.inertia(self._q)
+        dq_after = soften(self._friction, M, self._dt, self._dq, dq)
+        self.engine.place(q + self._dt * (dq_after - dq), dq_after)
 
     def _sense(self) -> None:
         """Let the sensors measure.
@@ -209,26 +234,39 @@ class Simulator:
         them; the weight and the inertia of the load come on top.
         """
         sample = self.engine.sample()
-        if not math.isfinite(sum(sample.q) + sum(sample.dq)):
-            self._is_broken = True
-            raise SimulationError(f"the state of the robot is not finite after step {self._count}")
+        self._check(sample)
         self._q: Array = np.array(sample.q)
         self._dq: Array = np.array(sample.dq)
         tau = np.array(sample.motors) if self._effort is None else self._effort
         wrench = self._bias - np.array(sample.reaction)
         if self.engine.load.mass > 0.0:
             wrench += self._load.wrench(*self.engine.sensor_motion())
-        measured = self._q, self._dq, tau, wrench
+            self._check(sample._replace(reaction=wrench.tolist()))
+        q, dq = self._q, self._dq
         if self._is_noisy:
-            measured = self._disturb(*measured)
+            q, dq, wrench = self._disturb(q, dq, wrench)
+        if not self._encoders.are_exact:
+            q, dq = self._encoders.measure(q, dq)
+        measured = q, dq, tau, wrench
         self._state = SimulatorState(self._count, self._count / self.parameters.rate, *measured)
 
-    def _disturb(
-        self, q: Array, dq: Array, tau: Array, wrench: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def _check(self, sample: Sample) -> None:
+        """Refuse what is not finite; a speed of ``NO_LIMIT`` stands for an infinite one."""
+        slow = min(sample.dq) > -NO_LIMIT and max(sample.dq) < NO_LIMIT
+        if slow and all(math.isfinite(sum(values)) for values in sample):
+            return
+        self._is_broken = True
+        q, dq, motors, sensor = map(_text, sample)
+        effort = motors if self._effort is None else _text(self._effort)
+        raise SimulationError(
+            f"the state of the robot is not finite after step {self._count}: "
+            f"q {q}, dq {dq} ({NO_LIMIT:g} is infinite), effort {effort}, sensor {sensor}"
+        )
+
+    def _disturb(self, q: Array, dq: Array, wrench: Array) -> tuple[Array, Array, Array]:
         """Add the noise of the sensors."""
         noise, n = self._noise * self._random.standard_normal(len(self._noise)), len(q)
-        return q + noise[:n], dq + noise[n : 2 * n], tau, wrench + noise[2 * n :]
+        return q + noise[:n], dq + noise[n : 2 * n], wrench + noise[2 * n :]
 
     def _require(self, control: str) -> None:
         if self.parameters.control != control:
@@ -245,11 +283,21 @@ class Simulator:
         return vector
 
 
-def _each(name: str, value: float | Sequence[float], n: int) -> Array:
-    """Return the value (n,) of each joint."""
-    if np.shape(value) not in ((), (n,)):
-        raise ConfigurationError(f"simulator: {name} must be one number or {n}, got {value}")
-    return np.broadcast_to(np.asarray(value, dtype=float), n)
+def _friction(joints: list[ET.Element], parameters: SimulatorParameters) -> JointFriction:
+    """Return the friction of the joints."""
+    viscous, coulomb = np.array([joint_friction(joint) for joint in joints]).T
+    return JointFriction(
+        _each("friction_viscous", parameters.friction_viscous, viscous),
+        _each("friction_coulomb", parameters.friction_coulomb, coulomb),
+    )
+
+
+def _each(name: str, value: float | Sequence[float], stated: Array) -> Array:
+    """Return the value (n,) of each joint; empty is as stated (n,)."""
+    n = len(stated)
+    if np.shape(value) not in ((), (0,), (1,), (n,)):
+        raise ConfigurationError(f"simulator: {name} must be empty, one number or {n}, got {value}")
+    return np.broadcast_to(np.asarray(value, dtype=float), n) if np.size(value) else stated
 
 
 def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:
@@ -258,6 +306,10 @@ def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:
     if not enforced:
         stated = np.array([[-np.inf], [np.inf], [np.inf], [np.inf]]) + np.zeros_like(stated)
     return JointLimits(*np.clip(stated, -NO_LIMIT, NO_LIMIT))
+
+
+def _text(values: Iterable[float]) -> str:
+    return "[" + ", ".join(f"{value:.3g}" for value in values) + "]"
 
 
 def _clip(values: Array, lower: Array, upper: Array) -> Array:

@@ -9,7 +9,7 @@ So the text is edited before it is loaded:
 - a massless link at the sensor frame carries what is distal, on a fixed joint.  With
   nothing but massless links beyond it, the reaction of that joint is exactly what
   touches them; weight and inertia of the load are added by the simulator;
-- joints that do not belong to the arm are fixed at zero, damping is gone.
+- joints that do not belong to the arm are fixed at zero, and damping is left to the simulator.
 """
 
 import math

@@ -20,8 +20,9 @@ from hypothesis import strategies as st
 
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
+from eulerparams_control.urdf import COULOMB_SPEED
 from sim_bridge.parameters import SimulatorParameters
-from sim_bridge.simulator import COULOMB_SPEED, Simulator, SimulatorState
+from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.urdf import SENSOR_LINK, Body, simulation_urdf
 
 # --- tolerances ----------------------------------------------------------------------
@@ -32,6 +33,9 @@ TORQUE = 1e-9
 
 # One step of q += dt dq: one rounding of numbers of order 1.
 ROUNDING = 1e-14
+
+# The same of the last step of Newton's method, 1e-15 rad/s.
+IMPLICIT_TORQUE = 1e-8
 
 # Joint speeds that the motors leave: 50 iterations of PyBullet's solver, 1e-8 seen.
 MOTOR_SPEED = 1e-7
@@ -66,6 +70,9 @@ DECAY = 1e-4
 
 # Overshoot of a joint stop that is hit at full speed: one step of 10 rad/s, rad.
 STOP = 0.02
+
+# A low pass summed up in closed form: rounding of differences of q (1e-16) over dt.
+FILTERED = 1e-10
 
 # Mean and standard deviation of N samples: 4.5 sigma, once in 100,000 tests.
 SAMPLES = 4000
@@ -170,6 +177,15 @@ class Model:
             forces[self.joint] = self.placement.act(pin.Force(np.array(wrench)))
         return pin.rnea(self.model, self.data, q, dq, ddq, forces)
 
+    def friction(self, dq: Any) -> Any:
+        """What the URDF states, as Pinocchio reads it."""
+        return self.model.damping * dq + self.model.friction * np.tanh(dq / COULOMB_SPEED)
+
+    def inertia(self, q: Any) -> Any:
+        """The joint-space inertia."""
+        upper = np.triu(pin.crba(self.model, self.data, q))
+        return upper + np.triu(upper, 1).T
+
     def R(self, q: Any) -> Any:
         """Orientation of the sensor frame."""
         pin.forwardKinematics(self.model, self.data, q)
@@ -227,7 +243,8 @@ def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(
         sim.set_external_wrench(push)
         after = run(sim, 1)
         ddq_seen = (after.dq - before.dq) / 1e-3
-        assert model.tau(before.q, before.dq, ddq_seen, push) == pytest.approx(tau, abs=TORQUE)
+        moved = model.tau(before.q, before.dq, ddq_seen, push)
+        assert moved == pytest.approx(tau - model.friction(before.dq), abs=TORQUE)
         assert after.q == pytest.approx(before.q + 1e-3 * after.dq, abs=ROUNDING)
         fastest = max(fastest, np.abs(after.dq).max())
     assert fastest > 0.1  # rad/s: it did move
@@ -517,7 +534,7 @@ def test_a_joint_stops_at_its_limit_in_torque_control() -> None:
 
 
 @pytest.mark.parametrize(
-    ("viscous", "coulomb"), [(2.0, 0.0), (0.0, 1.5), ((1.0, 2.0, 3.0, 0.1, 0.2, 0.3), 0.5)]
+    ("viscous", "coulomb"), [(2.0, 0.0), (0.0, 1.0), ((1.0, 2.0, 3.0, 0.1, 0.2, 0.3), 0.5)]
 )
 def test_friction_takes_its_torque_from_the_effort(viscous: Any, coulomb: Any) -> None:
     sim = simulator("ur5", control="torque", friction_viscous=viscous, friction_coulomb=coulomb)
@@ -542,6 +559,121 @@ def test_coulomb_friction_brings_a_joint_to_rest_without_chatter() -> None:
     speeds = [abs(run(sim, 1).dq[5]) for _ in range(1000)]
     assert all(later <= earlier for earlier, later in itertools.pairwise(speeds[50:]))
     assert speeds[-1] < 0.01 * COULOMB_SPEED
+
+
+GIVEN = [((), ()), (0.0, ()), ((), 0.0), ((1.5,), (0.2,)), ((), 0.3), ("each", "each")]
+
+
+@pytest.mark.parametrize(
+    ("name", "rate", "viscous", "coulomb"),
+    [
+        *((name, rate, (), ()) for name in ROBOTS for rate in (500.0, 1000.0)),
+        *((name, 8000.0, *given) for name in ("kuka_iiwa", "odd") for given in GIVEN),
+    ],
+)
+def test_an_effort_that_contains_the_friction_given_or_else_of_the_urdf_cancels_it(
+    name: str, rate: float, viscous: Any, coulomb: Any
+) -> None:
+    model = Model(robot(name))
+    each = tuple(0.05 * k for k in range(model.n))
+    viscous, coulomb = (each if value == "each" else value for value in (viscous, coulomb))
+    friction = {"friction_viscous": viscous, "friction_coulomb": coulomb}
+    sim = simulator(name, control="torque", rate=rate, enforce_limits=False, **friction)
+    d = model.model.damping if viscous == () else np.array(viscous)
+    c = model.model.friction if coulomb == () else np.array(coulomb)
+    sim.reset()
+    for _ in range(round(0.05 * rate)):
+        before = sim.read()
+        tau = model.tau(before.q, before.dq, np.full(model.n, 5.0))
+        sim.command_effort(tau + d * before.dq + c * np.tanh(before.dq / COULOMB_SPEED))
+        after = run(sim, 1)
+        moved = model.tau(before.q, before.dq, (after.dq - before.dq) * rate)
+        assert moved == pytest.approx(tau, abs=TORQUE * max(1.0, 1e-3 * rate))
+    assert after.dq == pytest.approx(np.full(model.n, 0.25))  # rad/s, well above COULOMB_SPEED
+
+
+# Friction of the speed before the step would be unstable: viscous, or Coulomb near rest, or both.
+STIFF = [
+    ("kuka_iiwa", {"rate": 200.0}),
+    ("ur10", {"friction_coulomb": 1.0}),
+    ("odd", {"rate": 100.0, "friction_viscous": 5.0, "friction_coulomb": (0.5, 1.0, 0.4)}),
+]
+
+
+@pytest.mark.parametrize(("name", "parameters"), STIFF)
+def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(
+    name: str, parameters: dict[str, Any]
+) -> None:
+    sim = simulator(name, control="torque", enforce_limits=False, **parameters)
+    model, rate = Model(robot(name)), sim.parameters.rate
+    given = (parameters.get(f"friction_{kind}") for kind in ("viscous", "coulomb"))
+    stated = (model.model.damping, model.model.friction)
+    d, c = (s if g is None else np.array(g) for g, s in zip(given, stated, strict=True))
+    sim.reset()
+    push = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1])
+    sim.set_external_wrench(push)
+    for k in range(200):
+        before = sim.read()
+        gravity = model.tau(before.q, 0 * before.dq, 0 * before.dq)
+        sim.command_effort(gravity + 3.0 * np.sin(0.05 * k + np.arange(model.n)))
+        after = run(sim, 1)
+        friction = d * after.dq + c * np.tanh(after.dq / COULOMB_SPEED)
+        moved = model.tau(before.q, before.dq, (after.dq - before.dq) * rate, push)
+        assert moved == pytest.approx(after.tau - friction, abs=IMPLICIT_TORQUE)
+        assert after.q == pytest.approx(before.q + after.dq / rate, abs=ROUNDING)
+    assert np.abs(after.dq).max() > COULOMB_SPEED
+
+
+@pytest.mark.parametrize(("name", "parameters"), STIFF)
+def test_friction_on_light_links_takes_energy_in_every_step(
+    name: str, parameters: dict[str, Any]
+) -> None:
+    still = {"control": "torque", "gravity": (0.0, 0.0, 0.0), "enforce_limits": False}
+    sim, model = simulator(name, **still, **parameters), Model(robot(name))
+    sim.reset()
+    sim.command_effort(np.full(model.n, 3.0))
+    state = run(sim, 20)
+    energies = [0.5 * state.dq @ model.inertia(state.q) @ state.dq]
+    sim.command_effort(np.zeros(model.n))
+    for _ in range(400):
+        state = run(sim, 1)
+        energies.append(0.5 * state.dq @ model.inertia(state.q) @ state.dq)
+    assert all(later < earlier for earlier, later in itertools.pairwise(energies))
+    assert energies[-1] < 0.05 * energies[0]
+
+
+def test_the_order_of_the_joints_is_that_of_the_robot() -> None:
+    turned = dataclasses.replace(
+        ODD, joints=("bend", "turn", "slide"), home=tuple(np.array(ODD.home)[[2, 0, 1]])
+    )
+    parameters = SimulatorParameters(control="torque", rate=100.0, friction_coulomb=(2.0, 3.0, 9.0))
+    simulators = [
+        Simulator(turned, parameters),
+        Simulator(ODD, dataclasses.replace(parameters, friction_coulomb=(3.0, 9.0, 2.0))),
+    ]
+    simulators[0].command_effort([4.0, 2.0, 30.0])
+    simulators[1].command_effort([2.0, 30.0, 4.0])
+    one, other = (run(sim, 20) for sim in simulators)
+    assert one.q == pytest.approx(other.q[[2, 0, 1]], abs=ROUNDING)
+    assert np.abs(one.dq).min() > COULOMB_SPEED
+    for sim in simulators:
+        sim.close()
+
+
+def test_the_servo_overcomes_friction_and_its_effort_shows_it() -> None:
+    still = {"gravity": (0.0, 0.0, 0.0), "friction_viscous": 2.0, "friction_coulomb": 1.0}
+    sim, model = simulator("ur5", **still), Model(robot("ur5"))
+    model.model.gravity.linear = np.zeros(3)
+    sim.reset()
+    speed = np.array([0.3, -0.2, 0.1, 0.3, -0.2, 0.1])
+    for _ in range(100):
+        before = sim.read()
+        sim.command_position(before.q, speed)
+        after = run(sim, 1)
+    assert after.dq == pytest.approx(speed, abs=MOTOR_SPEED)
+    friction = 2.0 * before.dq + np.tanh(before.dq / COULOMB_SPEED)
+    moved = model.tau(before.q, before.dq, (after.dq - before.dq) * 1e3)
+    assert after.tau == pytest.approx(moved + friction, abs=HOLDING_TORQUE)
 
 
 # --- refusals ------------------------------------------------------------------------
@@ -619,6 +751,65 @@ def test_a_state_that_is_not_finite_ends_in_an_error_and_reset_mends_it() -> Non
     assert again.wrench.tolist() == fresh.wrench.tolist()
 
 
+@pytest.mark.parametrize("field", ["q", "dq", "motors", "reaction"])
+@pytest.mark.parametrize("bad", [[np.nan, 0.0], [np.inf, 0.0], [0.0, -np.inf], [np.inf, -np.inf]])
+def test_whatever_is_not_finite_after_a_step_is_refused(
+    monkeypatch: pytest.MonkeyPatch, field: str, bad: list[float]
+) -> None:
+    sim = simulator("ur5")
+    sim.reset()
+    sample = sim.engine.sample()
+    broken = sample._replace(**{field: (*getattr(sample, field)[:4], *bad)})
+    monkeypatch.setattr(sim.engine, "sample", lambda: broken)
+    with pytest.raises(SimulationError, match="not finite after step 1"):
+        sim.step()
+    monkeypatch.undo()
+    sim.reset()
+
+
+def test_a_tool_whose_motion_is_not_finite_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    sim = simulator("ur5", **TOOL)
+    sim.reset()
+    R, twist = sim.engine.sensor_motion()
+    monkeypatch.setattr(sim.engine, "sensor_motion", lambda: (R, twist + np.nan))
+    with pytest.raises(SimulationError, match=r"after step 1: .* sensor \[nan"):
+        sim.step()
+    assert np.isfinite(sim.read().wrench).all()
+    monkeypatch.undo()
+    sim.reset()
+
+
+RUB = {"friction_coulomb": 1.0}  # implicit for this robot
+
+
+@pytest.mark.parametrize("tool", [{}, TOOL, RUB], ids=["bare", "tool", "friction"])
+@pytest.mark.parametrize("strength", [1e9, 1e12, 1e30, 1e300])
+@pytest.mark.parametrize("cause", ["effort", "push", "both"])
+@pytest.mark.filterwarnings("error")
+def test_a_robot_that_is_torn_apart_says_so_and_never_reports_what_is_not_finite(
+    cause: str, strength: float, tool: dict[str, Any]
+) -> None:
+    sim = simulator("kuka_iiwa", control="torque", enforce_limits=False, **tool)
+    sim.reset()
+    fresh = run(sim, 3)
+    sim.command_effort(np.full(7, strength if cause != "push" else 0.0))
+    if cause != "effort":
+        sim.set_external_wrench(np.full(6, -strength))
+    words = r"not finite after step \d+: q \[.*dq \[.*effort \[.*sensor \["
+    steps = itertools.count(fresh.step + 1)
+    with pytest.raises(SimulationError, match=words) as error:
+        for step in steps:
+            sim.step()
+            state = sim.read()
+            assert np.isfinite([*state.q, *state.dq, *state.tau, *state.wrench]).all()
+            assert state.step == step < 1000
+    assert f"after step {sim.read().step + 1}:" in str(error.value)
+    last = sim.read()
+    assert np.isfinite([*last.q, *last.dq, *last.tau, *last.wrench]).all()
+    sim.reset()
+    assert run(sim, 3).q.tolist() == fresh.q.tolist()
+
+
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
@@ -635,6 +826,14 @@ def test_a_state_that_is_not_finite_ends_in_an_error_and_reset_mends_it() -> Non
         ({"tool_mass": 1.0, "tool_inertia": (1, 5, 0, 1, 0, 1)}, "negative principal moment"),
         ({"friction_coulomb": (0.0, -1.0)}, "friction_coulomb must be 0 or more"),
         ({"noise_force": -1.0}, "noise_force must be 0 or more"),
+        ({"encoder_resolution": -1}, "encoder_resolution must be 0 or more"),
+        ({"velocity_cutoff": -1.0}, "velocity_cutoff must be 0 or more"),
+        ({"velocity_cutoff": float("nan")}, "velocity_cutoff must be 0 or more"),
+        ({"velocity_cutoff": 500.0}, "velocity_cutoff 500.0 Hz must be below half the rate 1000.0"),
+        (
+            {"velocity_cutoff": 50.0, "noise_velocity": 0.1},
+            "noise_velocity 0.1 rad/s is given with velocity_cutoff 50.0 Hz",
+        ),
     ],
 )
 def test_an_impossible_parameter_is_refused_with_the_bound(
@@ -653,7 +852,7 @@ def test_a_window_without_a_display_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_friction_of_another_number_of_joints_is_refused() -> None:
     parameters = SimulatorParameters(friction_viscous=(1.0, 1.0))
-    with pytest.raises(ConfigurationError, match="friction_viscous must be one number or 6"):
+    with pytest.raises(ConfigurationError, match="friction_viscous must be empty, one number or 6"):
         Simulator(robot("ur5"), parameters)
 
 
@@ -715,6 +914,88 @@ def test_noise_follows_its_seed_and_leaves_the_motion_alone() -> None:
     assert not np.array_equal(trajectories[0], trajectories[2])
     assert trajectories[3] == pytest.approx(trajectories[0], abs=6e-3)
     assert np.all(trajectories[3] != trajectories[0])
+
+
+# --- encoders ------------------------------------------------------------------------
+
+
+def moving(**parameters: Any) -> list[SimulatorState]:
+    """Return the states of an arm that follows a reference."""
+    sim = Simulator(robot("ur5"), SimulatorParameters(**parameters))
+    states = [sim.read()]
+    for k in range(200):
+        q_ref = np.array(robot("ur5").home) + 0.1 * np.sin(0.02 * k + np.arange(6.0))
+        sim.command_position(q_ref, np.zeros(6))
+        states.append(run(sim, 1))
+    sim.close()
+    return states
+
+
+def array(states: list[SimulatorState], name: str) -> Any:
+    return np.array([getattr(state, name) for state in states])
+
+
+@pytest.mark.parametrize("resolution", [1000, 4096, 2**20])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_an_encoder_counts_the_noisy_position_to_the_nearest(noise: float, resolution: int) -> None:
+    exact = moving(noise_position=noise, seed=3)
+    counted = moving(noise_position=noise, seed=3, encoder_resolution=resolution)
+    grid = 2.0 * np.pi / resolution
+    q, counts = array(exact, "q"), array(counted, "q") / grid
+    assert counts == pytest.approx(np.round(counts), abs=1e-6)
+    error = np.abs(array(counted, "q") - q)
+    assert 0.45 * grid < error.max() < 0.5 * grid * (1.0 + 1e-6)
+    assert array(counted, "dq").tolist() == array(exact, "dq").tolist()
+    assert array(counted, "wrench").tolist() == array(exact, "wrench").tolist()
+
+
+@pytest.mark.parametrize("cutoff", [5.0, 60.0, 499.0])
+@pytest.mark.parametrize("drives", [{}, {"noise_position": 1e-3, "encoder_resolution": 4096}])
+def test_the_velocity_is_the_filtered_difference_quotient_of_the_measured_position(
+    drives: dict[str, Any], cutoff: float
+) -> None:
+    states = moving(velocity_cutoff=cutoff, **drives)
+    rates = np.diff(array(states, "q"), axis=0) * 1e3
+    decay = np.exp(-2.0 * np.pi * cutoff * 1e-3)
+    response = (1.0 - decay) * decay ** np.arange(len(rates))
+    filtered = [np.convolve(rate, response)[: len(rates)] for rate in rates.T]
+    start, *dq = array(states, "dq")
+    assert start.tolist() == [0.0] * 6
+    assert np.transpose(dq) == pytest.approx(np.array(filtered), abs=FILTERED)
+    assert np.abs(filtered).max() > 0.1
+
+
+def test_the_velocity_filter_forgets_as_a_first_order_low_pass_does() -> None:
+    sim = simulator("ur5", velocity_cutoff=10.0, enforce_limits=False)
+    sim.reset()
+    for _ in range(100):
+        sim.command_position(sim.read().q, np.full(6, 0.3))
+        state = run(sim, 1)
+        expected = 0.3 * (1.0 - np.exp(-2.0 * np.pi * 10.0 * state.t))
+        assert state.dq == pytest.approx(np.full(6, expected), abs=MOTOR_SPEED)
+    sim.reset()
+    assert sim.read().dq.tolist() == [0.0] * 6
+    assert run(sim, 1).dq == pytest.approx(np.zeros(6), abs=MOTOR_SPEED)
+
+
+def test_encoders_repeat_with_their_seed_and_leave_the_motion_alone() -> None:
+    drives = {"noise_position": 1e-3, "encoder_resolution": 4096, "velocity_cutoff": 50.0}
+    one, again, other = (moving(seed=seed, **drives) for seed in (1, 1, 2))
+    exact = moving()
+    for name in ("q", "dq"):
+        assert np.array_equal(array(one, name), array(again, name))
+        assert not np.array_equal(array(one, name), array(other, name))
+    assert np.array_equal(array(one, "tau"), array(exact, "tau"))
+
+
+def test_encoders_start_anew_with_a_reset() -> None:
+    sim = simulator("ur5", noise_position=1e-3, encoder_resolution=4096, velocity_cutoff=50.0)
+    trajectories = []
+    for _ in range(2):
+        sim.reset()
+        trajectories.append([sim.read().dq.tolist(), *(run(sim, 1).dq.tolist() for _ in range(9))])
+    assert trajectories[0] == trajectories[1]
+    assert np.any(trajectories[0][1])
 
 
 # --- the seam ------------------------------------------------------------------------
