@@ -28,7 +28,7 @@ bench: $(READY)
 
 paper: $(READY)
 	@rm -rf $(OUT)/paper
-	@$(VENV)/bin/experiment e3 e4 e6 --out $(OUT)/paper
+	@$(VENV)/bin/experiment e3 e4 e6 e7 e8 e9 e10 e11 e12 e13 e14 e21 robots encoders --out $(OUT)/paper
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -34,10 +34,12 @@ URDF = """<robot name="rod">
 </robot>"""
 
 PERIOD_NS = 10_000_000
+_LATENCY_NS = 400_000  # of an effort behind the joint_states that it answers
 _START = 1_700_000_000_000_000_000
 _TYPES = {
     "/joint_states": "sensor_msgs/msg/JointState",
     "/joint_reference": "sensor_msgs/msg/JointState",
+    "/joint_effort": "sensor_msgs/msg/JointState",
     "/reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "/robot_description": "std_msgs/msg/String",
 }
@@ -49,43 +51,62 @@ def write_run(
     command: Sequence[float] | None = None,
     *,
     speeds: Sequence[float] | None = None,
+    efforts: Sequence[float] | None = None,
     desired: bool = True,
     urdf: str = URDF,
     parameters: Mapping[str, Any] | None = None,
+    node: str = "",
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
+
+    With efforts the reference comes after the first joint_states, and before its answer.
 
     Args:
         folder: of the bag.
         measured, command: q [rad] in joint_states and joint_reference.
         speeds: [rad/s] of the command, or of the measured motion if there is none.
+        efforts: [Nm] of the hinge in joint_effort; None leaves it out.
         desired: whether a reference keeps the tip at q = 0.
         urdf: in robot_description; "" leaves it out.
-        parameters: of the node /clik; None leaves all parameters out.
+        parameters: of the node; None leaves all parameters out.
+        node: their node; "" is that of the command.
     """
+    node = node or ("/clik" if efforts is None else "/dynamic_control")
+    referred = _START if efforts is None else _START + _LATENCY_NS // 2
     with BagWriter(folder) as bag:
         for name, kind in _TYPES.items():
             bag.add_topic(Topic(name, kind))
         if parameters is not None:
-            nodes = {"/clik": {"ros__parameters": dict(parameters)}}
+            nodes = {node: {"ros__parameters": dict(parameters)}}
             bag.attach("parameters.yaml", yaml.safe_dump(nodes))
         if urdf:
             bag.write("/robot_description", serialize_message(String(data=urdf)), _START, _START)
-        if desired:
-            bag.write("/reference", serialize_message(_reference()), _START, _START)
         for index, q in enumerate(measured):
             stamp = _START + index * PERIOD_NS
             dq = 0.0 if speeds is None or command is not None else speeds[index]
             bag.write("/joint_states", _joint_state(stamp, q, dq), stamp, stamp)
+            if desired and index == 0:
+                bag.write("/reference", serialize_message(_reference()), referred, referred)
             if command is not None:
                 dq = 0.0 if speeds is None else speeds[index]
                 bag.write("/joint_reference", _joint_state(stamp, command[index], dq), stamp, stamp)
+            if efforts is not None:
+                answered = stamp + _LATENCY_NS
+                bag.write("/joint_effort", _joint_effort(stamp, efforts[index]), answered, answered)
     return folder
 
 
 def _joint_state(stamp: int, q: float, dq: float) -> bytes:
     names = ["roll", "gripper", "hinge"]
     message = JointState(name=names, position=[0.0, 9.0, q], velocity=[0.0, 9.0, dq])
+    return _stamped(message, stamp)
+
+
+def _joint_effort(stamp: int, tau: float) -> bytes:
+    return _stamped(JointState(name=["roll", "gripper", "hinge"], effort=[0.5, 99.0, tau]), stamp)
+
+
+def _stamped(message: JointState, stamp: int) -> bytes:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
     return bytes(serialize_message(message))
 

@@ -2,7 +2,10 @@
 
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,22 +15,30 @@ from synthetic_runs import URDF, write_run
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main
-from eulerparams_control.analysis.metrics import METRICS, get_metric
+from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.scale import axis
 from eulerparams_control.analysis.sentence import describe, fill, placeholders
+from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.text import number, quantity
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.experiments.definition import load_experiment
+from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.resources import config_names
+from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import exp
 
 EXACT = 1e-9  # relative: a few operations on doubles
 MEASURED = [0.0, 0.3, -0.5, 0.2]
 COMMAND = [0.0, 0.1, -0.4, 0.1]
 SPEEDS = [0.0, -2.0, 1.0, 0.5]
+EFFORTS = [3.0, -10.0, 10.0, 7.0]  # the limit is 10 Nm; the roll joint exerts 0.5 Nm
+GAINS = {"orientation": "euler_parameters", "k_Po": 100.0, "k_Vo": 15.0}
 
 
 @pytest.fixture
@@ -38,6 +49,20 @@ def run(tmp_path: Path) -> Recording:
     return Recording.load(
         write_run(folder, MEASURED, COMMAND, speeds=SPEEDS, parameters=parameters)
     )
+
+
+@pytest.fixture
+def dynamic(tmp_path: Path) -> Recording:
+    """A run of dynamic control: it moves as MEASURED and SPEEDS say."""
+    folder = tmp_path / "dynamic"
+    return Recording.load(
+        write_run(folder, MEASURED, speeds=SPEEDS, efforts=EFFORTS, parameters=GAINS)
+    )
+
+
+def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
+    """Return a run of which the command moves through q [rad], a sample every 10 ms."""
+    return Recording.load(write_run(folder / "moved", q, q, **options))
 
 
 # --- numbers -------------------------------------------------------------------------
@@ -53,7 +78,27 @@ def run(tmp_path: Path) -> Recording:
         ("final_orientation_error", {"of": "measured"}, math.degrees(0.2)),
         ("peak_position_error", {}, 2e3 * math.sin(0.2)),
         ("final_position_error", {"of": "measured"}, 2e3 * math.sin(0.1)),
+        ("rms_orientation_error", {}, math.degrees(math.sqrt(0.18 / 4))),
+        ("rms_orientation_error", {"after": 0.02}, math.degrees(math.sqrt(0.17 / 2))),
+        ("peak_orientation_error", {"after": 0.03}, math.degrees(0.1)),
+        ("peak_orientation_error", {"before": 0.01}, math.degrees(0.1)),
+        ("final_orientation_error", {"before": 0.02}, math.degrees(0.4)),
+        ("peak_position_error", {"after": 0.01, "before": 0.01}, 2e3 * math.sin(0.05)),
+        ("final_position_error", {"before": 0.02}, 2e3 * math.sin(0.2)),
+        ("settling_time", {}, math.inf),
+        ("settling_time", {"threshold": 6.0}, 0.02),
+        ("settling_time", {"threshold": 30.0}, 0.0),
+        ("orientation_travel", {}, math.degrees(1.1)),
+        ("orientation_travel", {"of": "measured"}, math.degrees(1.8)),
+        ("travel_ratio", {}, 11.0),
+        ("posture_cost", {"posture": [1.0, 2.0]}, (0.9**2 + 2.0**2) / 2),
+        ("posture_cost", {"posture": [1.0, 2.0], "at": "start"}, 2.5),
+        ("posture_cost", {"posture": [1.0, 2.0], "of": "measured"}, (0.8**2 + 2.0**2) / 2),
+        ("divergence_time", {}, math.inf),
         ("peak_joint_speed", {}, 2.0),
+        ("peak_joint_speed", {"after": 0.02}, 1.0),
+        ("peak_speed_of_limit", {}, 2 / 3),
+        ("peak_speed_of_limit", {"after": 0.03}, 0.5 / 3),
         ("servo_lag", {}, math.degrees(0.2)),
         ("closest_approach", {}, 90 - math.degrees(0.4)),
         ("closest_approach", {"sequence": "ZYZ"}, 0.0),
@@ -65,6 +110,67 @@ def test_a_metric_is_what_the_rod_gives_by_hand(
     run: Recording, name: str, options: dict[str, str], expected: float
 ) -> None:
     assert get_metric(name).compute(run, **options) == pytest.approx(expected, rel=EXACT, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("peak_effort", {}, 10.0),
+        ("peak_effort", {"after": 0.03}, 7.0),
+        ("saturated_time", {}, 0.02),
+        ("saturated_time", {"before": 0.01}, 0.01),
+        ("peak_orientation_error", {}, math.degrees(0.5)),
+        ("peak_joint_speed", {}, 2.0),
+    ],
+)
+def test_metrics_of_dynamic_control_are_of_the_efforts_and_the_measured_motion(
+    dynamic: Recording, name: str, options: dict[str, float], expected: float
+) -> None:
+    assert get_metric(name).compute(dynamic, **options) == pytest.approx(expected, rel=EXACT)
+
+
+def test_an_effort_at_its_limit_but_for_rounding_counts_as_saturated(tmp_path: Path) -> None:
+    efforts = [9.99, 10.0 * (1 - 1e-12), 12.0, 10.0]  # the last lasts for no known time
+    folder = write_run(tmp_path / "run", MEASURED, efforts=efforts)
+    assert measure("saturated_time", Recording.load(folder)) == pytest.approx(0.02, rel=EXACT)
+
+
+def test_what_does_not_fit_the_recording_is_refused(run: Recording) -> None:
+    with pytest.raises(BagError, match="has no joint_effort"):
+        measure("peak_effort", run)
+    with pytest.raises(BagError, match=r"no sample from 1 to inf s; the last is at 0\.03 s"):
+        measure("peak_orientation_error", run, after=1)
+    with pytest.raises(BagError, match="3 values; expected one for each of the 2 joints hinge, ro"):
+        measure("posture_cost", run, posture=[1.0, 2.0, 3.0])
+    with pytest.raises(UnknownNameError, match="unknown time of posture_cost 'middle'"):
+        measure("posture_cost", run, posture=[1.0, 2.0], at="middle")
+    with pytest.raises(BagError, match="fewer than two samples on a way from 10 to 30 deg"):
+        measure("growth_rate", run, low=10.0, high=30.0)
+
+
+def test_the_growth_rate_is_that_of_the_first_way_out(tmp_path: Path) -> None:
+    t = np.arange(100) / 100
+    out, back, again = 0.01 * np.exp(4 * t), np.linspace(0.5, 0.001, 30), 0.01 * np.exp(2 * t)
+    run = moved(tmp_path, [0.1, 0.05, *out, *back, *again])
+    assert measure("growth_rate", run, low=2.0, high=25.0) == pytest.approx(4.0, rel=1e-6)
+    early = moved(tmp_path / "early", [0.3, 0.01, 0.05, *out])  # 17 deg; 3 deg, and back
+    assert measure("growth_rate", early, low=2.0, high=15.0) == pytest.approx(4.0, rel=1e-6)
+
+
+def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run: Recording) -> None:
+    ended = replace(run, diverged=0.03)
+    assert measure("settling_time", ended, threshold=30.0) == math.inf
+    assert measure("divergence_time", ended) == 0.03
+    assert measure("peak_orientation_error", ended, after=1.0) == math.inf
+    assert measure("peak_joint_speed", ended) == 2.0
+    with pytest.raises(UnknownNameError):
+        measure("peak_speed", ended)
+
+
+def test_a_quotient_by_zero_is_infinite_or_nothing() -> None:
+    assert quotient(3.0, 2.0) == 1.5
+    assert quotient(-3.0, 0.0) == -math.inf
+    assert math.isnan(quotient(0.0, 0.0))
 
 
 def test_an_unknown_metric_or_series_lists_those_that_exist(run: Recording) -> None:
@@ -141,6 +247,163 @@ def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
     assert labels([runs[0], runs[0]]) == ["1: x", "2: x"]
 
 
+def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic: Recording) -> None:
+    assert dynamic.effort is not None
+    assert dynamic.effort.t.tolist() == dynamic.measured.t.tolist()
+    assert dynamic.effort.tau.tolist() == [[tau, 0.5] for tau in EFFORTS]
+    assert dynamic.effort.largest.tolist() == [3.0, 10.0, 10.0, 7.0]
+    assert dynamic.command is None
+    assert dynamic.leading is dynamic.measured
+
+
+def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic: Recording) -> None:
+    assert dynamic.measured.orientation_error.tolist() == pytest.approx([0.0, 0.3, 0.5, 0.2])
+
+
+@pytest.mark.parametrize(("published", "known"), [(True, 4), (False, 1)])
+def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
+    tmp_path: Path, published: bool, known: int
+) -> None:
+    source = Bag(write_run(tmp_path / "source", MEASURED, efforts=EFFORTS))
+    with BagWriter(tmp_path / "run") as bag:
+        for name, info in source.topics.items():
+            bag.add_topic(Topic(name, info.type))
+        for topic, log_time, publish_time, data in source.read_raw():
+            late = log_time + (25_000_000 if topic == "/reference" else 0)
+            bag.write(topic, data, late, publish_time if published else 0)
+    error = Recording.load(tmp_path / "run").measured.orientation_error
+    assert np.count_nonzero(np.isfinite(error)) == known
+
+
+# --- Lyapunov functions --------------------------------------------------------------
+
+
+def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
+    q = np.linspace(2.0, 0.1, 50)
+    V = moved(tmp_path, q, parameters=GAINS).lyapunov
+    assert V is not None
+    np.testing.assert_allclose(V.t, np.arange(50) / 100)
+    np.testing.assert_allclose(V.V, 2 * (1 - np.cos(q / 2)), rtol=EXACT)  # eq. (30)
+    np.testing.assert_allclose(V.dV, -100.0 * np.sin(q / 2) ** 2, rtol=EXACT)  # eq. (31)
+    slope = np.gradient(2 * (1 - np.cos(q / 2)), 0.01)
+    np.testing.assert_allclose(V.dV_measured, slope, rtol=1e-6)
+
+
+def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic: Recording) -> None:
+    V, q, dq = dynamic.lyapunov, np.array(MEASURED), np.array(SPEEDS)
+    assert V is not None
+    expected = 100.0 * 2 * (1 - np.cos(q / 2)) + dq**2 / 2  # eq. (42)
+    np.testing.assert_allclose(V.V, expected, rtol=EXACT)
+    np.testing.assert_allclose(V.dV, -15.0 * dq**2, rtol=EXACT)  # eq. (43)
+
+
+@pytest.mark.parametrize(
+    ("sign", "eta_of"),
+    [
+        ({"quaternion_sign": "shortest"}, lambda q: abs(math.cos(q / 2))),
+        ({"quaternion_sign": "hysteretic", "hysteresis": 0.3}, lambda q: math.cos(q / 2)),
+        ({"quaternion_sign": "hysteretic", "hysteresis": 0.0}, lambda q: abs(math.cos(q / 2))),
+        (
+            {"quaternion_sign": "continuous", "quaternion_initial_sign": -1},
+            lambda q: -math.cos(q / 2),
+        ),
+    ],
+)
+def test_v_follows_the_sign_of_the_parameters_from_sample_to_sample(
+    tmp_path: Path, sign: dict[str, Any], eta_of: Any
+) -> None:
+    q = np.linspace(2.6, 3.5, 20)  # past half a turn
+    V = moved(tmp_path, q, parameters=GAINS | sign).lyapunov
+    assert V is not None
+    np.testing.assert_allclose(V.V, [2 * (1 - eta_of(each)) for each in q], rtol=EXACT)
+
+
+def test_in_the_closed_loop_of_the_paper_v_never_increases_and_its_balance_is_1(
+    tmp_path: Path,
+) -> None:
+    k, t = 20.0, np.arange(60) / 100
+    eta = np.tanh(k * t / 2 + math.atanh(math.cos(1.0)))  # eq. (29), from 2 rad
+    q = 2 * np.arccos(np.minimum(eta, 1.0))
+    run = moved(tmp_path, q, parameters=GAINS | {"k_Po": k})
+    assert measure("lyapunov_start", run) == pytest.approx(2 * (1 - math.cos(1.0)), rel=EXACT)
+    assert measure("lyapunov_increase", run) == 0.0
+    assert measure("energy_balance", run) == pytest.approx(1.0, abs=2e-3)
+    other = moved(tmp_path / "other", q, parameters=GAINS | {"k_Po": 2 * k})
+    assert measure("energy_balance", other) == pytest.approx(2.0, abs=4e-3)
+
+
+def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path: Path) -> None:
+    V = [2 * (1 - math.cos(q / 2)) for q in (1.0, 0.2, 0.4, 0.3, 0.45)]
+    run = moved(tmp_path, [1.0, 0.2, 0.4, 0.3, 0.45], parameters=GAINS)
+    assert measure("lyapunov_increase", run) == pytest.approx((V[4] - V[1]) / V[0], rel=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"parameters": GAINS | {"orientation": "euler_angles"}}, "no Lyapunov function for euler"),
+        ({}, "no parameters of a node clik or dynamic_control were recorded"),
+        ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik or dynamic"),
+        ({"parameters": GAINS, "desired": False}, "no desired frame was recorded"),
+        ({"parameters": {"orientation": "euler_parameters"}}, "do not give V: 'k_Po'"),
+        ({"parameters": GAINS | {"orientation": "eluer"}}, "do not give V: unknown orientation"),
+        ({"parameters": GAINS | {"k_Po": [1]}}, "do not give V: float"),
+    ],
+)
+def test_without_a_lyapunov_function_the_recording_says_why(
+    tmp_path: Path, options: dict[str, Any], words: str
+) -> None:
+    folder = write_run(tmp_path / "run", MEASURED, COMMAND, **options)
+    run = Recording.load(folder, tip_frame="tip")
+    assert run.lyapunov is None
+    assert words in run.why_no_lyapunov
+    with pytest.raises(BagError, match="run: .*" + re.escape(words)):
+        measure("lyapunov_increase", run)
+
+
+def test_with_a_lyapunov_function_there_is_no_reason_why_not(dynamic: Recording) -> None:
+    assert dynamic.why_no_lyapunov == ""
+
+
+# --- runs beyond all numbers ---------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [1e30, 1e200, 1e300])
+def test_every_number_of_a_run_that_diverged_is_computed_without_a_warning(
+    tmp_path: Path, size: float
+) -> None:
+    q, dq, tau = [0.1, 0.2, size, -size], [0.0, 1.0, size, -size], [1.0, 2.0, size, -size]
+    folder = write_run(tmp_path / "run", q, speeds=dq, efforts=tau, parameters=GAINS)
+    run = replace(Recording.load(folder), diverged=0.03)
+    options = {
+        "period_growth": {"period": 0.01},
+        "growth_rate": {"low": 7.0, "high": 10.0},
+        "posture_cost": {"posture": [0.0, 0.0]},
+    }
+    found = {name: measure(name, run, **options.get(name, {})) for name in METRICS}
+    assert found["peak_joint_speed"] == found["peak_effort"] == size
+    assert 0 < found["peak_orientation_error"] <= 180
+    assert found["lyapunov_increase"] > 1e30
+
+
+@pytest.mark.filterwarnings("error")
+def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers() -> None:
+    ur5 = load_robot("ur5")
+    robot = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame)
+    home, still = np.array(ur5.home), np.zeros(6)
+    state = robot.state(home, still)
+    frame = DesiredFrame(state.p_e, exp(np.array([0.1, 0.0, 0.0])) @ state.R_e)
+    wild = np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]) * np.finfo(float).max  # parallel axes
+    motion = Series(robot, np.arange(3.0), np.array([home] * 3), np.array([still, wild, wild]),
+                    [frame] * 3)  # fmt: skip
+    assert np.isfinite(motion.omega_e).all(axis=1).tolist() == [True, False, False]
+    V = lyapunov_series(motion, {"/dynamic_control": GAINS})
+    assert V.V[0] == pytest.approx(100.0 * 2 * (1 - math.cos(0.05)))
+    assert V.V[1:].tolist() == [math.inf, math.inf]
+    assert V.dV[1:].tolist() == [-math.inf, -math.inf]
+
+
 # --- words and numbers ---------------------------------------------------------------
 
 
@@ -176,6 +439,9 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> N
     }
     text = "{peak_orientation_error.far}, {peak_orientation_error.far/near} times, {other}"
     assert fill(text, runs) == "28.6 deg, 5.00 times, {other}"
+    options = {("peak_orientation_error", "far"): {"after": 1}}
+    with pytest.raises(BagError, match="no sample from 1 to inf s"):
+        fill(text, runs, lambda metric, variant: options.get((metric, variant), {}))
     with pytest.raises(UnknownNameError, match=r"unknown variant 'fare' \(did you mean 'far'"):
         fill("{servo_lag.fare}", runs)
     with pytest.raises(UnknownNameError, match="unknown metric 'lag'"):
@@ -240,6 +506,21 @@ def test_an_axis_is_logarithmic_where_runs_differ_by_powers_of_ten() -> None:
     assert low < 0 < 8.7 < high  # log10 of 1 and of 5e8
 
 
+def test_an_axis_does_not_enlarge_rounding_nor_reach_to_the_end_of_a_divergence() -> None:
+    assert axis([np.full(9, 3e-12)], 1e-6) == {"type": "linear", "range": [0.0, 1e-6]}
+    diverged = np.append(np.full(9, 2.0), [1e30, 1e300])
+    shown = axis([diverged], 1e-6)
+    assert shown["type"] == "log"
+    low, high = shown["range"]
+    assert low < 0.4  # log10 of 2
+    assert high == pytest.approx(12.2)
+
+
+def test_an_axis_is_logarithmic_where_it_is_asked_for() -> None:
+    assert axis([np.array([1.0, 2.0])], 1e-6, logarithmic=True)["type"] == "log"
+    assert axis([np.zeros(3)], 1e-6, logarithmic=True)["type"] == "linear"
+
+
 def test_an_axis_ends_where_values_are_rounding_and_survives_any_values() -> None:
     decaying = np.geomspace(1.0, 1e-15, 100)
     assert axis([decaying], 1e-6)["range"][0] > -7
@@ -278,8 +559,25 @@ def test_analyze_shows_a_dash_for_what_was_not_recorded(
     code, out = analyze(capsys, bag, *options)
     assert code == 0
     assert re.search(r"orientation error, peak \[deg\] *│ *- │", out)
-    assert re.search(r"  measured, peak \[rad/s\] *│ *2\.00 │", out)
+    assert re.search(r"joint speed, peak \[rad/s\] *│ *2\.00 │", out)
+    for title in ("measured", "effort", "servo lag", "diverged"):  # no such run can have it
+        assert title not in out
     assert "The page" not in out
+
+
+def test_analyze_shows_the_efforts_of_dynamic_control_beside_another_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [
+        write_run(tmp_path / "clik", MEASURED, COMMAND, speeds=SPEEDS),
+        write_run(tmp_path / "dynamic", MEASURED, speeds=SPEEDS, efforts=EFFORTS),
+    ]
+    code, out = analyze(capsys, *bags, "--no-page")
+    assert code == 0
+    assert re.search(r"orientation error, peak \[deg\] *│ *22\.9 │ *28\.6 │", out)
+    assert re.search(r"  measured, peak \[deg\] *│ *28\.6 │ *- │", out)
+    assert re.search(r"effort, peak \[Nm\] *│ *- │ *10\.0 │", out)
+    assert re.search(r"time at an effort limit \[s\] *│ *- │ *0\.0200 │", out)
 
 
 def test_analyze_splits_the_table_of_many_bags(

@@ -2,9 +2,11 @@
 
 import copy
 import json
+import math
 import os
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,10 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from ros_processes import Graph, Process, environment
+from synthetic_runs import write_run
 from tolerances import REST
 
+from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import (
     BagError,
@@ -23,12 +27,19 @@ from eulerparams_control.errors import (
     EulerParamsError,
     UnknownNameError,
 )
-from eulerparams_control.experiments.criteria import judge
+from eulerparams_control.experiments.criteria import judge, write_summary
 from eulerparams_control.experiments.definition import Criterion, load_experiment
-from eulerparams_control.experiments.runner import check_names, node_parameters, run_variant
+from eulerparams_control.experiments.processes import Nodes
+from eulerparams_control.experiments.runner import (
+    check_names,
+    has_diverged,
+    node_parameters,
+    run_variant,
+)
 from eulerparams_control.messages import ns_from_ros
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import exp
 
 DURATION = 0.4  # [s]
 STEPS = 401  # at 1 kHz, both ends
@@ -83,14 +94,73 @@ def criterion(**changes: Any) -> dict[str, Any]:
 def test_an_experiment_is_what_its_file_says(tmp_path: Path) -> None:
     found = load_experiment(str(write(tmp_path, GOOD)))
     assert (found.name, found.claim, found.equations) == ("short", "a short run", ("(28)",))
-    assert (found.robot, found.duration, found.controller) == ("ur5", 0.4, "clik")
-    assert found.start_at_reference
     assert list(found.variants) == ["first", "second", "angles"]
+    first = found.variants["first"]
+    assert (first.robot, first.duration, first.controller) == ("ur5", 0.4, "clik")
+    assert (first.start_at_reference, first.start_turn) == (True, (0.0, 0.0, 0.0))
+    assert not first.may_diverge
     common = {"k_Pp": 10.0, "k_Po": 20.0, "feedback": "measured"}
-    assert found.variants["first"]["clik"] == common
-    assert found.variants["angles"]["clik"] == {**common, "orientation": "euler_angles"}
+    assert first.nodes["clik"] == common
+    assert found.variants["angles"].nodes["clik"] == {**common, "orientation": "euler_angles"}
     expected = Criterion("peak_orientation_error", below=1.0, predicted="0.1")
     assert found.criteria == (expected,)
+
+
+def test_a_variant_may_say_otherwise_what_the_experiment_says_of_all(tmp_path: Path) -> None:
+    own = {
+        "controller": "dynamic_control",
+        "robot": "panda",
+        "duration": 2,
+        "start_turn": [0, 0, 1.5],
+        "may_diverge": True,
+        "dynamic_control": {"k_Po": 9.0},
+    }
+    nodes = GOOD["nodes"] | {"dynamic_control": {"k_Po": 3.0, "k_Vo": 4.0}}
+    content = changed(nodes=nodes, variants={"first": {}, "other": own})
+    first, other = load_experiment(str(write(tmp_path, content))).variants.values()
+    assert (first.controller, first.robot, first.duration) == ("clik", "ur5", 0.4)
+    assert (first.start_turn, first.may_diverge) == ((0.0, 0.0, 0.0), False)
+    assert (other.controller, other.robot, other.duration) == ("dynamic_control", "panda", 2.0)
+    assert (other.start_turn, other.may_diverge) == ((0.0, 0.0, 1.5), True)
+    assert other.nodes["dynamic_control"] == {"k_Po": 9.0, "k_Vo": 4.0}
+    assert other.nodes["reference"] == T1
+    plain = changed(start_turn=[0.0, 0.0, 1.0], variants={"home": {"start_turn": [0.0] * 3}})
+    assert load_experiment(str(write(tmp_path, plain))).variants["home"].start_turn == (0, 0, 0)
+
+
+def test_a_variant_runs_the_nodes_that_its_controller_takes(tmp_path: Path) -> None:
+    nodes = GOOD["nodes"] | {"dynamic_control": {"k_Po": 3.0}}
+    variants = {"kinematic": {}, "dynamic": {"controller": "dynamic_control"}}
+    content = changed(nodes=nodes, variants=variants)
+    found = load_experiment(str(write(tmp_path, content))).variants
+    kinematic, dynamic = map(node_parameters, found.values())
+    assert kinematic.keys() == {"clik", "reference", "pybullet_bridge"}
+    assert dynamic.keys() == {"dynamic_control", "reference", "pybullet_bridge"}
+    assert kinematic["pybullet_bridge"]["control"] == "position"
+    assert dynamic["pybullet_bridge"]["control"] == "torque"
+    assert dynamic["dynamic_control"]["k_Po"] == 3.0
+    assert dynamic["dynamic_control"]["tip_frame"] == "tool0"
+
+
+def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: Path) -> None:
+    criteria = [
+        {
+            "metric": "growth_rate",
+            "variants": ["angles"],
+            "above": 0,
+            "options": {"low": 3, "high": 4},
+        },
+        {"metric": "growth_rate", "above": 0, "options": {"low": 1, "high": 2}},
+        {"metric": "servo_lag", "ratio": ["first", "second"], "above": 0},
+        {"metric": "peak_effort", "spread": ["second"] * 2, "below": 1, "options": {"after": 3}},
+    ]
+    content = changed(summary="{growth_rate.first}", criteria=criteria)
+    found = load_experiment(str(write(tmp_path, content)))
+    assert found.options("growth_rate", "angles") == {"low": 3, "high": 4}
+    assert found.options("growth_rate", "second") == {"low": 1, "high": 2}
+    assert found.options("peak_effort", "second") == {"after": 3}
+    assert found.options("peak_effort", "angles") == {}
+    assert found.options("peak_joint_speed", "first") == {}
 
 
 @pytest.mark.parametrize(
@@ -114,7 +184,33 @@ def test_an_experiment_is_what_its_file_says(tmp_path: Path) -> None:
         (changed(nodes=["clik"]), "nodes: expected parameters by node"),
         (
             changed(variants={"a": {"bridge": {}}}),
-            "unknown node in variant a 'bridge'; known: clik, pybullet_bridge, reference",
+            "unknown node or key in variant a 'bridge'; known: clik, controller, ",
+        ),
+        (changed(variants={"a": {"claim": "x"}}), "unknown node or key in variant a 'claim'"),
+        (changed(variants={"a": [1]}), "variant a: expected parameters by node, or keys"),
+        (changed(variants={"a": {"duration": 0}}), "variant a: duration must be > 0"),
+        (changed(variants={"a": {"controller": "klik"}}), "unknown controller 'klik'"),
+        (changed(variants={"a": {"robot": 5}}), "variant a: robot: expected a name or a path"),
+        (
+            changed(variants={"a": {"dynamic_control": {"k_Po": 1.0}}}),
+            "variant a: parameters of dynamic_control, but its controller is clik",
+        ),
+        (changed(may_diverge="no"), "the experiment: may_diverge: expected true or false"),
+        (changed(start_at_reference=1), "start_at_reference: expected true or false"),
+        (changed(start_turn=[0.0, 1.0]), "start_turn: expected [x, y, z] in rad"),
+        (changed(start_turn=[0.0, 1.0, "z"]), "start_turn: expected [x, y, z] in rad"),
+        (changed(start_turn=[0.0, 0.0, float("nan")]), "start_turn: expected [x, y, z] in rad"),
+        (
+            changed(start_turn=[0.0, 0.0, 1.0], start_at_reference=None),
+            "start_turn needs start_at_reference: true",
+        ),
+        (changed(summary="{growth_rate.first}"), "options of the metric 'growth_rate': missing"),
+        (changed(summary="{peak_effort.third}"), "unknown variant in the summary 'third'"),
+        (criterion(spread=["first"]), "spread: expected two variants or more"),
+        (criterion(spread=["first", "third"]), "unknown variant in a criterion 'third'"),
+        (
+            criterion(spread=["first", "second"], ratio=["first", "second"]),
+            "expected one of 'variants', 'ratio' and 'spread'",
         ),
         (changed(equations="(28)"), "equations: expected a list"),
         (changed(criteria={"metric": "x"}), "criteria: expected a list"),
@@ -158,8 +254,8 @@ def test_every_experiment_that_comes_with_the_package_is_possible(name: str) -> 
     experiment = load_experiment(name)
     assert experiment.claim
     assert experiment.criteria
-    for variant in experiment.variants:
-        assert node_parameters(experiment, variant)["pybullet_bridge"]["mode"] == "lockstep"
+    for variant in experiment.variants.values():
+        assert node_parameters(variant)["pybullet_bridge"]["mode"] == "lockstep"
 
 
 def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
@@ -172,7 +268,7 @@ def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(tmp_path: P
 
 def test_a_run_begins_at_the_first_way_point_with_the_frames_of_its_robot(tmp_path: Path) -> None:
     experiment = load_experiment(str(write(tmp_path, GOOD)))
-    parameters = node_parameters(experiment, "first")
+    parameters = node_parameters(experiment.variants["first"])
     q_0 = np.array(parameters["pybullet_bridge"]["initial_positions"])
     ur5 = load_robot("ur5")
     state = Robot(ur5.urdf, "base_link", "tool0").state(q_0, 0 * q_0)
@@ -180,6 +276,50 @@ def test_a_run_begins_at_the_first_way_point_with_the_frames_of_its_robot(tmp_pa
     assert parameters["clik"]["base_frame"] == "base_link"
     assert parameters["clik"]["require_reference"] is True
     assert parameters["reference"]["wait_for_subscribers"] == 2
+
+
+def started(folder: Path, **changes: Any) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return q at the start of the good experiment with changes, and all node parameters."""
+    content = changed(**changes, variants={"only": {}})
+    parameters = node_parameters(load_experiment(str(write(folder, content))).variants["only"])
+    return np.array(parameters["pybullet_bridge"]["initial_positions"]), parameters
+
+
+@pytest.mark.parametrize("angle", [0.3, -1.0, 2.9, math.pi, -math.pi])
+def test_a_start_turned_about_the_tool_axis_turns_the_last_joint_only(
+    tmp_path: Path, angle: float
+) -> None:
+    straight, _ = started(tmp_path)
+    turned, parameters = started(tmp_path, start_turn=[0.0, 0.0, angle])
+    expected = straight + [0, 0, 0, 0, 0, angle]
+    np.testing.assert_allclose(turned, expected, atol=1e-8)
+    assert parameters["clik"]["max_jump_rotation"] == math.pi
+    assert "max_error_rotation" not in parameters["clik"]  # it has no such parameter
+
+
+def test_a_turned_start_keeps_the_position_and_turns_in_the_tool_frame(tmp_path: Path) -> None:
+    turn = np.array([0.4, -0.9, 0.3])
+    ur5 = load_robot("ur5")
+    robot = Robot(ur5.urdf, "base_link", "tool0")
+    straight, turned = (
+        robot.state(q, 0 * q)
+        for q in (started(tmp_path)[0], started(tmp_path, start_turn=turn.tolist())[0])
+    )
+    np.testing.assert_allclose(turned.p_e, straight.p_e, atol=REST)
+    np.testing.assert_allclose(turned.R_e, straight.R_e @ exp(turn), atol=REST)
+
+
+def test_dynamic_control_takes_a_turned_start_for_no_fault(tmp_path: Path) -> None:
+    nodes = {"reference": T1}
+    changes = {"controller": "dynamic_control", "nodes": nodes}
+    _, parameters = started(tmp_path, start_turn=[0.0, 0.0, 3.0], **changes)
+    assert parameters["dynamic_control"]["max_jump_rotation"] == math.pi
+    assert parameters["dynamic_control"]["max_error_rotation"] == math.pi
+    _, parameters = started(tmp_path, **changes)
+    assert "max_jump_rotation" not in parameters["dynamic_control"]
+    nodes["dynamic_control"] = {"max_jump_rotation": 3.1}
+    _, parameters = started(tmp_path, start_turn=[0.0, 0.0, 3.0], **changes)
+    assert parameters["dynamic_control"]["max_jump_rotation"] == 3.1
 
 
 @pytest.mark.parametrize(
@@ -216,6 +356,76 @@ def test_a_criterion_of_variants_that_did_not_run_is_left_out(tmp_path: Path) ->
     content = criterion(ratio=["first", "angles"])
     experiment = load_experiment(str(write(tmp_path, content)))
     assert judge(experiment, {}) == []
+
+
+def recordings(folder: Path, **speeds: float) -> dict[str, Recording]:
+    """Return runs whose largest joint speeds are these."""
+    return {
+        name: Recording.load(write_run(folder / name, [0.1, 0.2], speeds=[speed, 0.0]))
+        for name, speed in speeds.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("spread", "speeds", "expected"),
+    [
+        (["first", "second", "angles"], (1.0, 2.0, 3.0), 1.0),
+        (["first", "second"], (1.0, 1.5, 9.0), 0.4),
+        (["first", "second"], (2.0, 2.0, 9.0), 0.0),
+    ],
+)
+def test_a_spread_is_that_of_its_variants_over_their_mean(
+    tmp_path: Path, spread: list[str], speeds: tuple[float, ...], expected: float
+) -> None:
+    experiment = load_experiment(str(write(tmp_path, criterion(spread=spread, below=0.5))))
+    runs = recordings(tmp_path, **dict(zip(experiment.variants, speeds, strict=True)))
+    (verdict,) = judge(experiment, runs)
+    assert verdict.measured == pytest.approx(expected)
+    assert (verdict.variant, verdict.unit) == (", ".join(spread), "")
+    assert verdict.met == (expected < 0.5)
+    del runs[spread[0]]
+    assert judge(experiment, runs) == []
+
+
+def test_a_ratio_to_nothing_is_infinite(tmp_path: Path) -> None:
+    content = criterion(ratio=["first", "second"], above=5, below=None)
+    experiment = load_experiment(str(write(tmp_path, content)))
+    (verdict,) = judge(experiment, recordings(tmp_path, first=1.0, second=0.0))
+    assert (verdict.measured, verdict.met) == (math.inf, True)
+
+
+def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path: Path) -> None:
+    content = criterion(ratio=["first", "second"], above=5, below=None)
+    content["criteria"] += [{"metric": "peak_effort", "variants": ["first"], "below": 9}]
+    experiment = load_experiment(str(write(tmp_path, content)))
+    runs = recordings(tmp_path, first=8.0, second=1.0)
+    runs["first"] = replace(runs["first"], diverged=0.01)
+    first, effort = judge(experiment, runs)
+    assert (first.measured, first.met) == (8.0, True)
+    assert (effort.measured, effort.met) == (math.inf, False)
+    summary = tmp_path / "summary.json"
+    write_summary(summary, experiment, runs, [first, effort])
+    written = json.loads(summary.read_text())
+    assert written["diverged"] == {"first": 0.01}
+    assert [c["measured"] for c in written["criteria"]] == [8.0, "inf"]
+
+
+@pytest.mark.parametrize(
+    ("bridge", "controller", "expected"),
+    [
+        ("error: the state of the robot is not finite after step 12", "", True),
+        ("error: tau must be 6 finite numbers, got [1e308, ...", "", True),
+        ("no command for the state stamped 0.020 s", "[ERROR] [clik]: holding still", True),
+        ("no command for the state stamped 0.020 s", "[INFO] [clik]: active", False),
+        ("Segmentation fault", "[ERROR] [clik]: joint_states rejected", False),
+    ],
+)
+def test_a_run_has_diverged_if_its_logs_say_so(
+    tmp_path: Path, bridge: str, controller: str, expected: bool
+) -> None:
+    (tmp_path / "pybullet_bridge.log").write_text(bridge)
+    (tmp_path / "clik.log").write_text(controller)
+    assert has_diverged(Nodes(tmp_path), "clik") is expected
 
 
 # --- whole runs ------------------------------------------------------------------------------
@@ -331,6 +541,82 @@ def test_a_node_that_dies_ends_the_experiment_with_its_last_words_and_exit_code_
     for word in words:
         assert word in process.stdout
     assert "Traceback" not in process.log
+    assert nodes_of(tmp_path) == []
+
+
+# A damping of 1e4 1/s is beyond what 1 kHz can do: the loop is unstable.
+DIVERGING: dict[str, Any] = {
+    "controller": "dynamic_control",
+    "duration": DURATION,
+    "may_diverge": True,
+    "dynamic_control": {"k_Vp": 1e4, "k_Vo": 1e4, "enforce_limits": False},
+    "pybullet_bridge": NOISE | {"enforce_limits": False},
+    "reference": T1,
+}
+STEP = {"times": [0.0], "positions": T1["positions"][:3], "orientations": T1["orientations"][:3]}
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
+    """The folder of runs of both controllers towards a set-point, and of one that diverges."""
+    folder = tmp_path_factory.mktemp("mixed")
+    step = {"start_turn": [0.0, 0.0, 0.5], "reference": STEP}
+    content = changed(
+        nodes={"reference": T1},
+        duration=0.2,
+        variants={
+            "kinematic": step,
+            "dynamic": step | {"controller": "dynamic_control"},
+            "wild": DIVERGING,
+        },
+        criteria=[{"metric": "peak_effort", "ratio": ["wild", "dynamic"], "above": 100}],
+    )
+    process = run(folder, str(write(folder, content)))
+    assert process.end() == 0, process.log
+    return folder / "out/short", process
+
+
+@pytest.mark.parametrize(("name", "scale"), [("kinematic", 1.0), ("dynamic", 800.0)])
+def test_a_way_point_at_time_0_is_a_step_that_holds(
+    mixed: tuple[Path, Process], name: str, scale: float
+) -> None:
+    found = Recording.load(mixed[0] / name)
+    error = found.leading.orientation_error
+    assert error[0] == pytest.approx(0.5, abs=1e-9)
+    assert len(error) == 201
+    assert error[-1] < 0.1
+    frames = found.leading.desired
+    assert all(np.array_equal(frame.R_d, frames[0].R_d) for frame in frames if frame is not None)
+    assert found.lyapunov is not None
+    V_1 = 2 * (1 - math.cos(0.25))  # eq. (30); V_2 has k_Po in front of it
+    assert found.lyapunov.V[0] == pytest.approx(scale * V_1, rel=1e-6)
+
+
+def test_the_efforts_of_dynamic_control_are_in_the_bag(mixed: tuple[Path, Process]) -> None:
+    found = Recording.load(mixed[0] / "dynamic")
+    assert found.command is None
+    assert found.effort is not None
+    assert found.effort.tau.shape == (201, 6)
+    assert 10 < found.effort.largest[-1] < 60  # Nm: it carries itself
+    assert Recording.load(mixed[0] / "kinematic").effort is None
+
+
+def test_a_run_that_may_diverge_ends_early_and_is_judged(mixed: tuple[Path, Process]) -> None:
+    folder, process = mixed
+    summary = json.loads((folder / "summary.json").read_text())
+    assert list(summary["diverged"]) == ["wild"]
+    assert 0 < summary["diverged"]["wild"] < DURATION / 2
+    assert summary["met"] is True
+    assert "wild diverged at 0." in process.stdout
+    assert "wild diverged at 0." in (folder / "report.html").read_text()
+
+
+def test_a_run_that_diverges_without_leave_is_an_error(tmp_path: Path) -> None:
+    content = changed(nodes={}, variants={"wild": DIVERGING | {"may_diverge": False}})
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 2, process.log
+    assert "the node pybullet_bridge died with exit code 1" in process.stdout
+    assert "not finite after step" in process.stdout
     assert nodes_of(tmp_path) == []
 
 

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from plotly.offline import get_plotlyjs
-from synthetic_runs import write_run
+from synthetic_runs import URDF, write_run
 
 from eulerparams_control.analysis.figures import Panel
 from eulerparams_control.analysis.page import figures_json, write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.experiments.criteria import Verdict
+from eulerparams_control.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
 MAX_BYTES = 8_000_000
@@ -58,6 +60,12 @@ def pair(folder: Path) -> list[Recording]:
         write_run(folder / "wild", wild, wild, speeds=fast, parameters={**parameters, "k_Po": 2.5}),
     ]
     return [Recording.load(path) for path in paths]
+
+
+def figure_of(page: str, title: str) -> dict[str, Any]:
+    """Return the plot below a title."""
+    titles = re.findall(r"<h3>(.*?)</h3>", page)
+    return figures_of(page)[titles.index(title)]
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +176,7 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
     evil_folder = EVIL.replace("/", "\\")
     parameters = {EVIL: EVIL, "euler_sequence": "XYZ"}
     run = Recording.load(write_run(tmp_path / evil_folder, [0.1, 0.2], parameters=parameters))
-    run = Recording(run.path, run.robot, run.measured, run.command, run.parameters, EVIL)
+    run = replace(run, warning=EVIL, diverged=1.0)
     verdict = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
     text = page_of(tmp_path, [run, run], EVIL, EVIL, [verdict])
     assert "<script>alert" not in text
@@ -194,3 +202,124 @@ def test_a_bag_with_joint_states_only_has_a_page(tmp_path: Path) -> None:
         "Speed of each joint",
     ]
     assert "None recorded." in text
+
+
+# --- dynamic control -----------------------------------------------------------------------
+
+GAINS = {"orientation": "euler_parameters", "k_Po": 100.0, "k_Vo": 15.0}
+
+
+def dynamic(folder: Path, efforts: Any, **options: Any) -> Recording:
+    """Return a run of dynamic control that goes to rest, with these efforts."""
+    q = np.geomspace(1.0, 1e-7, len(efforts))
+    return Recording.load(
+        write_run(folder, q, speeds=-q, efforts=efforts, parameters=GAINS, **options)
+    )
+
+
+def test_a_run_of_dynamic_control_shows_its_efforts_and_its_lyapunov_function(
+    tmp_path: Path,
+) -> None:
+    text = page_of(tmp_path, [dynamic(tmp_path / "run", np.linspace(3.0, 8.0, 50))], "", "")
+    assert re.findall(r"<h3>(.*?)</h3>", text) == [
+        "Orientation error",
+        "Joint speed",
+        "Effort",
+        "Distance to the representation singularity",
+        "Distance to the kinematic singularities",
+        "Position error",
+        "Lyapunov function",
+        "Speed of each joint",
+        "Effort of each joint",
+    ]
+    effort = figure_of(text, "Effort")
+    assert array(effort["data"][0]["y"])[[0, -1]].tolist() == [3.0, 8.0]
+    assert [shape["y0"] for shape in effort["layout"]["shapes"]] == [10]
+    assert effort["layout"]["yaxis"]["range"][1] > 10  # the limit is near
+    lyapunov = figure_of(text, "Lyapunov function")
+    q = np.geomspace(1.0, 1e-7, 50)
+    V_2 = 100.0 * 2 * (1 - np.cos(q / 2)) + q**2 / 2
+    np.testing.assert_allclose(array(lyapunov["data"][0]["y"]), V_2, rtol=1e-6, atol=1e-12)
+    assert lyapunov["layout"]["yaxis"]["type"] == "log"
+    for equation in ("(30)", "(42)", "(38)", "(40)"):
+        assert equation in text
+
+
+def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", [0.2, 0.1], [0.2, 0.1], parameters=GAINS)
+    text = page_of(tmp_path, [Recording.load(folder)], "", "")
+    assert figure_of(text, "Lyapunov function")["layout"]["yaxis"]["type"] == "log"
+    assert figure_of(text, "Orientation error")["layout"]["yaxis"]["type"] == "linear"
+
+
+def test_the_effort_of_each_joint_has_its_plot(tmp_path: Path) -> None:
+    text = page_of(tmp_path, [dynamic(tmp_path / "run", [3.0, -8.0])], "", "")
+    joints = figure_of(text, "Effort of each joint")
+    assert [array(trace["y"]).tolist() for trace in joints["data"]] == [[3.0, 8.0], [0.5, 0.5]]
+    assert [note["text"] for note in joints["layout"]["annotations"]] == ["hinge", "roll"]
+    assert {shape["y0"] for shape in joints["layout"]["shapes"]} == {10}
+
+
+def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(
+    tmp_path: Path,
+) -> None:
+    kinematic = Recording.load(
+        write_run(tmp_path / "clik", [1.0, 0.5], [1.0, 0.5], parameters=GAINS)
+    )
+    text = page_of(tmp_path, [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], "", "")
+    for title in ("Effort", "Effort of each joint"):
+        names = {trace["name"] for trace in figure_of(text, title)["data"]}
+        assert names == {"dynamic"}
+    assert {trace["name"] for trace in figure_of(text, "Servo")["data"]} == {"clik"}
+    assert len(figure_of(text, "Lyapunov function")["data"]) == 2
+
+
+def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path: Path) -> None:
+    kinematic = Recording.load(write_run(tmp_path / "clik", [1.0], [1.0], parameters=GAINS))
+    soft = dynamic(tmp_path / "soft", [3.0, 3.0])
+    stiff = Recording.load(
+        write_run(tmp_path / "stiff", [0.1], efforts=[0.0], parameters=GAINS | {"k_Po": 900.0})
+    )
+    text = page_of(tmp_path, [kinematic, soft, stiff], "", "")
+    differing = re.findall(r'<tr class="differs"><th>(.*?)</th>(.*?)</tr>', text)
+    assert [(name, re.findall(r"<td.*?>(.*?)</td>", cells)) for name, cells in differing] == [
+        ("nodes", ["/clik", "/dynamic_control", "/dynamic_control"]),
+        ("/dynamic_control k_Po", ["", "100", "900"]),
+    ]
+
+
+def test_joints_of_different_robots_are_named_each(tmp_path: Path) -> None:
+    runs = [dynamic(tmp_path / name, [3.0, 3.0]) for name in ("one", "other", "shorter")]
+    runs[1] = replace(runs[1], robot=Robot(URDF.replace("hinge", "elbow"), "base", "tip"))
+    runs[2] = replace(runs[2], robot=Robot(URDF, "base", "tip", ["hinge"]))
+    joints = figure_of(page_of(tmp_path, runs, "", ""), "Speed of each joint")
+    titles = [note["text"] for note in joints["layout"]["annotations"]]
+    assert titles == ["hinge / elbow", "roll"]
+    assert [trace["name"] for trace in joints["data"]].count("shorter") == 1
+
+
+# --- runs beyond all numbers ---------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [1e30, 1e300])
+def test_the_page_of_a_run_that_diverged_says_so_and_its_axes_can_be_read(
+    tmp_path: Path, size: float
+) -> None:
+    calm = dynamic(tmp_path / "calm", np.full(99, 5.0))
+    q = np.append(np.full(50, 0.1), [size, -size])
+    path = write_run(tmp_path / "wild", q, speeds=q, efforts=q, parameters=GAINS)
+    wild = replace(Recording.load(path), diverged=0.51)
+    text = page_of(tmp_path, [calm, wild], "", "")
+    assert '<p class="warning">wild diverged at 0.510 s' in text
+    assert "calm diverged" not in text
+    assert re.search(r"<th>diverged at \[s\]</th><td.*?>-</td><td.*?>0\.510</td>", text)
+    axis = figure_of(text, "Effort")["layout"]["yaxis"]
+    assert axis["type"] == "log"
+    low, high = axis["range"]
+    assert low < np.log10(5.0) < high < 13
+    assert axis["dtick"] <= 3
+
+
+def test_a_page_of_runs_that_did_not_diverge_does_not_speak_of_it(page: str) -> None:
+    assert "diverged" not in page

@@ -1,8 +1,9 @@
 """The plots of runs over time, laid over each other."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from html import escape
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,10 @@ from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.labels import colour, labels, line, sequences
 from eulerparams_control.analysis.poles import NEAR, Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import (
-    JOINT_SPEED,
+    JOINT_QUANTITIES,
     POLE_DISTANCE,
     QUANTITIES,
+    JointQuantity,
     Quantity,
 )
 from eulerparams_control.analysis.recording import Recording
@@ -28,7 +30,10 @@ _MOST_BINS = 700  # of a line: more than a screen has pixels for
 _COLUMNS = 2  # of the joints
 _SHADE = "rgba(204, 121, 167, 0.20)"
 _GREY = "rgba(128, 128, 128, 0.9)"
-_NEAR_LIMIT = 4.0  # limit over largest speed, up to which the axis shows the limit
+_NEAR_LIMIT = 4.0  # limit over largest value, up to which the axis shows the limit
+_LARGEST = float(np.finfo(np.float32).max)
+
+type _Runs = Sequence[tuple[Array, Array]]  # instants and values of each run
 
 
 class Panel(NamedTuple):
@@ -47,16 +52,33 @@ class Panel(NamedTuple):
     height: int
 
 
-def panels(recordings: Sequence[Recording]) -> list[Panel]:
-    """Return the plots of the page, the one that matters first; those without data left out."""
+class Panels(NamedTuple):
+    """The plots of the page.
+
+    Attributes:
+        over_time: of the runs, the one that matters first.
+        joints: of each joint.
+    """
+
+    over_time: list[Panel]
+    joints: list[Panel]
+
+
+def panels(recordings: Sequence[Recording]) -> Panels:
+    """Return the plots of the page; those without data left out."""
     bins = _bins(recordings)
-    drawn = [_panel(quantity, recordings, bins) for quantity in QUANTITIES]
-    joints = _joint_speeds(recordings, bins)
-    return [panel for panel in drawn if panel is not None] + [joints]
+    over_time = [_panel(quantity, recordings, bins) for quantity in QUANTITIES]
+    joints = [_joint_panel(quantity, recordings, bins) for quantity in JOINT_QUANTITIES]
+    return Panels(
+        [panel for panel in over_time if panel is not None],
+        [panel for panel in joints if panel is not None],
+    )
 
 
 def _bins(recordings: Sequence[Recording]) -> int:
-    lines = sum(len(QUANTITIES) + recording.robot.n for recording in recordings)
+    lines = sum(
+        len(QUANTITIES) + len(JOINT_QUANTITIES) * recording.robot.n for recording in recordings
+    )
     return max(20, min(_MOST_BINS, _POINTS // (4 * max(1, lines))))
 
 
@@ -70,8 +92,9 @@ def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Pa
             figure.add_trace(_trace(recordings, index, *decimate(t, y, bins), quantity.unit))
     label = quantity.label.format(sequence=sequences(recordings))
     values = [y for _, y in runs]
-    if quantity is JOINT_SPEED:
-        values += _draw_limits(figure, [r.robot.limits.velocity for r in recordings], values)
+    if quantity.limits is not None:
+        limits = _present(quantity.limits, recordings, runs)
+        values += _draw_limits(figure, limits, values)
     figure.update_yaxes(title=label, title_standoff=14, **_y_axis(quantity, values))
     _mark_poles(figure, quantity, recordings)
     _finish(figure, recordings)
@@ -81,9 +104,17 @@ def _panel(quantity: Quantity, recordings: Sequence[Recording], bins: int) -> Pa
     return Panel(quantity.title, quantity.caption, figure, 420)
 
 
+def _present(
+    limits: Callable[[Recording], Array], recordings: Sequence[Recording], runs: _Runs
+) -> list[Array]:
+    """Return the limits of the robots whose runs have the quantity."""
+    pairs = zip(recordings, runs, strict=True)
+    return [limits(recording) for recording, (t, _) in pairs if len(t)]
+
+
 def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
     if quantity.floor:
-        return axis(runs, quantity.floor)
+        return axis(runs, quantity.floor, logarithmic=quantity.logarithmic)
     return {"type": "linear", "rangemode": "tozero"}
 
 
@@ -93,7 +124,7 @@ def _trace(
     """Return the line of a run; its name comes from outside, so it is escaped."""
     return go.Scatter(
         x=t.astype(np.float32),
-        y=y.astype(np.float32),
+        y=np.clip(y, -_LARGEST, _LARGEST).astype(np.float32),
         name=escape(labels(recordings)[index]),
         legendgroup=str(index),
         mode="lines",
@@ -136,43 +167,64 @@ def _markers(recordings: Sequence[Recording]) -> Iterator[go.Scatter]:
 
 
 def _draw_limits(
-    figure: go.Figure, limits: Sequence[Array], speeds: Sequence[Array], **where: Any
+    figure: go.Figure, limits: Sequence[Array], values: Sequence[Array], **where: Any
 ) -> list[Array]:
-    """Draw the velocity limits; return those that the axis has to reach."""
+    """Draw the limits; return those that the axis has to reach."""
     known = np.unique(np.concatenate(limits))
     known = known[np.isfinite(known)]
     for limit in known:
         figure.add_hline(limit, line={"color": _GREY, "width": 1, "dash": "dash"}, **where)
-    top = max(float(speed.max()) for speed in speeds)
+    top = max(float(run.max()) for run in values if len(run))
     return [known[known < _NEAR_LIMIT * top]]
 
 
-def _joint_speeds(recordings: Sequence[Recording], bins: int) -> Panel:
-    """Return the speed of each joint, one plot a joint, on equal axes."""
-    longest = max(recordings, key=lambda recording: recording.robot.n)
-    rows = math.ceil(longest.robot.n / _COLUMNS)
-    titles = [escape(joint) for joint in longest.robot.joints]
+def _joint_panel(
+    quantity: JointQuantity, recordings: Sequence[Recording], bins: int
+) -> Panel | None:
+    """Return a quantity of each joint, one plot a joint, on equal axes."""
+    runs = [quantity.of(recording) for recording in recordings]
+    shown = [r for r, (t, _) in zip(recordings, runs, strict=True) if len(t)]
+    if not shown:
+        return None
+    titles = _joint_titles(shown)
+    rows = math.ceil(len(titles) / _COLUMNS)
     gaps = {"vertical_spacing": 0.30 / rows, "horizontal_spacing": 0.1}
     figure = make_subplots(rows, _COLUMNS, subplot_titles=titles, **gaps)
-    speeds = [recording.leading.joint_speed for recording in recordings]
-    for joint in range(longest.robot.n):
+    values = [y for _, y in runs if len(y)]
+    limits = _present(quantity.limits, recordings, runs)
+    for joint in range(len(titles)):
         where = {"row": joint // _COLUMNS + 1, "col": joint % _COLUMNS + 1}
-        for trace in _joint_lines(joint, recordings, bins):
+        for trace in _joint_lines(joint, quantity, recordings, bins):
             figure.add_trace(trace, **where)
-        limits = [r.robot.limits.velocity[joint : joint + 1] for r in recordings]
-        reached = _draw_limits(figure, limits, speeds, **where)
-        figure.update_yaxes(axis(speeds + reached, JOINT_SPEED.floor, labels=4), **where)
-    figure.update_yaxes(title="|dq| [rad/s]", title_standoff=14, col=1)
-    caption = "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near."
-    return Panel("Speed of each joint", caption, _finish(figure, recordings), 210 * rows + 60)
+        own = [limit[joint : joint + 1] for limit in limits]
+        reached = _draw_limits(figure, own, values, **where)
+        figure.update_yaxes(_equal_axis(values, reached, quantity.floor), **where)
+    figure.update_yaxes(title=quantity.label, title_standoff=14, col=1)
+    height = 210 * rows + 60
+    return Panel(quantity.title, quantity.caption, _finish(figure, recordings), height)
 
 
-def _joint_lines(joint: int, recordings: Sequence[Recording], bins: int) -> Iterator[go.Scatter]:
+def _equal_axis(runs: Sequence[Array], reached: list[Array], floor: float) -> dict[str, Any]:
+    """Return the axis of every joint: like that of the largest, down to the smallest if log."""
+    shown = axis([y.max(axis=1) for y in runs] + reached, floor, labels=4)
+    if shown["type"] == "linear":
+        return shown
+    return axis([y.ravel() for y in runs] + reached, floor, labels=4, logarithmic=True)
+
+
+def _joint_lines(
+    joint: int, quantity: JointQuantity, recordings: Sequence[Recording], bins: int
+) -> Iterator[go.Scatter]:
     for index, recording in enumerate(recordings):
-        if joint < recording.robot.n:
-            speed = np.abs(recording.leading.dq[:, joint])
-            points = decimate(recording.leading.t, speed, bins)
-            yield _trace(recordings, index, *points, "rad/s")
+        t, y = quantity.of(recording)
+        if len(t) and joint < recording.robot.n:
+            yield _trace(recordings, index, *decimate(t, y[:, joint], bins), quantity.unit)
+
+
+def _joint_titles(recordings: Sequence[Recording]) -> list[str]:
+    """Return a title for each joint: its name, or its names where the robots differ."""
+    names = zip_longest(*(recording.robot.joints for recording in recordings), fillvalue="")
+    return [escape(" / ".join(filter(None, dict.fromkeys(joint)))) for joint in names]
 
 
 def _finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:

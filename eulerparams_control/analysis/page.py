@@ -5,7 +5,7 @@ content security policy forbids the page to load anything.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from plotly.offline import get_plotlyjs
 
-from eulerparams_control.analysis.figures import Panel, panels
+from eulerparams_control.analysis.figures import Panel, Panels, panels
+from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.page_assets import SCRIPT, STYLE
 from eulerparams_control.analysis.page_tables import criteria, numbers, parameters, run_names
 from eulerparams_control.analysis.recording import Recording
@@ -51,7 +52,7 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
-_NUMBER = re.compile(r"(\d\S*(?: (?:deg|mm|rad/s))?)")
+_NUMBER = re.compile(r"(\d\S*(?: (?:deg|mm|rad/s|Nm|1/s|s)\b)?)")
 
 
 def write_page(
@@ -81,9 +82,9 @@ def write_page(
         style=STYLE,
         sentence=_with_whole_numbers(sentence),
         claim=_claim(claim, verdicts),
-        warnings="\n".join(_warning(r.warning) for r in recordings if r.warning),
+        warnings="\n".join(_warnings(recordings)),
         body=_body(drawn, recordings, verdicts),
-        figures=figures_json(drawn),
+        figures=figures_json(drawn.over_time + drawn.joints),
         plotly=get_plotlyjs(),
         script=SCRIPT,
     )
@@ -112,14 +113,22 @@ def _claim(claim: str, verdicts: Sequence["Verdict"]) -> str:
     return f'<p class="claim">{text}</p>' if text else ""
 
 
+def _warnings(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Yield what is not as usual with a run."""
+    for name, recording in zip(labels(recordings), recordings, strict=True):
+        if recording.warning:
+            yield _warning(f"Incomplete recording: {recording.warning}")
+        if recording.diverged is not None:
+            t = f"{recording.diverged:.3f}"
+            yield _warning(f"{name} diverged at {t} s: its curves and numbers end there.")
+
+
 def _warning(text: str) -> str:
-    return f'<p class="warning">Incomplete recording: {escape(text)}</p>'
+    return f'<p class="warning">{escape(text)}</p>'
 
 
-def _body(
-    drawn: Sequence[Panel], recordings: Sequence[Recording], verdicts: Sequence["Verdict"]
-) -> str:
-    first, *others, joints = drawn
+def _body(drawn: Panels, recordings: Sequence[Recording], verdicts: Sequence["Verdict"]) -> str:
+    first, *others = drawn.over_time
     sections = [
         _figure(first),
         f'<p class="note">{_HINT}</p>',
@@ -129,7 +138,7 @@ def _body(
         f'<div class="plots">{"".join(map(_figure, others))}</div>',
         "<h2>Numbers</h2>",
         numbers(recordings),
-        _figure(joints),
+        *map(_figure, drawn.joints),
         "<h2>Parameters</h2>",
         parameters(recordings),
     ]

@@ -13,6 +13,7 @@ from eulerparams_control.analysis.text import quantity
 if TYPE_CHECKING:
     from eulerparams_control.experiments.criteria import Verdict
 
+_NO_NODE = ""  # of a parameter in a run without its node
 _LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
 _DULL = ("qos_overrides", "robot_description", "start_type_description_service")
 
@@ -60,10 +61,17 @@ def numbers(recordings: Sequence[Recording]) -> str:
 
 
 def parameters(recordings: Sequence[Recording]) -> str:
-    """Return the parameters of each run: those that differ first, the others folded."""
+    """Return the parameters of each run: those that differ first, the others folded.
+
+    Those of a node are compared between the runs that have it.
+    """
     found = _parameters(recordings)
-    differ = {name: values for name, values in found.items() if len(set(values)) > 1}
-    same = {name: values[:1] for name, values in found.items() if len(set(values)) == 1}
+    known = {name: set(values) - {_NO_NODE} for name, values in found.items()}
+    differ = {name: values for name, values in found.items() if len(known[name]) > 1}
+    same = {name: list(known[name]) for name in found if len(known[name]) == 1}
+    nodes = _nodes(recordings)
+    if len(set(nodes)) > 1:
+        differ = {"nodes": nodes, **differ}
     text = '<p class="note">None differ.</p>' if found else '<p class="note">None recorded.</p>'
     if differ:
         body = "".join(_parameter(name, values, "differs") for name, values in differ.items())
@@ -73,6 +81,12 @@ def parameters(recordings: Sequence[Recording]) -> str:
         common = _table(_head(["parameter", "value"]), body)
         text += f"<details><summary>{len(same)} in which all agree</summary>{common}</details>"
     return text
+
+
+def _nodes(recordings: Sequence[Recording]) -> list[str]:
+    """Return the nodes of each run, without those that all runs have."""
+    everywhere = set.intersection(*(set(recording.parameters) for recording in recordings))
+    return [", ".join(sorted(set(r.parameters) - everywhere)) or MISSING for r in recordings]
 
 
 def _parameters(recordings: Sequence[Recording]) -> dict[str, list[str]]:
@@ -85,7 +99,10 @@ def _parameters(recordings: Sequence[Recording]) -> dict[str, list[str]]:
         if name not in _DULL
     }
     return {
-        f"{node} {name}": [_shown(r.parameters.get(node, {}).get(name)) for r in recordings]
+        f"{node} {name}": [
+            _shown(r.parameters[node].get(name)) if node in r.parameters else _NO_NODE
+            for r in recordings
+        ]
         for node, name in sorted(names, key=str)
     }
 

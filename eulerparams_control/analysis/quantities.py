@@ -8,6 +8,8 @@ import numpy as np
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.rotations import Array
 
+_EMPTY = np.zeros(0)
+
 
 class Quantity(NamedTuple):
     """A quantity of a run over time.
@@ -19,6 +21,8 @@ class Quantity(NamedTuple):
         unit: for single values.
         floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
         of: returns instants [s] and values; both empty if nothing was recorded.
+        limits: returns (n,) limits of the URDF to draw; None has none.
+        logarithmic: whether the axis is logarithmic in any case.
     """
 
     title: str
@@ -27,6 +31,30 @@ class Quantity(NamedTuple):
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
+    limits: Callable[[Recording], Array] | None = None
+    logarithmic: bool = False
+
+
+class JointQuantity(NamedTuple):
+    """A quantity of each joint over time.
+
+    Attributes:
+        title: of the plots.
+        label: of their axes, with the unit.
+        caption: what it means.
+        unit: for single values.
+        floor: values below are rounding, not motion.
+        of: returns instants (N,) [s] and values (N, n); both empty if nothing was recorded.
+        limits: returns (n,) limits of the URDF to draw.
+    """
+
+    title: str
+    label: str
+    caption: str
+    unit: str
+    floor: float
+    of: Callable[[Recording], tuple[Array, Array]]
+    limits: Callable[[Recording], Array]
 
 
 def _orientation_error(recording: Recording) -> tuple[Array, Array]:
@@ -47,6 +75,33 @@ def _pole_distance(recording: Recording) -> tuple[Array, Array]:
 
 def _smallest_singular_value(recording: Recording) -> tuple[Array, Array]:
     return recording.leading.t, recording.leading.smallest_singular_value
+
+
+def _effort(recording: Recording) -> tuple[Array, Array]:
+    effort = recording.effort
+    return (_EMPTY, _EMPTY) if effort is None else (effort.t, effort.largest)
+
+
+def _lyapunov(recording: Recording) -> tuple[Array, Array]:
+    lyapunov = recording.lyapunov
+    return (_EMPTY, _EMPTY) if lyapunov is None else (lyapunov.t, lyapunov.V)
+
+
+def _joint_speeds(recording: Recording) -> tuple[Array, Array]:
+    return recording.leading.t, np.abs(recording.leading.dq)
+
+
+def _joint_efforts(recording: Recording) -> tuple[Array, Array]:
+    effort = recording.effort
+    return (_EMPTY, _EMPTY) if effort is None else (effort.t, np.abs(effort.tau))
+
+
+def _velocity_limits(recording: Recording) -> Array:
+    return recording.robot.limits.velocity
+
+
+def _effort_limits(recording: Recording) -> Array:
+    return recording.robot.limits.effort
 
 
 def _servo_lag(recording: Recording) -> tuple[Array, Array]:
@@ -72,17 +127,39 @@ ORIENTATION_ERROR = Quantity(
 JOINT_SPEED = Quantity(
     "Joint speed",
     "largest |dq| [rad/s]",
-    "Speed of the fastest joint, what (23) and (28) ask for. Dashed: velocity limits of the "
-    "URDF, where they are near.",
+    "Speed of the fastest joint: what (23), (28) ask for in kinematic control, what (38), (40) "
+    "lead to in dynamic control. Dashed: velocity limits of the URDF, where they are near.",
     "rad/s",
     1e-3,
     _joint_speed,
+    _velocity_limits,
+)
+EFFORT = Quantity(
+    "Effort",
+    "largest |tau| [Nm]",
+    "Largest commanded effort of a joint: (33), with the acceleration that (38) or (40) asks for. "
+    "Dashed: effort limits of the URDF, where they are near.",
+    "Nm",
+    1e-3,
+    _effort,
+    _effort_limits,
+)
+LYAPUNOV = Quantity(
+    "Lyapunov function",
+    "V",
+    "V_1 of (30) in kinematic control, V_2 of (42) in dynamic control, with the sign that the "
+    "controller gave the mutual quaternion; of Euler parameters only. By (31), (43) it never "
+    "increases, but for what sampling, noise and limits do.",
+    "",
+    1e-16,
+    _lyapunov,
+    logarithmic=True,
 )
 POLE_DISTANCE = Quantity(
     "Distance to the representation singularity",
     "angle to the pole of {sequence} [deg]",
     "Angle of the tip to the nearest pole of the Euler angles, where T of (3) is singular and "
-    "(23) has no solution. (28) does not contain T.",
+    "(23), (38) have no solution. (28), (40) do not contain T.",
     "deg",
     0.0,
     _pole_distance,
@@ -114,12 +191,36 @@ SERVO_LAG = Quantity(
     _servo_lag,
 )
 
+JOINT_SPEEDS = JointQuantity(
+    "Speed of each joint",
+    "|dq| [rad/s]",
+    "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near.",
+    "rad/s",
+    1e-3,
+    _joint_speeds,
+    _velocity_limits,
+)
+JOINT_EFFORTS = JointQuantity(
+    "Effort of each joint",
+    "|tau| [Nm]",
+    "Commanded effort of each joint. Dashed: its effort limit in the URDF, where it is near.",
+    "Nm",
+    1e-3,
+    _joint_efforts,
+    _effort_limits,
+)
+
 QUANTITIES = (
     ORIENTATION_ERROR,
     JOINT_SPEED,
+    EFFORT,
     POLE_DISTANCE,
     SINGULAR_VALUE,
     POSITION_ERROR,
+    LYAPUNOV,
     SERVO_LAG,
 )
 """In the order of the page; the first is the picture that matters."""
+
+JOINT_QUANTITIES = (JOINT_SPEEDS, JOINT_EFFORTS)
+"""In the order of the page."""

@@ -1,13 +1,13 @@
 """A recorded run as arrays: from a bag to what was measured, commanded and desired.
 
     recording = Recording.load("out/demo/euler_parameters")
-    recording.command.orientation_error     # (N,) [rad]
+    recording.leading.orientation_error     # (N,) [rad]
 
 Needs no ROS.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -16,66 +16,22 @@ from typing import Any
 
 import numpy as np
 
+from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
+from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.bags.reader import Bag, DecodedMessage
 from eulerparams_control.errors import BagError, InvalidMessageError, SingularityError
-from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
+from eulerparams_control.messages import (
+    CommandReader,
+    JointStateReader,
+    motion_from_ros,
+    ns_from_ros,
+)
 from eulerparams_control.motion import DesiredFrame, DesiredMotion
 from eulerparams_control.orientation import EulerSequence
 from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array, angle_between
+from eulerparams_control.rotations import Array
 
 _LASTING = 0.1  # [s] for which a streamed frame holds its twist: the controllers' default
-
-
-@dataclass(frozen=True)
-class Series:
-    """Motion of the arm over time, with the desired frame at the same instants.
-
-    Attributes:
-        robot: the arm.
-        t: (N,) [s] from the beginning of the recording.
-        q, dq: (N, n) positions and velocities [rad, rad/s].
-        desired: N desired frames, or None where nothing was desired yet.
-    """
-
-    robot: Robot
-    t: Array
-    q: Array
-    dq: Array
-    desired: Sequence[DesiredFrame | None]
-
-    @cached_property
-    def _kinematics(self) -> tuple[Array, Array, Array]:
-        """(N, 3) [m], (N, 3, 3) position and orientation of the tip, and (N, 6, n) J."""
-        states = map(self.robot.state, self.q, self.dq)
-        p, R, J = zip(*((state.p_e, state.R_e, state.J) for state in states), strict=True)
-        return np.array(p), np.array(R), np.array(J)
-
-    @cached_property
-    def position_error(self) -> Array:
-        """(N,) [m] distance of the tip from the desired one; NaN where there is none."""
-        pairs = zip(self.desired, self._kinematics[0], strict=True)
-        return np.array([np.nan if d is None else np.linalg.norm(d.p_d - p) for d, p in pairs])
-
-    @cached_property
-    def orientation_error(self) -> Array:
-        """(N,) [rad] angle of the tip from the desired one; NaN where there is none."""
-        pairs = zip(self.desired, self._kinematics[1], strict=True)
-        return np.array([np.nan if d is None else angle_between(d.R_d, R) for d, R in pairs])
-
-    @cached_property
-    def joint_speed(self) -> Array:
-        """(N,) [rad/s] largest absolute joint velocity."""
-        return np.abs(self.dq).max(axis=1)
-
-    @cached_property
-    def smallest_singular_value(self) -> Array:
-        """(N,) smallest singular value of J: distance to the kinematic singularities."""
-        return np.linalg.svd(self._kinematics[2], compute_uv=False)[:, -1]
-
-    def pole_distance(self, sequence: EulerSequence) -> Array:
-        """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
-        return np.array([sequence.pole_distance(R) for R in self._kinematics[1]])
 
 
 @dataclass(frozen=True)
@@ -87,16 +43,21 @@ class Recording:
         robot: the arm.
         measured: from joint_states.
         command: from joint_reference; None if there is none.
+        effort: from joint_effort; None if there is none.
         parameters: of the recorded nodes, by node and name.
         warning: what is wrong with the bag; "" if nothing.
+        diverged: [s] when the simulation ended because the arm left all numbers, or its
+            controller gave up; None if it did not.
     """
 
     path: Path
     robot: Robot
     measured: Series
     command: Series | None
+    effort: Efforts | None
     parameters: dict[str, dict[str, Any]]
     warning: str
+    diverged: float | None = None
 
     @classmethod
     def load(cls, path: str | PathLike[str], urdf: str = "", tip_frame: str = "") -> "Recording":
@@ -120,11 +81,13 @@ class Recording:
         if not states:
             raise BagError(f"{path}: no joint_states; found {', '.join(bag.topics) or 'nothing'}")
         commands = list(topics.messages("joint_reference"))
+        efforts = list(topics.messages("joint_effort"))
         start = ns_from_ros(states[0].message.header.stamp)
-        desired = _Desired(references, commands or states, robot)
+        desired = _Desired(references, commands or efforts or states, robot)
         measured = _series(robot, states, start, desired)
         command = _series(robot, commands, start, desired) if commands else None
-        return cls(Path(path), robot, measured, command, _parameters(bag), bag.warning)
+        effort = _efforts(robot, efforts, start) if efforts else None
+        return cls(Path(path), robot, measured, command, effort, _parameters(bag), bag.warning)
 
     @property
     def name(self) -> str:
@@ -144,8 +107,25 @@ class Recording:
 
     @property
     def leading(self) -> Series:
-        """What the controller answers for: its command, else the measured motion."""
+        """What the controller answers for: its joint_reference, else the measured motion."""
         return self.command or self.measured
+
+    @cached_property
+    def lyapunov(self) -> LyapunovSeries | None:
+        """V of the controller that ran, (30) or (42); None where ``why_no_lyapunov`` says."""
+        return None if isinstance(self._lyapunov, str) else self._lyapunov
+
+    @property
+    def why_no_lyapunov(self) -> str:
+        """Why there is no ``lyapunov``; "" if there is."""
+        return self._lyapunov if isinstance(self._lyapunov, str) else ""
+
+    @cached_property
+    def _lyapunov(self) -> LyapunovSeries | str:
+        try:
+            return lyapunov_series(self.leading, self.parameters)
+        except BagError as error:
+            return str(error)
 
     @property
     def sequence(self) -> EulerSequence:
@@ -168,6 +148,7 @@ class Recording:
 _TYPES = {
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_reference": "sensor_msgs/msg/JointState",
+    "joint_effort": "sensor_msgs/msg/JointState",
     "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
 }
 
@@ -190,7 +171,10 @@ class _Topics:
 
 
 class _Desired:
-    """The desired frame at the stamps of a recording, from the references in it."""
+    """The desired frame at the stamps of a recording, from the references in it.
+
+    A reference counts from the first tick that was sent after it.
+    """
 
     def __init__(
         self, references: list[DecodedMessage], ticks: list[DecodedMessage], robot: Robot
@@ -198,8 +182,8 @@ class _Desired:
         self._frames: dict[int, DesiredFrame] = {}
         pending = list(references)
         motion: DesiredMotion | None = None
-        for stamp, log_time in _instants(ticks):
-            while pending and pending[0].log_time <= log_time:
+        for stamp, sent in _instants(ticks):
+            while pending and _sent(pending[0]) <= sent:
                 motion = self._follow(motion, pending.pop(0).message, robot)
             if motion is not None:
                 with contextlib.suppress(SingularityError):  # the controller held still then
@@ -220,32 +204,51 @@ class _Desired:
         return self._frames.get(stamp)
 
 
+def _sent(message: DecodedMessage) -> int:
+    """Return when a message was sent [ns]; a busy recorder may get it much later."""
+    return message.publish_time or message.log_time
+
+
 def _instants(messages: list[DecodedMessage]) -> Iterator[tuple[int, int]]:
-    """Yield stamp and log time of each message whose stamp is new."""
+    """Yield stamp and time of sending of each message whose stamp is new."""
     last = -1
     for message in messages:
         stamp = ns_from_ros(message.message.header.stamp)
         if stamp > last:
-            yield stamp, message.log_time
+            yield stamp, _sent(message)
             last = stamp
 
 
 def _series(robot: Robot, messages: list[DecodedMessage], start: int, desired: _Desired) -> Series:
-    """Return the series of messages, each stamp once, messages that are not valid left out."""
-    reader = JointStateReader(robot.joints)
-    rows: dict[int, tuple[Array, Array]] = {}
+    """Return the series of messages with positions."""
+    stamps, rows = _rows(robot, messages, JointStateReader(robot.joints).from_ros)
+    q, dq = (np.array([row[i] for row in rows]) for i in (1, 2))
+    return Series(robot, _times(stamps, start), q, dq, [desired.at(stamp) for stamp in stamps])
+
+
+def _efforts(robot: Robot, messages: list[DecodedMessage], start: int) -> Efforts:
+    """Return the efforts of messages."""
+    reader = CommandReader(robot.joints, "torque")
+    stamps, rows = _rows(robot, messages, reader.effort_from_ros)
+    return Efforts(_times(stamps, start), np.array(rows))
+
+
+def _rows[T](
+    robot: Robot, messages: list[DecodedMessage], read: Callable[[Any], T]
+) -> tuple[list[int], list[T]]:
+    """Return stamps and contents, each stamp once, messages that are not valid left out."""
+    rows: dict[int, T] = {}
     for message in messages:
-        try:
-            stamp, q, dq = reader.from_ros(message.message)
-        except InvalidMessageError:
-            continue
-        rows.setdefault(stamp, (q, dq))
+        with contextlib.suppress(InvalidMessageError):
+            rows.setdefault(ns_from_ros(message.message.header.stamp), read(message.message))
     if not rows:
         raise BagError(f"no valid message with the joints {', '.join(robot.joints)}")
     stamps = sorted(rows)
-    q, dq = (np.array([rows[stamp][i] for stamp in stamps]) for i in (0, 1))
-    t = (np.array(stamps) - start) / 1e9
-    return Series(robot, t, q, dq, [desired.at(stamp) for stamp in stamps])
+    return stamps, [rows[stamp] for stamp in stamps]
+
+
+def _times(stamps: list[int], start: int) -> Array:
+    return (np.array(stamps) - start) / 1e9
 
 
 def _frames(references: list[DecodedMessage], bag: Bag, tip_frame: str) -> tuple[str, str]:

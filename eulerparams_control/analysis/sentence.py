@@ -3,17 +3,22 @@
     "{peak_orientation_error.euler_angles} against {peak_orientation_error.euler_parameters}"
 
 ``{metric.variant}`` stands for the metric of that variant, with its unit;
-``{metric.variant/other}`` for its ratio to that of another one.
+``{metric.variant/other}`` for its ratio to that of another one.  A metric that needs options
+has those of a criterion on it.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.metrics import get_metric
+from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.text import number, quantity
 from eulerparams_control.errors import BagError, UnknownNameError
+
+Options = Callable[[str, str], Mapping[str, Any]]
+"""The options of a metric, by its name and a variant."""
 
 _NUMBER = re.compile(r"\{(\w+)\.(\w+)(?:/(\w+))?\}")
 
@@ -23,28 +28,32 @@ def placeholders(text: str) -> list[tuple[str, str, str]]:
     return _NUMBER.findall(text)
 
 
-def fill(text: str, recordings: Mapping[str, Recording]) -> str:
+def _no_options(_metric: str, _variant: str) -> Mapping[str, Any]:
+    return {}
+
+
+def fill(text: str, recordings: Mapping[str, Recording], options: Options = _no_options) -> str:
     """Return the text with its numbers.
 
     Args:
         text: with placeholders.
         recordings: by variant.
+        options: of the metrics.
 
     Raises:
         UnknownNameError: if there is no such metric or variant; lists those that exist.
     """
 
-    def measure(metric: str, variant: str) -> float:
+    def measured(metric: str, variant: str) -> float:
         if variant not in recordings:
             raise UnknownNameError("variant", variant, recordings)
-        return get_metric(metric).compute(recordings[variant])
+        return measure(metric, recordings[variant], **options(metric, variant))
 
     def value(match: re.Match[str]) -> str:
         metric, variant, other = match.groups()
-        measured = measure(metric, variant)
         if other:
-            return number(measured / measure(metric, other))
-        return quantity(measured, get_metric(metric).unit)
+            return number(quotient(measured(metric, variant), measured(metric, other)))
+        return quantity(measured(metric, variant), get_metric(metric).unit)
 
     return _NUMBER.sub(value, text)
 
@@ -56,17 +65,16 @@ def describe(recordings: Sequence[Recording]) -> str:
         found = [
             f"{text} ({name})"
             for name, recording in zip(names, recordings, strict=True)
-            if (text := _leading(metric, recording))
+            if (text := _shown(metric, recording))
         ]
         if found:
             return f"{get_metric(metric).description}: {', '.join(found)}."
     return ""
 
 
-def _leading(metric: str, recording: Recording) -> str:
-    """Return a metric of the command, else of the measured motion; "" if it has none."""
+def _shown(metric: str, recording: Recording) -> str:
+    """Return a metric with its unit; "" if the run has none."""
     try:
-        measured = get_metric(metric).compute(recording, of="leading")
-        return quantity(measured, get_metric(metric).unit)
+        return quantity(get_metric(metric).compute(recording), get_metric(metric).unit)
     except BagError:
         return ""

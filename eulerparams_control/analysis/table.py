@@ -1,8 +1,8 @@
 """The numbers of runs side by side: a row a number, a column a run."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from rich.table import Table
 from rich.text import Text
@@ -28,35 +28,49 @@ class Row(NamedTuple):
     values: list[str]
 
 
-_COMMAND: Mapping[str, Any] = {"of": "command"}
-_MEASURED: Mapping[str, Any] = {"of": "measured"}
-_LEADING: Mapping[str, Any] = {"of": "leading"}
-_NUMBERS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
-    ("orientation error, peak", "peak_orientation_error", _COMMAND),
-    ("orientation error, end", "final_orientation_error", _COMMAND),
-    ("  measured, peak", "peak_orientation_error", _MEASURED),
-    ("  measured, end", "final_orientation_error", _MEASURED),
-    ("position error, peak", "peak_position_error", _COMMAND),
-    ("position error, end", "final_position_error", _COMMAND),
-    ("  measured, peak", "peak_position_error", _MEASURED),
-    ("  measured, end", "final_position_error", _MEASURED),
-    ("joint speed, peak", "peak_joint_speed", _COMMAND),
-    ("  measured, peak", "peak_joint_speed", _MEASURED),
-    ("closest to pole of", "closest_approach", _LEADING),
-    ("smallest singular value of J", "smallest_singular_value", _LEADING),
-    ("servo lag, largest", "servo_lag", {}),
+class _Number(NamedTuple):
+    """A row of the table; ``needs`` names what of a recording it is about, "" if any has it."""
+
+    title: str
+    metric: str
+    of: str = ""
+    needs: str = ""
+
+
+_NUMBERS = (
+    _Number("diverged at", "divergence_time", needs="diverged"),
+    _Number("orientation error, peak", "peak_orientation_error"),
+    _Number("orientation error, end", "final_orientation_error"),
+    _Number("  measured, peak", "peak_orientation_error", "measured", "command"),
+    _Number("  measured, end", "final_orientation_error", "measured", "command"),
+    _Number("position error, peak", "peak_position_error"),
+    _Number("position error, end", "final_position_error"),
+    _Number("  measured, peak", "peak_position_error", "measured", "command"),
+    _Number("  measured, end", "final_position_error", "measured", "command"),
+    _Number("joint speed, peak", "peak_joint_speed"),
+    _Number("  measured, peak", "peak_joint_speed", "measured", "command"),
+    _Number("effort, peak", "peak_effort", needs="effort"),
+    _Number("time at an effort limit", "saturated_time", needs="effort"),
+    _Number("closest to pole of", "closest_approach"),
+    _Number("smallest singular value of J", "smallest_singular_value"),
+    _Number("servo lag, largest", "servo_lag", needs="command"),
 )
 
 
 def rows(recordings: Sequence[Recording]) -> list[Row]:
-    """Return the numbers of each run; of the command, where it does not say measured."""
+    """Return the numbers of each run, those left out that none can have.
+
+    They are of the commanded motion if there is one, where they do not say measured.
+    """
     return [
-        Row(
-            _title(title, metric, recordings),
-            [_value(metric, options, recording) for recording in recordings],
-        )
-        for title, metric, options in _NUMBERS
+        Row(_title(row, recordings), [_value(row, recording) for recording in recordings])
+        for row in _NUMBERS
+        if any(_has(recording, row.needs) for recording in recordings)
     ]
+
+
+def _has(recording: Recording, needs: str) -> bool:
+    return not needs or getattr(recording, needs) is not None
 
 
 def terminal_tables(recordings: Sequence[Recording], width: int) -> Iterator[Table]:
@@ -80,15 +94,19 @@ def _broken(name: str) -> Text:
     return Text("\n".join(re.findall(rf".{{1,{n - 1}}}(?:_|$)|.{{1,{n}}}", name)))
 
 
-def _title(title: str, metric: str, recordings: Sequence[Recording]) -> str:
-    if metric == "closest_approach":
+def _title(row: _Number, recordings: Sequence[Recording]) -> str:
+    title = row.title
+    if row.metric == "closest_approach":
         title += f" {sequences(recordings)}"
-    unit = get_metric(metric).unit
+    unit = get_metric(row.metric).unit
     return f"{title} [{unit}]" if unit else title
 
 
-def _value(metric: str, options: Mapping[str, Any], recording: Recording) -> str:
+def _value(row: _Number, recording: Recording) -> str:
+    if not _has(recording, row.needs):
+        return MISSING
+    options = {"of": row.of} if row.of else {}
     try:
-        return number(get_metric(metric).compute(recording, **options))
+        return number(get_metric(row.metric).compute(recording, **options))
     except BagError:
         return MISSING

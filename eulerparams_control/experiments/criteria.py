@@ -2,12 +2,12 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.metrics import get_metric
+from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.experiments.definition import Criterion, Experiment
 
@@ -18,7 +18,7 @@ class Verdict:
 
     Attributes:
         text: what was measured, in words.
-        variant: of which variant, or of which two.
+        variant: of which variant, or of which of them together.
         predicted: by theory or a prototype; "" if nothing.
         measured: the number.
         unit: of it.
@@ -50,23 +50,30 @@ def _verdicts(
     metric = get_metric(criterion.metric)
     text = criterion.text or metric.description
 
-    def measure(variant: str) -> float:
-        return metric.compute(recordings[variant], **criterion.options)
+    def measured(variant: str) -> float:
+        return measure(criterion.metric, recordings[variant], **criterion.options)
 
-    if criterion.ratio:
-        numerator, denominator = criterion.ratio
-        if numerator in recordings and denominator in recordings:
-            ratio = measure(numerator) / measure(denominator)
-            yield _verdict(criterion, f"{numerator} / {denominator}", ratio, "", text)
+    together = criterion.ratio or criterion.spread
+    if together:
+        if set(together) <= recordings.keys():
+            values = list(map(measured, together))
+            value = quotient(*values) if criterion.ratio else spread(values)
+            name = (" / " if criterion.ratio else ", ").join(together)
+            yield _verdict(criterion, name, value, "", text)
         return
     for variant in criterion.variants or experiment.variants:
         if variant in recordings:
-            yield _verdict(criterion, variant, measure(variant), metric.unit, text)
+            yield _verdict(criterion, variant, measured(variant), metric.unit, text)
 
 
-def _verdict(
-    criterion: Criterion, variant: str, measured: float, unit: str, text: str
-) -> Verdict:
+def spread(values: Sequence[float]) -> float:
+    """Return (max - min) / mean; NaN if a value is infinite."""
+    if not all(map(math.isfinite, values)):
+        return math.nan
+    return quotient(max(values) - min(values), sum(values) / len(values))
+
+
+def _verdict(criterion: Criterion, variant: str, measured: float, unit: str, text: str) -> Verdict:
     above, below = criterion.above, criterion.below
     bounds = [f"> {above:g}"] if above is not None else []
     bounds += [f"< {below:g}"] if below is not None else []
@@ -74,16 +81,27 @@ def _verdict(
     return Verdict(text, variant, criterion.predicted, measured, unit, ", ".join(bounds), met)
 
 
-def write_summary(path: Path, experiment: Experiment, verdicts: list[Verdict]) -> None:
-    """Write summary.json: the claim, and each criterion with what was measured."""
+def write_summary(
+    path: Path,
+    experiment: Experiment,
+    recordings: dict[str, Recording],
+    verdicts: list[Verdict],
+) -> None:
+    """Write summary.json: the claim, each criterion with what was measured, and what diverged."""
     content = {
         "experiment": experiment.name,
         "claim": experiment.claim,
         "equations": list(experiment.equations),
         "met": all(verdict.met for verdict in verdicts),
         "criteria": [_json(asdict(verdict)) for verdict in verdicts],
+        "diverged": dict(diverged(recordings)),
     }
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def diverged(recordings: dict[str, Recording]) -> list[tuple[str, float]]:
+    """Return the variants that diverged, and when [s]."""
+    return [(name, r.diverged) for name, r in recordings.items() if r.diverged is not None]
 
 
 def _json(values: dict[str, Any]) -> dict[str, Any]:

@@ -4,20 +4,25 @@
     equations: ["(28)"]
     robot: ur5
     duration: 5.0                 # [s] of simulated time
-    controller: clik
+    controller: clik              # or dynamic_control
     start_at_reference: true      # begin with zero error at the first way-point
+    start_turn: [0.0, 0.0, 0.5]   # but turned by this rotation vector, tool frame [rad]
+    may_diverge: false            # whether a run may end early, beyond all numbers
     nodes:                        # parameters of each node, by executable
       clik: {k_Po: 100.0}
-    variants:                     # what each run changes
+    variants:                     # what each run changes: of the nodes, or of the keys above
       euler_angles: {clik: {orientation: euler_angles}}
+      dynamic: {controller: dynamic_control, duration: 2.0}
     criteria:
       - {metric: peak_orientation_error, below: 1.0e-3, predicted: 2.0e-4}
+
+``nodes`` may have parameters of controllers that a variant does not use.
 """
 
 import copy
 import inspect
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +35,20 @@ from eulerparams_control.resources import config_file
 
 Parameters = dict[str, dict[str, Any]]
 
-NODES = ("pybullet_bridge", "clik", "reference")
-CONTROLLERS = {"clik": "joint_reference"}
+CONTROLLERS = {"clik": "joint_reference", "dynamic_control": "joint_effort"}
 """The controllers, and the topic of the command of each."""
+NODES = ("pybullet_bridge", *CONTROLLERS, "reference")
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A bound on a metric of one or of two variants.
+    """A bound on a metric of a variant, or of several together.
 
     Attributes:
         metric: name in ``METRICS``.
         variants: that have to meet it, each one by itself; () is all.
         ratio: instead, two variants whose metrics are divided, the first by the second.
+        spread: instead, variants of whose metrics (max - min) / mean is taken.
         above, below: the bounds; None is none.
         predicted: what theory or a prototype gives, as text; "" if nothing.
         options: passed to the metric.
@@ -52,11 +58,35 @@ class Criterion:
     metric: str
     variants: tuple[str, ...] = ()
     ratio: tuple[str, ...] = ()
+    spread: tuple[str, ...] = ()
     above: float | None = None
     below: float | None = None
     predicted: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     text: str = ""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One run of an experiment.
+
+    Attributes:
+        nodes: parameters of the nodes.
+        duration: [s] of simulated time.
+        robot: name or path.
+        controller: executable of the controller.
+        start_at_reference: whether q starts at the first way-point instead of home.
+        start_turn: (3,) rotation vector [rad], tool frame, by which the tip is turned there.
+        may_diverge: whether the run may end early, beyond all numbers.
+    """
+
+    nodes: Parameters
+    duration: float
+    robot: str = "ur5"
+    controller: str = "clik"
+    start_at_reference: bool = False
+    start_turn: tuple[float, ...] = (0.0, 0.0, 0.0)
+    may_diverge: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,11 +97,7 @@ class Experiment:
         name: of its file.
         claim: what it shows.
         equations: of the paper that it is about.
-        robot: name or path.
-        duration: [s] of simulated time.
-        controller: executable of the controller.
-        start_at_reference: whether q starts at the first way-point instead of home.
-        variants: parameters of all nodes, by variant.
+        variants: its runs, by name.
         criteria: what has to hold.
         summary: one sentence with numbers; see ``analysis.sentence.fill``.
     """
@@ -79,19 +105,23 @@ class Experiment:
     name: str
     claim: str
     equations: tuple[str, ...]
-    robot: str
-    duration: float
-    controller: str
-    start_at_reference: bool
-    variants: dict[str, Parameters]
+    variants: dict[str, Variant]
     criteria: tuple[Criterion, ...]
     summary: str = ""
 
+    def options(self, metric: str, variant: str) -> dict[str, Any]:
+        """Return the options of the first criterion on a metric of a variant; {} if none is."""
+        for criterion in self.criteria:
+            named = criterion.variants or criterion.ratio or criterion.spread
+            if criterion.metric == metric and (variant in named or not named):
+                return criterion.options
+        return {}
 
-_KEYS = {
-    *("claim", "equations", "robot", "duration", "controller", "start_at_reference"),
-    *("nodes", "variants", "criteria", "summary"),
-}
+
+_RUN_KEYS = tuple(field.name for field in fields(Variant) if field.name != "nodes")
+"""What an experiment says of all its runs, and a variant may say otherwise."""
+
+_KEYS = ("claim", "equations", *_RUN_KEYS, "nodes", "variants", "criteria", "summary")
 
 
 def load_experiment(name_or_path: str) -> Experiment:
@@ -119,41 +149,78 @@ def _experiment(name: str, content: Any) -> Experiment:
         _known("key", key, _KEYS)
     for key in ("claim", "duration", "variants"):
         _require(key in content, f"the key '{key}' is missing")
-    controller = content.get("controller", "clik")
-    _known("controller", controller, CONTROLLERS)
-    duration = content["duration"]
-    _require(_is_number(duration) and 0 < duration < math.inf, "duration must be > 0 and finite")
     for key in ("equations", "criteria"):
         _require(isinstance(content.get(key) or [], list), f"{key}: expected a list")
-    variants = _variants(content.get("nodes") or {}, content["variants"])
-    for metric, *names in placeholders(str(content.get("summary", ""))):
-        get_metric(metric)
-        for variant in filter(None, names):
-            _known("variant in the summary", variant, variants)
-    return Experiment(
+    variants = _variants(content)
+    experiment = Experiment(
         name=name,
         claim=str(content["claim"]).strip(),
         equations=tuple(map(str, content.get("equations") or ())),
-        robot=str(content.get("robot", "ur5")),
-        duration=float(content["duration"]),
-        controller=controller,
-        start_at_reference=bool(content.get("start_at_reference", False)),
         variants=variants,
         criteria=tuple(_criterion(c, variants) for c in content.get("criteria") or ()),
         summary=str(content.get("summary", "")).strip(),
     )
+    for metric, *names in placeholders(experiment.summary):
+        for variant in filter(None, names):
+            _known("variant in the summary", variant, variants)
+            _check_options(metric, experiment.options(metric, variant))
+    return experiment
 
 
-def _variants(nodes: Any, variants: Any) -> dict[str, Parameters]:
-    """Return the parameters of each variant: those of ``nodes`` with its changes."""
+def _variants(content: dict[str, Any]) -> dict[str, Variant]:
+    """Return the variants: what the experiment says of all its runs, with their changes."""
+    common = {key: content[key] for key in _RUN_KEYS if key in content}
+    nodes = _parameters("nodes", content.get("nodes") or {})
+    _variant("the experiment", common, nodes, {})
+    variants = content["variants"]
     _require(isinstance(variants, dict) and variants, "variants must name at least one")
-    merged = {}
-    for name, changes in variants.items():
+    for name in variants:
         _require(str(name).replace("_", "").isalnum(), f"variant '{name}': use letters, digits, _")
-        merged[str(name)] = copy.deepcopy(_parameters("nodes", nodes))
-        for node, values in _parameters(f"variant {name}", changes or {}).items():
-            merged[str(name)].setdefault(node, {}).update(values)
-    return merged
+    return {
+        str(name): _variant(f"variant {name}", common, nodes, changes or {})
+        for name, changes in variants.items()
+    }
+
+
+def _variant(where: str, common: dict[str, Any], nodes: Parameters, changes: Any) -> Variant:
+    """Return a run: ``common`` and ``nodes``, with the changes of its own."""
+    _require(isinstance(changes, dict), f"{where}: expected parameters by node, or keys")
+    for key in changes:
+        _known(f"node or key in {where}", key, (*NODES, *_RUN_KEYS))
+    own = {key: value for key, value in changes.items() if key in _RUN_KEYS}
+    merged = copy.deepcopy(nodes)
+    parameters = _parameters(where, {key: changes[key] for key in changes if key not in own})
+    for node, values in parameters.items():
+        merged.setdefault(node, {}).update(values)
+    run = {"start_turn": [0.0, 0.0, 0.0], **common, **own}
+    _check_run(where, run)
+    run |= {"duration": float(run["duration"]), "start_turn": tuple(map(float, run["start_turn"]))}
+    variant = Variant(merged, **run)
+    for node in parameters:
+        _require(
+            node not in CONTROLLERS or node == variant.controller,
+            f"{where}: parameters of {node}, but its controller is {variant.controller}",
+        )
+    return variant
+
+
+def _check_run(where: str, run: dict[str, Any]) -> None:
+    """Raise ConfigurationError unless the values that a run has are possible."""
+    duration, turn = run["duration"], run["start_turn"]
+    positive = _is_number(duration) and 0 < duration < math.inf
+    _require(positive, f"{where}: duration must be > 0 and finite")
+    _known("controller", run.get("controller", "clik"), CONTROLLERS)
+    _require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
+    for key in ("start_at_reference", "may_diverge"):
+        _require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")
+    numbers = isinstance(turn, list) and len(turn) == 3 and all(map(_is_number, turn))
+    _require(
+        numbers and all(map(math.isfinite, turn)), f"{where}: start_turn: expected [x, y, z] in rad"
+    )
+    _require(
+        not any(turn) or run.get("start_at_reference", False),
+        f"{where}: start_turn needs start_at_reference: true",
+    )
 
 
 def _parameters(where: str, nodes: Any) -> Parameters:
@@ -164,19 +231,22 @@ def _parameters(where: str, nodes: Any) -> Parameters:
     return {node: dict(values) for node, values in nodes.items()}
 
 
-def _criterion(content: Any, variants: dict[str, Parameters]) -> Criterion:
+def _criterion(content: Any, variants: dict[str, Variant]) -> Criterion:
     _require(isinstance(content, dict) and "metric" in content, "a criterion needs a metric")
     for key in content:
         _known("key of a criterion", key, Criterion.__dataclass_fields__)
     _check_options(str(content["metric"]), content.get("options") or {})
     values = dict(content)
-    for key in ("variants", "ratio"):
+    for key in ("variants", "ratio", "spread"):
         _require(isinstance(values.get(key, []), list), f"{key}: expected a list")
         values[key] = tuple(values.get(key, ()))
         for variant in values[key]:
             _known("variant in a criterion", variant, variants)
     criterion = Criterion(**{**values, "predicted": str(values.get("predicted", ""))})
     _require(len(criterion.ratio) in (0, 2), "ratio: expected two variants")
+    _require(len(criterion.spread) != 1, "spread: expected two variants or more")
+    kinds = sum(map(bool, (criterion.variants, criterion.ratio, criterion.spread)))
+    _require(kinds <= 1, "expected one of 'variants', 'ratio' and 'spread'")
     bounds = [bound for bound in (criterion.above, criterion.below) if bound is not None]
     _require(bool(bounds) and all(map(_is_number, bounds)), "expected 'above' or 'below', a number")
     return criterion

@@ -4,6 +4,7 @@ import argparse
 import signal
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -23,9 +24,9 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.sentence import describe, fill
 from eulerparams_control.analysis.text import number
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.experiments.criteria import Verdict, judge, write_summary
+from eulerparams_control.experiments.criteria import Verdict, diverged, judge, write_summary
 from eulerparams_control.experiments.definition import Experiment, load_experiment
-from eulerparams_control.experiments.runner import check_names, run_variant
+from eulerparams_control.experiments.runner import Run, check_names, run_variant
 from eulerparams_control.resources import config_names
 
 
@@ -74,15 +75,20 @@ def _run(experiment: Experiment, folder: Path, names: list[str], console: Consol
     """Run one experiment; return whether all its criteria are met."""
     variants = check_names(names, experiment)
     console.print(f"[bold]{experiment.name}[/bold]: {experiment.claim}", highlight=False)
-    bags = _run_variants(experiment, variants, folder, console)
+    runs = _run_variants(experiment, variants, folder, console)
     with console.status("analysing the bags"):
-        recordings = {variant: Recording.load(bag) for variant, bag in bags.items()}
+        recordings = {
+            variant: replace(Recording.load(run.bag), diverged=run.diverged)
+            for variant, run in runs.items()
+        }
         verdicts = judge(experiment, recordings)
-        write_summary(folder / "summary.json", experiment, verdicts)
+        write_summary(folder / "summary.json", experiment, recordings, verdicts)
         sentence = _sentence(experiment, recordings)
         page = folder / "report.html"
         write_page(page, list(recordings.values()), experiment.claim, sentence, verdicts)
     console.print(_table(verdicts))
+    for variant, t in diverged(recordings):
+        console.print(f"{variant} diverged at {t:.3f} s", style="yellow", highlight=False)
     console.print(sentence, highlight=False)
     console.print(f"The page: {page.resolve()}", highlight=False, soft_wrap=True)
     return all(verdict.met for verdict in verdicts)
@@ -90,7 +96,7 @@ def _run(experiment: Experiment, folder: Path, names: list[str], console: Consol
 
 def _run_variants(
     experiment: Experiment, variants: list[str], folder: Path, console: Console
-) -> dict[str, Path]:
+) -> dict[str, Run]:
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -98,18 +104,17 @@ def _run_variants(
         TextColumn("{task.completed:.1f} of {task.total:g} s simulated"),
         TimeElapsedColumn(),
     )
-    bags = {}
+    runs = {}
     with Progress(*columns, console=console) as progress:
         for variant in variants:
-            task = progress.add_task(variant, total=experiment.duration)
+            task = progress.add_task(variant, total=experiment.variants[variant].duration)
             started = time.monotonic()
-            bags[variant] = run_variant(
-                experiment, variant, folder, partial(_show, progress, task)
-            )
-            progress.update(task, completed=experiment.duration)
+            show = partial(_show, progress, task)
+            run = runs[variant] = run_variant(experiment, variant, folder, show)
+            _show(progress, task, run.duration)
             if not console.is_terminal:
                 console.print(f"  {variant}: {time.monotonic() - started:.1f} s", highlight=False)
-    return bags
+    return runs
 
 
 def _show(progress: Progress, task: TaskID, t: float) -> None:
@@ -119,7 +124,7 @@ def _show(progress: Progress, task: TaskID, t: float) -> None:
 def _sentence(experiment: Experiment, recordings: dict[str, Recording]) -> str:
     """Return the summary of the experiment with its numbers; if only some variants ran, theirs."""
     if experiment.summary and recordings.keys() == experiment.variants.keys():
-        return fill(experiment.summary, recordings)
+        return fill(experiment.summary, recordings, experiment.options)
     return describe(list(recordings.values()))
 
 

@@ -1,31 +1,62 @@
 """Run an experiment: its nodes as processes, in lock-step, one bag a variant."""
 
+import math
 import re
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.experiments.definition import CONTROLLERS, Experiment, Parameters
+from eulerparams_control.experiments.definition import (
+    CONTROLLERS,
+    Experiment,
+    Parameters,
+    Variant,
+)
 from eulerparams_control.experiments.processes import Nodes
 from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import Array, exp
 from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
 from eulerparams_control.way_points import parse_way_points
 
 _START_TIMEOUT = 60.0  # [s] for the recorder to find all topics: processes start slowly under load
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
+_CONTROLS = {"joint_reference": "position", "joint_effort": "torque"}
+"""What the bridge takes a command for, by its topic."""
+
+_TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
+
+# What the bridge says when the state, or a command, is beyond all numbers, and when it waits.
+_BEYOND = re.compile(r"not finite|must be \d+ finite numbers")
+_SILENCE = "no command for the state stamped"
+
 Progress = Callable[[float], None]
 
 
-def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Progress) -> Path:
-    """Run one variant and return its bag, ``folder/variant``.
+class Run(NamedTuple):
+    """A run that has ended.
+
+    Attributes:
+        bag: its recording.
+        duration: [s] of simulated time.
+        diverged: [s] when it ended early; None if it did not.
+    """
+
+    bag: Path
+    duration: float
+    diverged: float | None
+
+
+def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Progress) -> Run:
+    """Run one variant, recorded in the bag ``folder/variant``.
 
     Args:
         experiment: the experiment.
@@ -35,26 +66,46 @@ def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Pr
 
     Raises:
         BagError: if the bag exists, or is not complete.
-        SimulationError: if a node dies; with its last words.
+        SimulationError: if a node dies, with its last words; not if the run may diverge and did.
     """
+    settings = experiment.variants[variant]
     bag = folder / variant
     if bag.exists():
         raise BagError(f"{bag} exists; remove it, or choose another --out")
-    topics = ["robot_description", "wrench", "joint_states", "reference"]
-    topics.append(CONTROLLERS[experiment.controller])
-    parameters = node_parameters(experiment, variant)
+    controller = settings.controller
+    # reference is sent when the recorder listens to it: last, so that it listens to the rest too
+    topics = [CONTROLLERS[controller], "robot_description", "wrench", "joint_states", "reference"]
+    parameters = node_parameters(settings)
     parameters["bag_recorder"] = {"output": str(bag), "topics": topics}
     with Nodes(folder / "logs" / variant) as nodes:
-        for name in ("bag_recorder", experiment.controller, "pybullet_bridge", "reference"):
+        for name in ("bag_recorder", controller, "pybullet_bridge", "reference"):
             nodes.start(name, parameters[name])
         nodes.wait_for("bag_recorder", "recording ", _START_TIMEOUT)
-        _follow(nodes, progress)
-        nodes.stop("reference", experiment.controller, "bag_recorder")
-    _check_complete(bag, experiment, parameters)
-    return bag
+        diverged = _follow(nodes, settings, progress)
+        nodes.stop("reference", controller, "bag_recorder")
+    rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
+    end = _check_complete(bag, settings, rate, diverged)
+    return Run(bag, end, end if diverged else None)
 
 
-def _follow(nodes: Nodes, progress: Progress) -> None:
+def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
+    """Wait until the simulation ends; return whether it diverged."""
+    try:
+        _wait(nodes, progress)
+    except SimulationError:
+        if not (settings.may_diverge and has_diverged(nodes, settings.controller)):
+            raise
+        return True
+    return False
+
+
+def has_diverged(nodes: Nodes, controller: str) -> bool:
+    """Return whether the arm left all numbers, or the controller fell silent after a fault."""
+    said = nodes.log("pybullet_bridge")
+    return bool(_BEYOND.search(said)) or (_SILENCE in said and "[ERROR]" in nodes.log(controller))
+
+
+def _wait(nodes: Nodes, progress: Progress) -> None:
     """Wait until the simulation ends; raise SimulationError if it stands still."""
     before, since = -1.0, time.monotonic()
     while not nodes.ended("pybullet_bridge"):
@@ -69,36 +120,53 @@ def _follow(nodes: Nodes, progress: Progress) -> None:
         time.sleep(0.1)
 
 
-def node_parameters(experiment: Experiment, variant: str) -> Parameters:
-    """Return the parameters of all nodes for a variant: those of its file, and the rest."""
-    given = experiment.variants[variant]
-    robot = load_robot(experiment.robot)
+def node_parameters(settings: Variant) -> Parameters:
+    """Return the parameters of all nodes for a run: those of its file, and the rest."""
+    given, controller = settings.nodes, settings.controller
+    robot = load_robot(settings.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    lockstep: dict[str, Any] = {"mode": "lockstep", "robot": experiment.robot}
-    lockstep["duration"] = experiment.duration
-    simulated = {"use_sim_time": True, "require_reference": True}
-    parameters: Parameters = {
-        experiment.controller: frames | simulated | given.get(experiment.controller, {}),
-        "reference": frames | {"wait_for_subscribers": 2} | given.get("reference", {}),
-        "pybullet_bridge": lockstep | given.get("pybullet_bridge", {}),
+    source = "urdf" if settings.robot.endswith(".urdf") else "robot"
+    bridge = {
+        "mode": "lockstep",
+        "control": _CONTROLS[CONTROLLERS[controller]],
+        "duration": settings.duration,
+        source: settings.robot,
     }
-    if experiment.robot.endswith(".urdf"):
-        parameters["pybullet_bridge"]["urdf"] = parameters["pybullet_bridge"].pop("robot")
-    if experiment.start_at_reference:
-        q_0 = _start(robot, parameters["reference"])
+    parameters: Parameters = {
+        controller: frames | _controller_parameters(settings) | given.get(controller, {}),
+        "reference": frames | {"wait_for_subscribers": 2} | given.get("reference", {}),
+        "pybullet_bridge": bridge | given.get("pybullet_bridge", {}),
+    }
+    if settings.start_at_reference:
+        q_0 = _start(robot, parameters["reference"], np.array(settings.start_turn))
         parameters["pybullet_bridge"]["initial_positions"] = q_0
     return parameters
 
 
-def _start(robot: RobotDescription, reference: dict[str, Any]) -> list[float]:
-    """Return the joint positions of the first way-point."""
+def _controller_parameters(settings: Variant) -> dict[str, Any]:
+    """Return what a controller needs in lock-step; a start off the reference is no fault then."""
+    parameters: dict[str, Any] = {"use_sim_time": True, "require_reference": True}
+    if any(settings.start_turn):
+        parameters["max_jump_rotation"] = math.pi
+        if settings.controller == "dynamic_control":
+            parameters["max_error_rotation"] = math.pi
+    return parameters
+
+
+def _start(robot: RobotDescription, reference: dict[str, Any], turn: Array) -> list[float]:
+    """Return the joint positions of the first way-point, turned by ``turn`` (3,) [rad]."""
     if reference.get("motion") != "way_points":
         raise ConfigurationError("start_at_reference needs a reference with motion: way_points")
     names = ("times", "positions", "orientations", "orientation_format")
     given = {name: reference[name] for name in names if name in reference}
     motion = parse_way_points(**{"times": (), "positions": (), "orientations": ()} | given)
     arm = Robot(robot.urdf, robot.base_frame, robot.tip_frame, robot.joints)
-    q_0 = inverse_kinematics(arm, motion.frames[0], np.array(robot.home))
+    first = motion.frames[0]
+    q_0 = inverse_kinematics(arm, first, np.array(robot.home))
+    steps = math.ceil(float(np.linalg.norm(turn)) / _TURN)
+    for step in range(1, steps + 1):
+        turned = DesiredFrame(first.p_d, first.R_d @ exp(turn * step / steps))
+        q_0 = inverse_kinematics(arm, turned, q_0)
     return [float(q) for q in q_0]
 
 
@@ -108,14 +176,24 @@ def _simulated(log: str) -> float:
     return float(times[-1]) if times else 0.0
 
 
-def _check_complete(bag: Path, experiment: Experiment, parameters: Parameters) -> None:
-    """Raise BagError unless each state and its command are in the bag."""
-    rate = parameters["pybullet_bridge"].get("rate", 1000.0)
-    expected = round(experiment.duration * rate) + 1
-    for topic in ("/joint_states", f"/{CONTROLLERS[experiment.controller]}"):
-        stamps = {ns_from_ros(m.message.header.stamp) for m in Bag(bag).messages([topic])}
-        if len(stamps) != expected:
-            raise BagError(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
+def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -> float:
+    """Return the last stamp [s]; raise BagError unless each state and its command are there.
+
+    A run that diverged ends where it did, and its last state may have no command.
+    """
+    states, commands = (
+        {ns_from_ros(m.message.header.stamp) for m in Bag(bag).messages([topic])}
+        for topic in ("/joint_states", f"/{CONTROLLERS[settings.controller]}")
+    )
+    end = max(states, default=0) / 1e9 if diverged else settings.duration
+    expected = round(end * rate) + 1
+    for topic, found, least in (
+        ("/joint_states", states, expected),
+        (f"/{CONTROLLERS[settings.controller]}", commands, expected - diverged),
+    ):
+        if not least <= len(found) <= expected:
+            raise BagError(f"{bag}: {topic} has {len(found)} stamps; expected {expected}")
+    return end
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:

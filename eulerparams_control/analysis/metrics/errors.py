@@ -1,0 +1,101 @@
+"""Errors of position and orientation."""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.analysis.metrics.base import metric, quotient, series_of, within
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError
+from eulerparams_control.rotations import Array
+
+
+def _known(t: Array, error: Array, after: float, before: float) -> tuple[Array, Array]:
+    """Return instants and errors of a window, where there is an error."""
+    known = within(t, after, before) & np.isfinite(error)
+    if not known.any():
+        raise BagError("no desired frame was recorded: nothing to compare the motion with")
+    return t[known], error[known]
+
+
+def _orientation(
+    recording: Recording, of: str, after: float = 0.0, before: float = math.inf
+) -> tuple[Array, Array]:
+    """Return instants [s] and orientation errors [deg]."""
+    series = series_of(recording, of)
+    return _known(series.t, np.degrees(series.orientation_error), after, before)
+
+
+def _position(recording: Recording, of: str, after: float, before: float) -> Array:
+    """Return position errors [mm]."""
+    series = series_of(recording, of)
+    return _known(series.t, 1e3 * series.position_error, after, before)[1]
+
+
+@metric("deg")
+def peak_orientation_error(
+    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+) -> float:
+    """Largest orientation error."""
+    return float(_orientation(recording, of, after, before)[1].max())
+
+
+@metric("deg")
+def final_orientation_error(
+    recording: Recording, of: str = "leading", before: float = math.inf
+) -> float:
+    """Orientation error at the end."""
+    return float(_orientation(recording, of, before=before)[1][-1])
+
+
+@metric("deg")
+def rms_orientation_error(
+    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+) -> float:
+    """Root mean square of the orientation error."""
+    return math.sqrt(np.mean(_orientation(recording, of, after, before)[1] ** 2))
+
+
+@metric("mm")
+def peak_position_error(
+    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+) -> float:
+    """Largest position error."""
+    return float(_position(recording, of, after, before).max())
+
+
+@metric("mm")
+def final_position_error(
+    recording: Recording, of: str = "leading", before: float = math.inf
+) -> float:
+    """Position error at the end."""
+    return float(_position(recording, of, 0.0, before)[-1])
+
+
+@metric("s")
+def settling_time(recording: Recording, threshold: float = 1.0, of: str = "leading") -> float:
+    """Last time at which the orientation error exceeds a threshold.
+
+    The threshold is in deg.  Infinite if the error ends above it, or the run diverged.
+    """
+    t, error = _orientation(recording, of)
+    if error[-1] > threshold or recording.diverged is not None:
+        return math.inf
+    return float(np.max(t[error > threshold], initial=0.0))
+
+
+@metric("")
+def period_growth(recording: Recording, period: float, of: str = "leading") -> float:
+    """Largest orientation error of the last period over the first."""
+    end = math.floor(round(float(series_of(recording, of).t[-1]) / period, 6)) * period
+    first = peak_orientation_error(recording, of, before=period)
+    return quotient(peak_orientation_error(recording, of, end - period, end), first)
+
+
+@metric("deg")
+def servo_lag(recording: Recording) -> float:
+    """Largest angle of a joint between command and measurement."""
+    _, lag = recording.servo_lag
+    if not len(lag):
+        raise BagError(f"{recording.path} has no joint_reference with a stamp of its joint_states")
+    return math.degrees(lag.max())

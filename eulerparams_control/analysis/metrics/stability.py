@@ -1,0 +1,76 @@
+"""Stability: what the Lyapunov function does, how fast an error grows, whether a run diverged."""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.analysis.lyapunov import LyapunovSeries
+from eulerparams_control.analysis.metrics.base import metric, quotient, series_of
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError
+
+
+def _lyapunov(recording: Recording) -> LyapunovSeries:
+    if recording.lyapunov is None:
+        raise BagError(f"{recording.path}: {recording.why_no_lyapunov}")
+    return recording.lyapunov
+
+
+@metric("")
+def lyapunov_start(recording: Recording) -> float:
+    """V at the start."""
+    return float(_lyapunov(recording).V[0])
+
+
+@metric("")
+def lyapunov_increase(recording: Recording) -> float:
+    """Largest rise of V above its lowest value before, over V at the start.
+
+    0 if V never increases, as (31), (43) say.
+    """
+    V = _lyapunov(recording).V
+    with np.errstate(invalid="ignore"):  # a run that diverged
+        rise = float(np.nanmax(V - np.minimum.accumulate(V)))
+    return quotient(rise, float(V[0]))
+
+
+@metric("")
+def energy_balance(recording: Recording) -> float:
+    """What V loses by the paper over what it loses.
+
+    The integral of -dV of (31), (43) by the trapezoidal rule over V at the start minus V at
+    the end: 1 if the closed loop is that of the paper.
+    """
+    t, V, dV, _ = _lyapunov(recording)
+    with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+        return quotient(float(np.trapezoid(-dV, t)), float(V[0] - V[-1]))
+
+
+@metric("1/s")
+def growth_rate(recording: Recording, low: float, high: float, of: str = "leading") -> float:
+    """Rate at which the orientation error grows.
+
+    The slope of its logarithm by least squares, where the error first passes from ``low`` to
+    ``high`` [deg].
+    """
+    series = series_of(recording, of)
+    known = np.isfinite(series.orientation_error)
+    t, angle = series.t[known], np.degrees(series.orientation_error[known])
+    below, above = np.flatnonzero(angle <= low), np.flatnonzero(angle >= high)
+    ends = above[above > below[0]] if len(below) else below
+    passing = slice(below[below < ends[0]][-1] + 1, ends[0]) if len(ends) else slice(0, 0)
+    if len(t[passing]) < 2:
+        raise BagError(
+            f"{recording.path}: the orientation error has fewer than two samples on a way from "
+            f"{low:g} to {high:g} deg"
+        )
+    return float(np.polyfit(t[passing], np.log(angle[passing]), 1)[0])
+
+
+@metric("s")
+def divergence_time(recording: Recording) -> float:
+    """Time at which the run diverged.
+
+    Infinite if it did not.
+    """
+    return math.inf if recording.diverged is None else recording.diverged
