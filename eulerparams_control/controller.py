@@ -19,6 +19,16 @@ _HOLDING = "holding the measured pose"
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
+# A measured position may be this far [rad or m] from where the last one could have led, a speed
+# this many times its limit: further, it is the measurement that is wrong.
+_MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
+
+# After a fault a stream of set-points is followed again when it has paused this long [s].
+_PAUSE = 0.5
+
+# Slower than this [rad/s or m/s] a joint stands still.
+_AT_REST = 0.01
+
 
 @dataclass(frozen=True)
 class ControllerOptions:
@@ -30,6 +40,7 @@ class ControllerOptions:
         max_jump_position: [m] by which a reference may be away from the desired frame.
         max_jump_rotation: [rad] the same for the rotation.
         require_reference: whether to be silent until the first reference.
+        check_states: whether states that the robot cannot have reached are refused.
     """
 
     state_timeout: float = 0.1
@@ -37,6 +48,7 @@ class ControllerOptions:
     max_jump_position: float = 0.05
     max_jump_rotation: float = 0.2
     require_reference: bool = False
+    check_states: bool = False
 
 
 class Controller:
@@ -71,6 +83,7 @@ class Controller:
         self._tick_last: Tick | None = None
         self._tick_before: Tick | None = None
         self._stopped = False
+        self._asked = 0  # when a set-point came last while stopped, or it stopped [ns]
         self._command: JointCommand | None = None
         self._begin(q)
 
@@ -82,10 +95,25 @@ class Controller:
 
     def stop(self) -> JointCommand:
         """Return the command that holds still, and hold until the next reference."""
-        self._stopped = True
         command = self.scheme.hold(self._dt, self._q, self._dq)
-        self._motion.hold(self.scheme.start_frame())
+        if not self._stopped:
+            self._stopped, self._asked = True, self._t or 0
+            self._motion.hold(self.scheme.start_frame())
+            self._tick_last = None
         return command
+
+    def last_command(self) -> JointCommand:
+        """Return the command after which none will follow."""
+        return self.scheme.last_command(self._q, self._dq)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the arm was measured to stand still."""
+        return bool((np.abs(self._dq) < _AT_REST).all())
+
+    def law_changed(self) -> None:
+        """Forget the ticks of the law before."""
+        self._tick_last = self._tick_before = None
 
     def lyapunov(self) -> tuple[float, float, float] | None:
         """Return V, its derivative by the paper, and as measured over the last tick.
@@ -106,12 +134,16 @@ class Controller:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
 
         Raises:
-            InvalidMessageError: if it is too far from the present desired frame, or not finite.
+            InvalidMessageError: if it is too far from the present desired frame, not finite, or
+                one of a stream that went on through a fault.
         """
-        if self._stopped:  # the arm may have moved meanwhile
+        if self._stopped and self.fault and isinstance(motion, SetPoint):
+            self._refuse_stream()
+        here = self.scheme.frame_at(self._q) if self._stopped else self._motion.last
+        self._refuse_jump(motion, start, here)
+        if self._stopped:  # only now: what is refused does not move what is held
             self.scheme.resume(self._q)
-            self._motion.hold(self.scheme.start_frame())
-        self._refuse_jump(motion, start)
+            self._motion.hold(here)
         self._motion.follow(motion, start)
         self._waiting = self._stopped = False
         self.doing, self.fault = "following a reference", ""
@@ -119,16 +151,23 @@ class Controller:
     def step(self, t: int, q: Array, dq: Array) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
 
-        A stamp seen before gets the same command again.  After a stamp that jumps back or
+        A state seen before gets the same command again.  After a stamp that jumps back or
         too far ahead nothing is integrated: the controller holds the pose measured then.
+
+        Raises:
+            InvalidMessageError: if the state is older than the last one, or the robot cannot
+                have reached it.
         """
+        self._refuse_impossible(t, q, dq)
         if self._waiting:
             self._begin(q)  # others may move the arm until then
             return None
         if t == self._t:
-            if not np.array_equal(q, self._q):
-                self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
-            return self._command
+            if np.array_equal(q, self._q) and np.array_equal(dq, self._dq):
+                return self._command
+            self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
+            self.stop()
+            return None  # there is no time to control by: the robot has to brake itself
         self._dt = self._elapsed(t, q)
         self._t, self._q, self._dq = t, q, dq
         self._command = self.stop() if self._stopped else self._tick(t)
@@ -139,6 +178,10 @@ class Controller:
         if self._t is None:
             if self._motion.is_holding:
                 self._begin(q)  # the arm may have moved since activation
+            elif self._jumps(self._motion.last, self.scheme.frame_at(q)):
+                self._begin(q)
+                self.fault = "the arm moved before the reference began; send it again"
+                self._stopped = True
             return 0.0
         dt = (t - self._t) / 1e9
         if 0 <= dt <= self.options.state_timeout:
@@ -156,14 +199,58 @@ class Controller:
             return self.stop()
         except FollowingError as error:
             self.fault = str(error)
-            self._begin(self._q)
+            self.scheme.resume(self._q)
             return self.stop()
         self._tick_before, self._tick_last, self.tick_now = self._tick_last, tick, tick
         self.saturated += tick.saturated
         return tick.command
 
-    def _refuse_jump(self, motion: Trajectory | SetPoint, start: int | None) -> None:
-        here, late = self._motion.last, 0.0
+    def _refuse_impossible(self, t: int, q: Array, dq: Array) -> None:
+        """Raise InvalidMessageError for a state that is too old, too fast or too far away."""
+        dt = 0.0 if self._t is None else (t - self._t) / 1e9
+        if -self.options.state_timeout < dt < 0:
+            raise InvalidMessageError(
+                f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
+            )
+        if not self.options.check_states:
+            return
+        robot = self.scheme.robot
+        fast = np.abs(dq) > _MOST_SPEED * robot.limits.velocity
+        if fast.any():
+            i = int(np.argmax(fast))
+            raise InvalidMessageError(
+                f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
+                f"{_MOST_SPEED:g} times its limit"
+            )
+        if not 0 <= dt <= self.options.state_timeout:
+            return
+        moved = robot.limits.deviation(q, self._q)
+        far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
+        if self._t is not None and far.any():
+            i = int(np.argmax(far))
+            raise InvalidMessageError(
+                f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
+            )
+
+    def _refuse_stream(self) -> None:
+        """Raise InvalidMessageError unless the set-points have paused since the fault."""
+        now = self._t or 0
+        paused, self._asked = (now - self._asked) / 1e9, now
+        if paused < _PAUSE:
+            raise InvalidMessageError(
+                f"the arm is held ({self.fault}); set-points are followed again when they have "
+                f"paused for {_PAUSE} s"
+            )
+
+    def _jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:
+        distance, angle = _distance(here, there)
+        options = self.options
+        return not (distance <= options.max_jump_position and angle <= options.max_jump_rotation)
+
+    def _refuse_jump(
+        self, motion: Trajectory | SetPoint, start: int | None, here: DesiredFrame
+    ) -> None:
+        late = 0.0
         if start is not None and self._t is not None:
             late = (self._t - start) / 1e9
         if late < -_MAX_AHEAD:
@@ -174,9 +261,9 @@ class Controller:
             there = _farthest(motion, here, max(0.0, late))
         except SingularityError as error:
             raise InvalidMessageError(f"the reference is no motion: {error}") from error
-        distance, angle = _distance(here, there)
-        options = self.options
-        if not (distance <= options.max_jump_position and angle <= options.max_jump_rotation):
+        if self._jumps(here, there):
+            distance, angle = _distance(here, there)
+            options = self.options
             raise InvalidMessageError(
                 f"the reference begins {distance:.3f} m and {math.degrees(angle):.1f} deg away "
                 f"from the present desired frame; at most {options.max_jump_position} m and "

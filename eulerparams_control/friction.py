@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import COULOMB_SPEED
 
@@ -15,10 +16,21 @@ class JointFriction:
     Attributes:
         viscous: (n,) [Nm s/rad].
         coulomb: (n,) [Nm].
+
+    Raises:
+        ConfigurationError: if one is not a finite number of 0 or more.
     """
 
     viscous: Array
     coulomb: Array
+
+    def __post_init__(self) -> None:
+        for name in ("viscous", "coulomb"):
+            values = getattr(self, name)
+            if not (np.isfinite(values).all() and (values >= 0).all()):
+                raise ConfigurationError(
+                    f"friction_{name} is {values.tolist()}; expected finite numbers of 0 or more"
+                )
 
     @property
     def is_none(self) -> bool:

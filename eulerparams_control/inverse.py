@@ -22,14 +22,14 @@ class DampedInverse:
         lambda_max: damping at the singularity.
 
     Raises:
-        ConfigurationError: if one is negative.
+        ConfigurationError: if one is negative or not finite.
     """
 
     eps: float = 0.05
     lambda_max: float = 0.05
 
     def __post_init__(self) -> None:
-        if self.eps < 0 or self.lambda_max < 0:
+        if not (0 <= self.eps < math.inf and 0 <= self.lambda_max < math.inf):
             raise ConfigurationError(
                 f"damping eps {self.eps}, lambda_max {self.lambda_max}: expected >= 0"
             )

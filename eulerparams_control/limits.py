@@ -7,7 +7,8 @@ import numpy as np
 from eulerparams_control.rotations import Array
 
 # A joint approaches a position limit no faster than its distance times this [1/s], and its
-# speed limit no faster than the remaining speed times that [1/s]: both without overshoot.
+# speed limit no faster than the remaining speed times that [1/s]: both without overshoot, as
+# long as a command does not last longer than their inverses.
 _POSITION_RATE, _SPEED_RATE = 10.0, 100.0
 
 
@@ -30,11 +31,17 @@ class JointLimits:
         """Return the limits with the speeds times ``velocity_scale``."""
         return replace(self, velocity=velocity_scale * self.velocity)
 
+    def difference(self, q_c: Array, q: Array) -> Array:
+        """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
+        difference = q_c - q
+        if np.isfinite(self.upper).all():
+            return difference
+        turns = 2 * np.pi * np.round(difference / (2 * np.pi))
+        return np.where(np.isinf(self.upper), difference - turns, difference)
+
     def deviation(self, q_c: Array, q: Array) -> Array:
         """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
-        difference = q_c - q
-        turns = 2 * np.pi * np.round(difference / (2 * np.pi))
-        return np.abs(np.where(np.isinf(self.upper), difference - turns, difference))
+        return np.abs(self.difference(q_c, q))
 
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
@@ -61,7 +68,7 @@ class JointLimits:
         limited = np.clip(slowed, low, high)
         return limited, bool((limited != dq).any())
 
-    def limit_acceleration(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, bool]:
+    def limit_acceleration(self, q: Array, dq: Array, ddq: Array, dt: float) -> tuple[Array, bool]:
         """Return ddq that keeps the limits of speed and position, and whether it had to change.
 
         Per joint.  From outside the position limits only the way back is open.
@@ -69,10 +76,13 @@ class JointLimits:
         Args:
             q, dq: (n,) positions and velocities now.
             ddq: (n,) accelerations wanted; finite.
+            dt: time that ddq will last [s]; 0 if it is not known, but short.
         """
-        high = np.minimum(self.velocity, _POSITION_RATE * np.maximum(self.upper - q, 0.0))
-        low = np.maximum(-self.velocity, _POSITION_RATE * np.minimum(self.lower - q, 0.0))
-        most, least = _SPEED_RATE * (high - dq), _SPEED_RATE * (low - dq)
+        fastest = 1 / dt if dt > 0 else np.inf
+        position_rate, speed_rate = min(_POSITION_RATE, fastest), min(_SPEED_RATE, fastest)
+        high = np.minimum(self.velocity, position_rate * np.maximum(self.upper - q, 0.0))
+        low = np.maximum(-self.velocity, position_rate * np.minimum(self.lower - q, 0.0))
+        most, least = speed_rate * (high - dq), speed_rate * (low - dq)
         if (ddq <= most).all() and (ddq >= least).all():
             return ddq, False
         return np.minimum(np.maximum(ddq, least), most), True

@@ -276,11 +276,11 @@ def _perpendicular(n: Array) -> Array:
 
 
 class SetPoint:
-    """One streamed frame: extrapolated at its twist for a while, then held.
+    """One streamed frame: extrapolated at its acceleration for a while, then held.
 
     Args:
         frame: the desired frame at time 0.
-        lasting: [s] for which its twist holds without a successor.
+        lasting: [s] for which it goes on without a successor.
     """
 
     def __init__(self, frame: DesiredFrame, lasting: float) -> None:
@@ -296,10 +296,16 @@ class SetPoint:
         return self._moved(t) if t > 0 else self.frames[0]
 
     def _moved(self, dt: float) -> DesiredFrame:
-        """Return the frame dt [s] later, at constant twist."""
+        """Return the frame dt [s] later, at constant acceleration."""
         frame = self.frames[0]
-        R_d = exp(_with_an_angle(dt * frame.omega_d)) @ frame.R_d
-        return frame._replace(p_d=frame.p_d + dt * frame.dp_d, R_d=R_d)
+        ddp_d, domega_d = dt * frame.ddp_d, dt * frame.domega_d
+        turn = dt * (frame.omega_d + domega_d / 2)
+        return frame._replace(
+            p_d=frame.p_d + dt * (frame.dp_d + ddp_d / 2),
+            R_d=exp(_with_an_angle(turn)) @ frame.R_d,
+            dp_d=frame.dp_d + ddp_d,
+            omega_d=frame.omega_d + domega_d,
+        )
 
 
 class DesiredMotion:

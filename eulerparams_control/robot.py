@@ -94,6 +94,7 @@ class Robot:
         limits: of the active joints.
         friction: of the active joints, as the URDF states it.
         locked: joints between base and tip that could move, but are held at 0 in the model.
+        mount: joints between the root and the base that could move, held at 0 in the model too.
 
     Raises:
         RobotError: if the URDF is broken, or a frame or joint is not there.
@@ -117,6 +118,11 @@ class Robot:
             joint
             for joint in tree.chain(self.base_frame, self.tip_frame)
             if joint not in self.joints and tree.joints[joint].get("type") != "fixed"
+        )
+        self.mount = tuple(
+            joint
+            for joint in tree.chain(tree.root, self.base_frame)
+            if tree.joints[joint].get("type") != "fixed"
         )
         self.limits = JointLimits(
             *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T

@@ -13,16 +13,24 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from tolerances import HELD, LAW_IN_A_NODE
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.robot import Robot
 
 ROOT = Path(__file__).resolve().parents[1]
 
 # A guard against hanging, not a measure: what is waited for takes a second or two.
 PATIENCE = float(os.environ.get("PATIENCE", "60"))
+
+# An arm whose joints are all slower than this does not move [rad/s]; holding leaves 1e-13.
+STANDSTILL = 1e-9
 
 # Linux gives none of the ports of these domains to outgoing connections, and neither the
 # experiments nor the other tests use them.
@@ -30,12 +38,58 @@ DOMAINS = range(215, 232)
 
 MODULES = {
     "clik": "eulerparams_control.ros.clik_node",
+    "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
     "reference": "eulerparams_control.ros.reference_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "experiment": "eulerparams_control.experiments.main",
 }
 
+# The arm of the tests.
+UR5 = load_robot("ur5")
+HOME = np.array(UR5.home)
+FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
+MODEL = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
+
+# Efforts [Nm] that hold a pose: the rounding of its error, 1e-15, times gains and inertia.
+HOLDING_EFFORT = 1e-9
+
+# Acceleration [rad/s^2] of joints that are to stop, for each rad/s that they have.
+BRAKING = 20.0
+
 Array = NDArray[np.float64]
+
+
+def pose(q: Any) -> tuple[Array, Array]:
+    """Return p (3,) and R (3, 3) of the tip of the arm at q (n,)."""
+    state = MODEL.state(np.array(q), np.zeros(len(q)))
+    return state.p_e, state.R_e
+
+
+def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
+    """Return a reference to the tip of the arm."""
+    from eulerparams_control.ros.conversions import motion_to_ros
+
+    return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
+
+
+def assert_holds(command: Any, q: Any) -> None:
+    """Assert that a command keeps the arm at rest at q (n,), where it is."""
+    if command.effort:
+        gravity = MODEL.dynamic_state(np.array(q), np.zeros(len(q))).g
+        np.testing.assert_allclose(command.effort, gravity, rtol=0, atol=HOLDING_EFFORT)
+    else:
+        np.testing.assert_allclose(command.position, q, rtol=0, atol=HELD)
+        np.testing.assert_allclose(command.velocity, 0, rtol=0, atol=LAW_IN_A_NODE)
+
+
+def assert_stops(command: Any, arm: "Arm") -> None:
+    """Assert that a command brings the moving arm to rest: the efforts slow each joint."""
+    if command.effort:
+        state = MODEL.dynamic_state(arm.q, arm.dq)
+        ddq = np.linalg.solve(state.B, np.array(command.effort) - state.C_dq - state.g)
+        np.testing.assert_allclose(ddq, -BRAKING * arm.dq, atol=HOLDING_EFFORT)
+    else:
+        assert_holds(command, arm.q)
 
 
 def free_domain() -> int:
@@ -230,7 +284,7 @@ class Peer:
             messages.append((msg, received))
 
         callback = keep_with_info if info else keep
-        self.node.create_subscription(kind, topic, callback, _qos(1000, latched))
+        self.node.create_subscription(kind, topic, callback, _qos(5000, latched))
         return messages
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
@@ -276,7 +330,12 @@ class Peer:
         request = GetState.Request()
         return str(self.call(GetState, f"{node}/get_state", request).current_state.label)
 
-    def status(self, node: str, condition: Callable[[Any], Any] = bool) -> Any:
+    def status(
+        self,
+        node: str,
+        condition: Callable[[Any], Any] = bool,
+        meanwhile: Callable[[], Any] = lambda: None,
+    ) -> Any:
         """Return the next status of a node on /diagnostics that meets a condition."""
         from diagnostic_msgs.msg import DiagnosticArray
 
@@ -293,6 +352,7 @@ class Peer:
         statuses[node] = []
 
         def found() -> Any:
+            meanwhile()
             return next((status for status in statuses[node] if condition(status)), None)
 
         return self.graph.until(found, f"diagnostics of {node}")
@@ -322,6 +382,8 @@ class Arm:
     It obeys a command at once, unless a test says where the joints are.
     """
 
+    topic = "joint_reference"
+
     def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import String
@@ -335,7 +397,7 @@ class Arm:
         self.states = peer.publisher(JointState, f"{namespace}/joint_states")
         self._description = peer.publisher(String, f"{namespace}/robot_description", latched=True)
         self._description.publish(String(data=robot.urdf))
-        self.commands = peer.listen(command or JointState, f"{namespace}/joint_reference")
+        self.commands = peer.listen(command or JointState, f"{namespace}/{self.topic}")
 
     def message(self, q: Array | None = None) -> Any:
         """Return joint_states for q, or for where the joints are, at the present stamp."""
@@ -371,18 +433,29 @@ class Arm:
         """Jump ahead in time, so that the controller begins to hold q (default: home)."""
         self.q = np.array(self.robot.home) if q is None else q
         self.dq = np.zeros(len(self.q))
-        return self.tick(dt=10.0)
+        return self.tick(self.q, dt=10.0)
 
     def tick(self, q: Array | None = None, dt: float = 0.001) -> Any:
         """Advance the stamp, send the state, return its command and obey it."""
-        if q is not None:
-            self.q = q
+        self._pass(dt, q)
         self.t += round(dt * 1e9)
         msg = self.message()
         self.send(msg)
         command = self.answer(msg.header.stamp)
-        self.q, self.dq = np.array(command.position), np.array(command.velocity)
+        self._obey(command)
         return command
+
+    def ticks(self, count: int, dt: float = 0.001) -> list[Any]:
+        """Tick so many times; return the commands."""
+        return [self.tick(dt=dt) for _ in range(count)]
+
+    def _pass(self, dt: float, q: Array | None) -> None:
+        """Let dt [s] go by, after which the joints are at q, if a test says so."""
+        if q is not None:
+            self.q = q
+
+    def _obey(self, command: Any) -> None:
+        self.q, self.dq = np.array(command.position), np.array(command.velocity)
 
     def answer(self, stamp: Any) -> Any:
         """Return the command stamped ``stamp``, and forget the others."""
@@ -393,3 +466,70 @@ class Arm:
         command = self.graph.until(found, f"a command stamped {stamp}")[0]
         self.commands.clear()
         return command
+
+
+class TorqueArm(Arm):
+    """An arm that takes efforts and moves as its dynamics say, eq. (32), from tick to tick."""
+
+    topic = "joint_effort"
+
+    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+        super().__init__(graph, robot, namespace, command)
+        self._dynamics = Robot(robot.urdf, robot.base_frame, robot.tip_frame)
+        self._effort = np.zeros(len(self.q))
+
+    def _pass(self, dt: float, q: Array | None) -> None:
+        if q is not None:
+            self.q = q
+            return
+        state = self._dynamics.dynamic_state(self.q, self.dq)
+        self.dq = self.dq + dt * np.linalg.solve(state.B, self._effort - state.C_dq - state.g)
+        self.q = self.q + dt * self.dq
+
+    def _obey(self, command: Any) -> None:
+        self._effort = np.array(command.effort)
+
+
+class Controlled:
+    """A controller process with its arm, and a publisher of its reference."""
+
+    ARMS: ClassVar[dict[str, type[Arm]]] = {"clik": Arm, "dynamic_control": TorqueArm}
+
+    def __init__(
+        self, graph: Graph, executable: str, parameters: dict[str, Any], namespace: str = ""
+    ) -> None:
+        from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+        self.graph, self.peer = graph, graph.peer
+        self.name = f"{namespace}/{executable}".lstrip("/")  # as on /diagnostics
+        self.arm = self.ARMS[executable](graph, UR5, namespace)
+        self.process = graph.start(executable, parameters, namespace=namespace)
+        self.arm.connect()
+        self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
+        graph.until(self.references.get_subscription_count, "a subscriber of reference")
+        self._before: dict[str, Any] = {}
+
+    def follow(self, msg: Any) -> None:
+        """Send a reference and tick until the arm moves."""
+        self.references.publish(msg)
+        self.graph.until(self._moves, "a command that moves")
+
+    def _moves(self) -> bool:
+        self.arm.tick()
+        return bool(np.abs(self.arm.dq).max() > STANDSTILL)
+
+    def status(self, condition: Callable[[Any], Any] = bool) -> Any:
+        """Tick until a status on /diagnostics meets a condition; return it."""
+        return self.peer.status(self.name, condition, self.arm.tick)
+
+    def change(self, **parameters: Any) -> None:
+        """Set parameters, each for itself, until ``restore``."""
+        names = [name for name in parameters if name not in self._before]
+        found = self.peer.get_parameters(self.name, *names)
+        self._before.update(zip(names, found, strict=True))
+        assert self.peer.set_parameters(self.name, **parameters) == []
+
+    def restore(self) -> None:
+        """Set the parameters back that were changed."""
+        assert self.peer.set_parameters(self.name, **self._before) == []
+        self._before.clear()

@@ -25,6 +25,12 @@ from eulerparams_control.orientation import (
 from eulerparams_control.robot import Robot
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
 from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.schemes.dynamic import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
 from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
 
 MS = 1_000_000  # [ns]
@@ -50,6 +56,16 @@ def clik(orientation="euler_parameters", sequence="XYZ", sign="hysteretic", **op
     """Return CLIK of the UR5."""
     chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
     return Clik(UR5, ClikLaw(representation(orientation, chosen), 100.0, 100.0), **options)
+
+
+def dynamic_control(
+    orientation="euler_parameters", sequence="XYZ", sign="hysteretic", limited=True, robot=UR5
+):
+    """Return dynamic control of the UR5; its limits allow any error of the pose."""
+    chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
+    limits = EffortLimits(robot.limits, 2000.0) if limited else EffortLimits()
+    law = ResolvedAcceleration(representation(orientation, chosen))
+    return DynamicControl(robot, law, InverseDynamics(), limits)
 
 
 def controller(options=None, q=HOME, **scheme):
@@ -82,8 +98,9 @@ def moving_controller(**options):
 
 
 def is_finite(command):
-    """Return whether all of a command of CLIK is finite."""
-    return bool(np.isfinite(command.q).all() and np.isfinite(command.dq).all())
+    """Return whether there is something in a command and all of it is finite."""
+    given = [values for values in command if values is not None]
+    return len(given) > 0 and all(np.isfinite(values).all() for values in given)
 
 
 def assert_holds(running, t, q):
@@ -106,8 +123,7 @@ def test_at_first_the_measured_pose_is_held():
 
 def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_nothing():
     running, command, t = moving_controller()
-    for q in (HOME, HOME + 0.3):
-        assert running.step(t, q, STILL) is command
+    assert running.step(t, HOME, STILL) is command
     twin, _, _ = moving_controller()
     after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
     np.testing.assert_array_equal(after.q, expected.q)
@@ -115,9 +131,47 @@ def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_noth
     assert running.resets == 0
 
 
-@pytest.mark.parametrize(
-    "jump", [-1, -MS, -5000 * MS, 100 * MS + 1, 60_000 * MS], ids="{} ns".format
-)
+@pytest.mark.parametrize(("dq", "dx"), [(0.0, 0.01), (0.1, 0.0)])
+def test_a_state_that_changes_under_the_same_stamp_gets_no_command_and_stops_the_arm(dq, dx):
+    running, _, t = moving_controller()
+    assert running.step(t, HOME + dx, STILL + dq) is None
+    assert "stamp stays" in running.fault
+    command = running.step(t + MS, HOME, STILL)
+    np.testing.assert_array_equal(command.dq, STILL)
+    assert running.fault
+
+
+@pytest.mark.parametrize("back", [1, MS, 100 * MS - 1])
+def test_a_state_that_is_older_than_the_last_one_is_refused(back):
+    running, _, t = moving_controller()
+    twin, _, _ = moving_controller()
+    with pytest.raises(InvalidMessageError, match="the stamp goes back by"):
+        running.step(t - back, HOME + 0.02, STILL)
+    after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
+    np.testing.assert_array_equal(after.q, expected.q)
+    assert running.resets == 0
+
+
+def test_a_state_that_the_arm_cannot_have_reached_is_refused_while_limits_are_on():
+    fast, far = 10.0 * np.eye(6)[2], 0.2 * np.eye(6)[0]
+    for check, q, dq, text in (
+        (True, HOME, fast, "elbow_joint moves at 10 rad/s, more than 3 times its limit"),
+        (True, HOME + far, STILL, "shoulder_pan_joint jumps by 0.2 rad within 0.001 s"),
+        (False, HOME + far, fast, ""),
+    ):
+        running = controller(ControllerOptions(check_states=check))
+        before = running.step(T_0, HOME, STILL)
+        if not text:
+            assert running.step(T_0 + MS, q, dq) is not None
+            continue
+        with pytest.raises(InvalidMessageError, match=text):
+            running.step(T_0 + MS, q, dq)
+        np.testing.assert_allclose(
+            running.step(T_0 + 2 * MS, HOME, STILL).q, before.q, rtol=0, atol=HELD
+        )
+
+
+@pytest.mark.parametrize("jump", [-5000 * MS, 100 * MS + 1, 60_000 * MS], ids="{} ns".format)
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_held(jump, feedback):
     running, _, t = moving_controller(feedback=feedback)
@@ -139,7 +193,7 @@ def test_a_stamp_ahead_by_no_more_than_the_timeout_is_integrated():
 
 def test_every_jump_of_the_stamp_counts():
     running = controller()
-    for t in (T_0, T_0 - MS, T_0 - 2 * MS, T_0 + 10_000 * MS):
+    for t in (T_0, T_0 - 1000 * MS, T_0 - 2000 * MS, T_0 + 10_000 * MS):
         running.step(t, HOME, STILL)
     assert running.resets == 3
 
@@ -283,14 +337,68 @@ def test_a_fault_is_told_until_the_next_reference_though_the_law_has_an_answer_a
     command = running.step(T_0 + 2 * MS, q, STILL)
     assert running.fault
     np.testing.assert_allclose(command.q, q, rtol=0, atol=HELD)
+    with pytest.raises(InvalidMessageError, match="when they have paused"):  # a stream goes on
+        running.follow(SetPoint(frame, 0.1), None)
+    for step in range(1, 12):
+        running.step(T_0 + 2 * MS + 50 * step * MS, q, STILL)
     running.follow(SetPoint(frame, 0.1), None)
     assert running.fault == ""
+
+
+# Six joints in one line, all frames parallel at 0: orientations there are exact.
+STRAIGHT = "".join(
+    f'''<link name="link_{i}"><inertial> <origin xyz="0 0 0.1"/> <mass value="{7 - i}"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/> </inertial></link>
+    <joint name="joint_{i}" type="revolute"> <parent link="link_{i - 1}"/> <child link="link_{i}"/>
+    <origin xyz="0.05 0 0.2"/> <axis xyz="{axis}"/>
+    <limit lower="-3" upper="3" velocity="3" effort="200"/> </joint>'''
+    for i, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1"), start=1)
+)
+STRAIGHT_ARM = Robot(f'<robot name="a"><link name="link_0"/>{STRAIGHT}</robot>', "", "link_6")
+
+
+@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
+def test_angle_axis_at_exactly_90_deg_holds_the_arm_until_the_next_reference(limited):
+    q = np.zeros(6)
+    start = STRAIGHT_ARM.state(q, STILL)
+    np.testing.assert_array_equal(start.R_e, np.eye(3))
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    scheme = dynamic_control("angle_axis", limited=limited, robot=STRAIGHT_ARM)
+    running = Controller(scheme, ANY_JUMP, q)
+    running.step(T_0, q, STILL)
+    running.follow(SetPoint(DesiredFrame(start.p_e, quarter_turn), 0.1), None)
+    dq = 0.1 * np.ones(6)
+    for step in range(1, 600):
+        command = running.step(T_0 + step * MS, q, dq)
+        assert "90 deg" in running.fault
+        assert "euler_parameters" in running.fault
+        assert is_finite(command)
+    state = STRAIGHT_ARM.dynamic_state(q, dq)
+    expected = state.B @ (-40 * dq) + state.C_dq + state.g  # at the positions held
+    np.testing.assert_allclose(command.effort, expected, rtol=0, atol=1e3 * ALGEBRAIC)
+    running.follow(SetPoint(DesiredFrame(start.p_e, start.R_e), 0.1), None)
+    for step in range(600, 603):
+        assert is_finite(running.step(T_0 + step * MS, q, STILL))
+        assert running.fault == ""
+        assert running.tick_now.x_de.error.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_exactly_at_the_pole_dynamic_control_holds_the_arm_and_tells_the_fault():
+    q, frame = at_the_pole_of_ZYZ()
+    running = Controller(dynamic_control("euler_angles", "ZYZ"), ANY_JUMP, q)
+    running.follow(SetPoint(frame._replace(omega_d=np.array([1.0, 0.0, 0.0])), 0.1), None)
+    command = running.step(T_0, q, STILL)
+    g = UR5.dynamic_state(q, STILL).g
+    np.testing.assert_allclose(command.effort, g, rtol=0, atol=1e3 * ALGEBRAIC)
+    assert "ZYZ is singular" in running.fault
+    assert running.step(T_0, q, STILL) is command
 
 
 class Failing(Scheme):
     """A scheme that has an answer only while told so."""
 
     name = "failing"
+    robot = UR5
     works = True
 
     def reset(self, q):
@@ -316,7 +424,8 @@ class Failing(Scheme):
 def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
     scheme = Failing()
     running = Controller(scheme, ControllerOptions(), HOME)
-    stamps = (T_0, T_0 + 7 * MS, T_0 + 8 * MS, T_0 - MS, T_0, T_0 + 5000 * MS)
+    back = T_0 - 1000 * MS
+    stamps = (T_0, T_0 + 7 * MS, T_0 + 8 * MS, back, back + MS, T_0 + 5000 * MS)
     for t, dt in zip(stamps, (0.0, 0.007, 0.001, 0.0, 0.001, 0.0), strict=True):
         running.step(t, HOME, STILL)
         assert scheme.dt == dt
@@ -346,6 +455,35 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     np.testing.assert_array_equal(running.tick_now.desired.dp_d, np.zeros(3))
 
 
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
+    running = Controller(scheme(), ControllerOptions(), HOME)
+    running.step(T_0, HOME, STILL)
+    first = running.stop()
+    sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
+    for step in range(1, 50):
+        command = running.step(T_0 + step * MS, HOME + sag, STILL)
+        with pytest.raises(InvalidMessageError):
+            running.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
+    if command.q is not None:
+        np.testing.assert_array_equal(command.q, first.q)
+        return
+    state = UR5.dynamic_state(HOME + sag, STILL)
+    expected = state.B @ (-400 * sag) + state.g  # drawn back to where it was
+    np.testing.assert_allclose(command.effort, expected, rtol=0, atol=1e3 * ALGEBRAIC)
+
+
+def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
+    running, _, t = moving_controller()
+    running.stop()
+    there = HOME + 0.3  # moved by others
+    running.step(t + MS, there, STILL)
+    with pytest.raises(InvalidMessageError):
+        running.follow(SetPoint(pose_of(HOME), 0.1), None)
+    running.follow(SetPoint(pose_of(there), 0.1), None)
+    assert_holds(running, t + 2 * MS, there)
+
+
 # --- commands are finite whatever is desired --------------------------------------------------
 
 
@@ -371,7 +509,11 @@ def garbage(sequence, key):
 
 
 def feed(running, motions, steps=4, dt=20 * MS):
-    """Follow each motion for some steps; return the number of faults."""
+    """Follow each motion for some steps; return the number of faults.
+
+    The arm does what it is commanded where that is a position; an arm that is commanded by
+    efforts stays where it is.
+    """
     t, q, dq, faults = T_0, HOME, STILL, 0
     for motion in motions:
         with suppress(InvalidMessageError):  # what is refused is not followed
@@ -380,9 +522,9 @@ def feed(running, motions, steps=4, dt=20 * MS):
             t += dt
             command = running.step(t, q, dq)
             assert is_finite(command)
-            assert command.q.shape == command.dq.shape == (6,)
+            assert all(values is None or values.shape == (6,) for values in command)
             faults += bool(running.fault)
-            if np.abs(command.q).max() < 1e3:
+            if command.q is not None and np.abs(command.q).max() < 1e3:
                 q, dq = command.q, command.dq
     return faults
 
@@ -412,10 +554,24 @@ def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
+@pytest.mark.parametrize("family", FAMILIES, ids="-".join)
+@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
+def test_no_desired_frame_makes_an_effort_that_is_not_finite(family, limited):
+    running = Controller(dynamic_control(*family, limited=limited), ANY_JUMP, HOME)
+    faults = feed(running, [SetPoint(frame, 0.05) for frame in garbage(family[1], 11)])
+    assert faults > 0
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_no_trajectory_makes_a_command_that_is_not_finite(orientation):
-    for limits in (UR5.limits, None):
-        running = Controller(clik(orientation, limits=limits), ANY_JUMP, HOME)
+    for scheme in (
+        clik(orientation, limits=UR5.limits),
+        clik(orientation),
+        dynamic_control(orientation),
+        dynamic_control(orientation, limited=False),
+    ):
+        running = Controller(scheme, ANY_JUMP, HOME)
         frames = garbage("XYZ", 7)
         motions = [
             Trajectory([0.0, 0.07], [start, end])
@@ -440,4 +596,18 @@ def test_garbage_does_not_survive_in_the_controller():
     t = T_0 + 10**12
     assert running.step(t, HOME, STILL) is not None  # the stamp jumps: it starts anew
     assert_holds(running, t + MS, HOME)
+    assert running.fault == ""
+
+
+def test_garbage_does_not_survive_in_dynamic_control():
+    with np.errstate(all="ignore"):
+        running = Controller(dynamic_control("euler_angles"), ANY_JUMP, HOME)
+        feed(running, [SetPoint(frame, 0.05) for frame in garbage("XYZ", 3)])
+    t = T_0 + 10**12
+    g = UR5.dynamic_state(HOME, STILL).g
+    for step in range(3):  # the stamp jumps: it starts anew
+        command = running.step(t + step * MS, HOME, STILL)
+        np.testing.assert_allclose(command.effort, g, rtol=0, atol=1e3 * ALGEBRAIC)
+    running.follow(SetPoint(pose_of(HOME), 0.05), None)
+    assert is_finite(running.step(t + 3 * MS, HOME, STILL))
     assert running.fault == ""

@@ -119,6 +119,182 @@ def test_positions_on_the_limits_are_within_and_beyond_are_not():
     assert not LIMITS.contain(np.array([0.0, np.nextafter(-2.0, -3), 0.0]))
 
 
+# --- limits of acceleration and effort ------------------------------------------------------
+
+JOINTS = 500  # that are simulated at once
+STOPPING = 0.01  # [s] of speed by which a joint at full speed overshoots where it must stop
+
+
+def many_limits():
+    """Return the limits of many joints of all sizes, between them one with none."""
+    random = generator(75)
+    centre, half = random.uniform(-3, 3, size=JOINTS), 10 ** random.uniform(-2, 1, size=JOINTS)
+    lower, upper = centre - half, centre + half
+    speed = 10 ** random.uniform(-1, 1, size=JOINTS)
+    lower[0], upper[0], speed[1] = -math.inf, math.inf, math.inf
+    return JointLimits(lower, upper, speed, np.full(JOINTS, math.inf))
+
+
+def adversaries():
+    """Return functions of time and velocity that want an acceleration for each joint."""
+    random = generator(76)
+    outwards = np.where(random.uniform(size=JOINTS) < 0.5, -1.0, 1.0)
+    frequency = random.uniform(1, 30, size=JOINTS)
+    return {
+        "up": lambda t, dq: np.full(JOINTS, 1e9),
+        "down": lambda t, dq: np.full(JOINTS, -1e9),
+        "either way": lambda t, dq: 1e3 * outwards,
+        "to and fro": lambda t, dq: 300 * np.sign(np.sin(frequency * t)),
+        "with the motion": lambda t, dq: 50 * np.sign(dq),
+        "at random": lambda t, dq: 1e4 * random.normal(size=JOINTS),
+        "none": lambda t, dq: np.zeros(JOINTS),
+    }
+
+
+def play(limits, start, adversary, dt=1e-3, duration=1.0):
+    """Yield q and dq after each step of what the limits leave of an adversary's wishes."""
+    q, dq = start
+    for step in range(round(duration / dt)):
+        ddq, _ = limits.limit_acceleration(q, dq, adversary(step * dt, dq), dt)
+        dq = dq + dt * ddq
+        q = q + dt * dq
+        yield q, dq
+
+
+def states_within(limits):
+    """Return q within the limits, and dq within those of speed."""
+    random = generator(77)
+    lower, upper = np.maximum(limits.lower, -9), np.minimum(limits.upper, 9)
+    share = random.uniform(size=JOINTS)
+    share[::5], share[1::5] = 0.0, 1.0  # on a limit
+    speed = np.minimum(limits.velocity, 20) * random.uniform(-1, 1, size=JOINTS)
+    return lower + share * (upper - lower), speed
+
+
+def that_can_stop(limits, q, dq):
+    """Return dq slowed to what the distance to the limits allows: 10 / s of it."""
+    return np.clip(dq, 10 * (limits.lower - q), 10 * (limits.upper - q))
+
+
+every_adversary = pytest.mark.parametrize("adversary", adversaries())
+
+
+@every_adversary
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.05, 0.2])
+def test_no_acceleration_that_is_wanted_leads_beyond_position_or_speed(adversary, dt):
+    limits = many_limits()
+    start, speed = states_within(limits)
+    slow = that_can_stop(limits, start, speed)
+    for q, dq in play(limits, (start, slow), adversaries()[adversary], dt):
+        assert np.all(np.abs(dq) <= limits.velocity * (1 + RELATIVE))
+        assert np.all(q <= limits.upper + LIMIT_ROUNDING)
+        assert np.all(q >= limits.lower - LIMIT_ROUNDING)
+
+
+@every_adversary
+def test_a_joint_at_full_speed_at_its_limit_stops_within_a_hundredth_of_it(adversary):
+    limits = many_limits()
+    start, speed = states_within(limits)
+    over = STOPPING * np.abs(speed)
+    for q, dq in play(limits, (start, speed), adversaries()[adversary]):
+        assert np.all(np.abs(dq) <= limits.velocity * (1 + RELATIVE))
+        assert np.all(q <= limits.upper + over + LIMIT_ROUNDING)
+        assert np.all(q >= limits.lower - over - LIMIT_ROUNDING)
+
+
+def test_the_limits_are_reached_when_that_is_wanted():
+    limits = many_limits()
+    start, speed = states_within(limits)
+    slow = that_can_stop(limits, start, speed)
+    path = list(play(limits, (start, slow), adversaries()["up"], duration=3.0))
+    q, fastest = path[-1][0], np.max([dq for _, dq in path], axis=0)
+    near = limits.upper - limits.lower < limits.velocity  # these have had the time
+    assert near.sum() > 50
+    np.testing.assert_allclose(q[near], limits.upper[near], rtol=0, atol=1e-6)
+    assert fastest[0] == pytest.approx(limits.velocity[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("side", [1, -1], ids=["above", "below"])
+def test_from_outside_a_joint_can_only_come_back(side):
+    limits = many_limits()
+    width = limits.upper - limits.lower
+    start = np.where(side > 0, limits.upper, limits.lower) + side * 0.3 * np.minimum(width, 1)
+    start[0] = 0.0  # it has no outside
+    at_rest = start, np.zeros(JOINTS)
+    for adversary in ("up", "down", "to and fro", "at random"):
+        outermost = start
+        for q, dq in play(limits, at_rest, adversaries()[adversary], duration=0.3):
+            assert np.all(side * (q - outermost)[1:] <= LIMIT_ROUNDING)
+            # where it has been further in, it may move within the limits
+            inside = limits.upper if side > 0 else limits.lower
+            outermost = side * np.maximum(side * q, side * inside)
+            assert np.all(np.abs(dq) <= limits.velocity * (1 + RELATIVE))
+    for q, dq in play(limits, at_rest, adversaries()["none"], duration=0.1):
+        np.testing.assert_array_equal(q, start)  # and need not
+        np.testing.assert_array_equal(dq, np.zeros(JOINTS))
+    home = "down" if side > 0 else "up"
+    back = list(play(limits, at_rest, adversaries()[home], duration=0.3))[-1][0]
+    assert np.all(side * (start - back)[1:] > 1e-3)
+
+
+def test_too_fast_a_joint_is_braked_at_a_hundred_per_second_of_its_excess():
+    q, dq = np.zeros(3), np.array([2.5, -1.5, 3.9])
+    limited, changed = LIMITS.limit_acceleration(q, dq, np.zeros(3), 1e-3)
+    assert changed
+    np.testing.assert_allclose(limited, [-50.0, 50.0, 0.0], rtol=RELATIVE)
+
+
+def test_no_limit_asks_for_more_than_it_needs_in_the_time_that_is_left():
+    q, dq = np.zeros(3), np.array([2.5, -1.5, 3.9])
+    for dt, expected in ((0.0, -50.0), (1e-3, -50.0), (0.02, -25.0), (0.1, -5.0)):
+        limited, _ = LIMITS.limit_acceleration(q, dq, np.zeros(3), dt)
+        assert limited[0] == pytest.approx(expected, rel=RELATIVE)
+
+
+def test_an_acceleration_within_the_limits_is_not_touched():
+    ddq = np.array([5.0, -3.0, 90.0])
+    dq = np.array([0.5, -0.2, 1.0])
+    limited, changed = LIMITS.limit_acceleration(np.zeros(3), dq, ddq, 1e-3)
+    assert not changed
+    np.testing.assert_array_equal(limited, ddq)
+
+
+def test_the_acceleration_of_one_joint_is_limited_and_the_others_keep_theirs():
+    q = np.array([0.999, 0.0, 0.0])
+    wanted = np.array([50.0, 40.0, -30.0])
+    limited, changed = LIMITS.limit_acceleration(q, np.zeros(3), wanted, 1e-3)
+    assert changed
+    assert limited[0] == pytest.approx(1.0, rel=1e3 * RELATIVE)  # 100 / s of 10 / s of 0.001
+    np.testing.assert_array_equal(limited[1:], [40.0, -30.0])
+
+
+def test_without_limits_no_finite_acceleration_is_touched():
+    none = np.full(3, math.inf)
+    free = JointLimits(-none, none, none, none)
+    for scale in (1.0, 1e9, 1e300):
+        ddq = scale * np.array([1.0, -1.0, 0.0])
+        limited, changed = free.limit_acceleration(scale * np.ones(3), -ddq, ddq, 1e-3)
+        assert not changed
+        np.testing.assert_array_equal(limited, ddq)
+        limited, changed = free.limit_effort(ddq)
+        assert not changed
+        np.testing.assert_array_equal(limited, ddq)
+
+
+def test_an_effort_beyond_its_limit_is_cut_to_it_and_told():
+    wanted = np.array([10.5, -20.5, 1e300])
+    limited, changed = LIMITS.limit_effort(wanted)
+    assert changed
+    assert limited.tolist() == [10.0, -20.0, 1e300]
+    limited, changed = LIMITS.limit_effort(-wanted)
+    assert changed
+    assert limited.tolist() == [-10.0, 20.0, -1e300]
+    on_it = np.array([10.0, -20.0, -3.0])
+    limited, changed = LIMITS.limit_effort(on_it)
+    assert not changed
+    np.testing.assert_array_equal(limited, on_it)
+
+
 # --- the inverse --------------------------------------------------------------------------
 
 

@@ -1,14 +1,36 @@
-"""The nodes as their users run them: real processes that talk over DDS."""
+"""The nodes as their users run them: real processes that talk over DDS.
+
+What the control nodes have in common is tested here for each of them; what
+``dynamic_control`` has of its own, in ``test_dynamic_node.py``.
+"""
 
 import math
 import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from ros_processes import ROOT, Arm, Graph, Process, values
+from geometry_msgs.msg import PoseStamped, Quaternion, TwistStamped, WrenchStamped
+from ros_processes import (
+    FRAMES,
+    HOME,
+    MODEL,
+    ROOT,
+    UR5,
+    Arm,
+    Controlled,
+    Graph,
+    Process,
+    assert_holds,
+    assert_stops,
+    pose,
+    reference,
+    values,
+)
 from rosgraph_msgs.msg import Clock
 from samples import rodrigues
 from sensor_msgs.msg import JointState
@@ -23,73 +45,69 @@ from tolerances import (
 )
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.messages import motion_from_ros, ns_from_ros
 from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.robot import Robot
+from eulerparams_control.robot import RobotState
 from eulerparams_control.ros.commands import HORIZON, CommandPublisher
-from eulerparams_control.ros.conversions import motion_to_ros, pose_to_ros
+from eulerparams_control.ros.conversions import pose_to_ros
 from eulerparams_control.ros.qos import QOS
-from eulerparams_control.rotations import angle_between
+from eulerparams_control.rotations import EulerParameters, angle_between
 from eulerparams_control.schemes.base import JointCommand
 
 CONFIG = ROOT / "config"
-UR5 = load_robot("ur5")
-KINEMATICS = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
-HOME = np.array(UR5.home)
-FRAMES = {"base_frame": "base_link", "tip_frame": "tool0"}
+CONTROLLERS = ("clik", "dynamic_control")
 
+# V and its derivatives of the same state, by two formulas; that measured divides by 1 ms.
+LYAPUNOV = 1e-9
 
-def pose(q: Any) -> tuple[Any, Any]:
-    """Return p (3,) and R (3, 3) of the tip."""
-    state = KINEMATICS.state(np.array(q), np.zeros(len(q)))
-    return state.p_e, state.R_e
+# Parameters that are for simulations only.
+UNSAFE: tuple[tuple[str, Any, str], ...] = (
+    ("enforce_limits", False, "enforce_limits: false"),
+    ("quaternion_sign", "separate", "quaternion_sign: separate"),
+    ("velocity_scale", 1.5, "velocity_scale: 1.5, above 1,"),
+)
 
+# Efforts that may change at once, so that the last one is the whole of what stops the arm.
+QUICK: dict[str, dict[str, Any]] = {
+    "clik": FRAMES,
+    "dynamic_control": {**FRAMES, "max_effort_rate": 1e6},
+}
 
-def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> MultiDOFJointTrajectory:
-    return motion_to_ros(Trajectory(times, frames), "base_link", "tool0")
-
-
-class Controlled:
-    """A controller process with its arm, and a publisher of its reference."""
-
-    def __init__(self, graph: Graph, parameters: dict[str, Any], namespace: str = "") -> None:
-        self.graph, self.peer = graph, graph.peer
-        self.name = f"{namespace}/clik"
-        self.arm = Arm(graph, UR5, namespace)
-        self.process = graph.start("clik", parameters, namespace=namespace)
-        self.arm.connect()
-        self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        graph.until(self.references.get_subscription_count, "a subscriber of reference")
-
-    def follow(self, msg: MultiDOFJointTrajectory) -> None:
-        """Send a reference and tick until the arm moves."""
-        self.references.publish(msg)
-        self.graph.until(lambda: any(self.arm.tick().velocity), "a command that moves")
+# A joint may exceed its speed limit by what the discrete time leaves, of the limit.
+SPEED_LIMIT = 1e-3
 
 
 @pytest.fixture(scope="module")
-def shared(shared_graph: Graph) -> Controlled:
-    """A controller that the tests of this module share; it runs with its defaults."""
-    return Controlled(shared_graph, FRAMES)
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
+    """Starts the controllers that the tests of this module share, with their defaults."""
+    with ExitStack() as stack:
+
+        @cache
+        def start(executable: str) -> Controlled:
+            graph = stack.enter_context(Graph(tmp_path_factory.mktemp(executable)))
+            return Controlled(graph, executable, FRAMES)
+
+        yield start
 
 
-@pytest.fixture
-def clik(shared: Controlled) -> Controlled:
-    """The shared controller, active and holding the home position, with default gains."""
-    defaults = {"orientation": "euler_parameters", "k_Pp": 100.0, "k_Po": 100.0}
-    assert shared.peer.set_parameters(shared.name, **defaults) == []
-    shared.arm.start_anew()
-    return shared
+@pytest.fixture(params=CONTROLLERS)
+def node(
+    request: pytest.FixtureRequest, shared: Callable[[str], Controlled]
+) -> Iterator[Controlled]:
+    """A controller that is shared, active and holding the home position."""
+    controlled = shared(request.param)
+    controlled.arm.start_anew()
+    yield controlled
+    controlled.restore()
 
 
 # --- one state, one command -----------------------------------------------------------------
 
 
 def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
-    clik: Controlled,
+    node: Controlled,
 ) -> None:
-    arm = clik.arm
+    arm = node.arm
     first = arm.t + 1_000_000
     for _ in range(10):
         arm.send_next(5)  # fewer than the queue of a controller holds
@@ -97,24 +115,22 @@ def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
         def answered() -> bool:
             return bool(arm.commands) and ns_from_ros(arm.commands[-1].header.stamp) == arm.t
 
-        clik.graph.until(answered, "the last command")
+        node.graph.until(answered, "the last command")
     found = [ns_from_ros(command.header.stamp) for command in arm.commands]
     arm.commands.clear()
     assert found == list(range(first, arm.t + 1, 1_000_000))
 
 
-def test_without_a_reference_the_command_is_the_measured_position_at_rest(clik: Controlled) -> None:
+def test_without_a_reference_the_measured_pose_is_held_at_rest(node: Controlled) -> None:
     q = HOME + 0.1
-    command = clik.arm.start_anew(q)
+    command = node.arm.start_anew(q)
     assert command.name == list(UR5.joints)
-    assert command.position.tolist() == q.tolist()
-    assert command.velocity.tolist() == [0.0] * 6
-    later = clik.arm.tick()
-    np.testing.assert_allclose(later.position, q, atol=RELATIVE)
+    assert_holds(command, q)
+    assert_holds(node.arm.ticks(10)[-1], q)
 
 
-def test_joints_are_matched_by_name_in_any_order_with_others_between(clik: Controlled) -> None:
-    arm = clik.arm
+def test_joints_are_matched_by_name_in_any_order_with_others_between(node: Controlled) -> None:
+    arm = node.arm
     arm.q = q = HOME + np.arange(6) / 100
     arm.t += 10**10
     msg = arm.message()
@@ -125,35 +141,116 @@ def test_joints_are_matched_by_name_in_any_order_with_others_between(clik: Contr
     arm.send(msg)
     command = arm.answer(msg.header.stamp)
     assert command.name == list(UR5.joints)
-    assert command.position.tolist() == q.tolist()
+    assert_holds(command, q)
 
 
-def test_a_stamp_that_jumps_back_lets_it_hold_where_the_arm_is_then(clik: Controlled) -> None:
-    arm = clik.arm
+@pytest.mark.parametrize("jump", [-5.0, 0.2])  # [s] the simulator restarted, or stood still
+def test_after_a_jump_of_the_stamp_it_holds_where_the_arm_is_then(
+    node: Controlled, jump: float
+) -> None:
+    arm = node.arm
     p, R = pose(arm.q)
-    clik.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
-    arm.t = 500_000_000  # the simulator restarted
-    q = HOME + 0.2
-    command = arm.tick(q)
-    assert command.position.tolist() == q.tolist()
-    assert command.velocity.tolist() == [0.0] * 6
-    np.testing.assert_allclose(arm.tick().position, q, atol=RELATIVE)
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
+    arm.ticks(50)
+    q, arm.dq = HOME + 0.2, np.zeros(6)
+    assert_holds(arm.tick(q, dt=jump), q)
+    assert_holds(arm.ticks(10)[-1], q)
+    words = f"holding the measured pose, after a jump of the stamps by {jump:g} s"
+    node.graph.until_said(node.process, words)
 
 
-def test_a_reference_is_followed_to_its_end(clik: Controlled) -> None:
-    arm = clik.arm
+def test_a_reference_is_followed_to_its_end(node: Controlled) -> None:
+    arm = node.arm
     p, R = pose(arm.q)
     goal = DesiredFrame(p + [0.02, -0.03, 0.04], rodrigues(0.3, np.array([0.0, 0.6, 0.8])) @ R)
-    clik.follow(reference(goal, times=(0.5,)))
-    for _ in range(90):
-        command = arm.tick(dt=0.01)
-    p, R = pose(command.position)
+    node.follow(reference(goal, times=(0.5,)))
+    arm.ticks(150, dt=0.01)
+    p, R = pose(arm.q)
     assert np.linalg.norm(p - goal.p_d) < LAW_IN_A_NODE
     assert angle_between(R, goal.R_d) < LAW_IN_A_NODE
-    assert np.abs(command.velocity).max() < LAW_IN_A_NODE
+    assert np.abs(arm.dq).max() < LAW_IN_A_NODE
+
+
+def test_a_set_point_without_a_successor_is_held_where_its_twist_has_led_it(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    p, R = pose(arm.q)
+    node.follow(reference(DesiredFrame(p, R, dp_d=np.array([0.0, 0.0, 0.1]))))
+    arm.ticks(150, dt=0.01)
+    p_e, R_e = pose(arm.q)
+    held = p + [0.0, 0.0, 0.1 * 0.1]  # reference_timeout is 0.1 s
+    assert np.linalg.norm(p_e - held) < LAW_IN_A_NODE
+    assert angle_between(R_e, R) < LAW_IN_A_NODE
+    assert np.abs(arm.dq).max() < LAW_IN_A_NODE
+
+
+def test_without_joint_states_there_are_no_commands_but_a_fault_and_then_it_holds(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    p, R = pose(arm.q)
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
+    status = node.peer.status(node.name, lambda s: "no valid joint_states" in s.message)
+    assert status.level == b"\x02"
+    assert "within 0.5 s: no commands" in status.message
+    assert arm.commands == []
+    q, arm.dq = HOME + 0.2, np.zeros(6)
+    assert_holds(arm.tick(q, dt=0.5), q)
+    assert_holds(arm.ticks(10)[-1], q)
+    status = node.status(lambda s: "after a jump" in s.message)
+    assert status.level == b"\x01"
+    assert "holding the measured pose, after a jump of the stamps by 0.5 s" in status.message
+
+
+def test_through_a_kinematic_singularity_commands_stay_within_the_limits_and_it_is_reported(
+    node: Controlled,
+) -> None:
+    arm, limits = node.arm, MODEL.limits
+    q = HOME * [1, 1, 1, 1, 0, 1]  # wrist 2 at 0: the axes of wrists 1 and 3 are parallel
+    arm.start_anew(q)
+    p, R = pose(q)
+    goal = DesiredFrame(p + [0.04, 0.0, 0.0], rodrigues(0.15, np.array([1.0, 0.0, 0.0])) @ R)
+    node.follow(reference(goal, times=(0.2,)))
+    speeds = []
+    for _ in range(400):
+        command = arm.tick()
+        assert np.isfinite([*command.position, *command.velocity, *command.effort]).all()
+        if command.effort:
+            assert (np.abs(command.effort) <= limits.effort).all()
+        speeds.append(np.abs(arm.dq))
+    assert (np.max(speeds, axis=0) <= limits.velocity * (1 + SPEED_LIMIT)).all()
+    status = node.peer.status(node.name, lambda s: "inverse of J" in values(s))
+    assert values(status)["inverse of J"] == "damped"
 
 
 # --- what is refused -------------------------------------------------------------------------
+
+
+def test_two_publishers_on_reference_are_refused_and_both_named(node: Controlled) -> None:
+    words = "two publishers on 'reference': /peer, /rival; expected one"
+    rival = node.peer.another_node("rival")
+    try:
+        publisher = rival.create_publisher(MultiDOFJointTrajectory, "reference", 10)
+        p, R = pose(HOME)
+        moved = DesiredFrame(p + [0.0, 0.0, 0.01], R)
+
+        def refused() -> bool:  # until the controller, too, has discovered the rival
+            node.references.publish(reference(moved))
+            node.arm.start_anew()
+            return words in node.process.log
+
+        node.graph.until(refused, "two publishers refused")
+        node.arm.start_anew()
+        publisher.publish(reference(moved))
+        node.references.publish(reference(moved))
+        before = node.peer.counter(node.name, "reference rejected")
+        node.peer.counter(node.name, "reference rejected", before)
+        assert_holds(node.arm.tick(), HOME)
+    finally:
+        rival.destroy_node()
+    peer = node.peer.node
+    node.graph.until(lambda: peer.count_publishers("reference") == 1, "the rival gone")
 
 
 def broken_states(arm: Arm) -> list[Any]:
@@ -169,26 +266,27 @@ def broken_states(arm: Arm) -> list[Any]:
 
 
 def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
-    clik: Controlled,
+    node: Controlled,
 ) -> None:
-    arm = clik.arm
-    before = clik.peer.counter("clik", "joint_states rejected")
+    arm = node.arm
+    before = node.peer.counter(node.name, "joint_states rejected")
     cases = broken_states(arm)
     for msg in cases:
         arm.t += 1_000_000
         msg.header.stamp = Time(sec=arm.t // 10**9, nanosec=arm.t % 10**9)
         arm.send(msg)
-    clik.graph.until_said(clik.process, "joint_states has a non-finite position: {'shoulder_pan_")
+    words = "joint_states has a non-finite position: {'shoulder_pan_joint': -0.21662, 'should"
+    node.graph.until_said(node.process, words)
     arm.t += 1_000_000
     good = arm.message()
     arm.send(good)
-    clik.graph.until(lambda: arm.commands, "the command for the next good state")
+    node.graph.until(lambda: arm.commands, "the command for the next good state")
     (command,) = arm.commands  # DDS keeps the order: answers to the bad ones would be there
     arm.commands.clear()
     assert command.header.stamp == good.header.stamp
-    assert command.position.tolist() == HOME.tolist()
+    assert_holds(command, HOME)
     after = before + len(cases)
-    assert clik.peer.counter("clik", "joint_states rejected", after) == after
+    assert node.peer.counter(node.name, "joint_states rejected", after) == after
 
 
 def broken_references(q: Any) -> list[MultiDOFJointTrajectory]:
@@ -198,7 +296,9 @@ def broken_references(q: Any) -> list[MultiDOFJointTrajectory]:
     wrong_base, wrong_tip, norm, nan, empty, twice, late = (reference(start) for _ in range(7))
     wrong_base.header.frame_id = "world"
     wrong_tip.joint_names = ["flange"]
-    norm.points[0].transforms[0].rotation.w += 0.5
+    norm.points[0].transforms[0].rotation = Quaternion(
+        **{axis: 1.1 * getattr(norm.points[0].transforms[0].rotation, axis) for axis in "xyzw"}
+    )
     nan.points[0].velocities[0].angular.y = math.nan
     empty.points = []
     twice.points[0].transforms = twice.points[0].transforms * 2
@@ -209,67 +309,65 @@ def broken_references(q: Any) -> list[MultiDOFJointTrajectory]:
     return [wrong_base, wrong_tip, norm, nan, empty, twice, late, far, turned]
 
 
-def test_references_that_cannot_be_followed_are_refused_with_the_reason(clik: Controlled) -> None:
-    before = clik.peer.counter("clik", "reference rejected")
+def test_references_that_cannot_be_followed_are_refused_with_the_reason(
+    node: Controlled,
+) -> None:
+    before = node.peer.counter(node.name, "reference rejected")
     cases = broken_references(HOME)
     for msg in cases:  # fewer than the queue of the controller holds
-        clik.references.publish(msg)
+        node.references.publish(msg)
     after = before + len(cases)
-    assert clik.peer.counter("clik", "reference rejected", after) == after
-    command = clik.arm.tick()
-    np.testing.assert_allclose(command.position, HOME, atol=RELATIVE)
-    np.testing.assert_allclose(command.velocity, 0.0, atol=LAW_IN_A_NODE)
+    assert node.peer.counter(node.name, "reference rejected", after) == after
+    assert_holds(node.arm.tick(), HOME)
 
+    def said() -> bool:  # what is about the same topic is not said every time
+        node.references.publish(cases[0])
+        return "reference is in the frame 'world'; expected the base frame 'base_link'" in (
+            node.process.log
+        )
 
-def test_two_publishers_on_reference_are_refused_and_both_named(clik: Controlled) -> None:
-    rival = clik.peer.another_node("rival")
-    try:
-        publisher = rival.create_publisher(MultiDOFJointTrajectory, "reference", 10)
-        p, R = pose(HOME)
-        moved = DesiredFrame(p + [0.0, 0.0, 0.01], R)
-
-        def refused() -> bool:  # until the controller, too, has discovered the rival
-            clik.references.publish(reference(moved))
-            clik.arm.start_anew()
-            return "two publishers on 'reference': /peer, /rival; expected one" in clik.process.log
-
-        clik.graph.until(refused, "two publishers refused")
-        clik.arm.start_anew()
-        publisher.publish(reference(moved))
-        clik.references.publish(reference(moved))
-        before = clik.peer.counter("clik", "reference rejected")
-        clik.peer.counter("clik", "reference rejected", before)
-        assert not any(clik.arm.tick().velocity)
-    finally:
-        rival.destroy_node()
-    clik.graph.until(lambda: clik.peer.node.count_publishers("reference") == 1, "the rival gone")
+    node.graph.until(said, "the reason")
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("node", "name", "value", "words"),
     [
-        ("k_Po", -1.0, "parameter 'k_Po' is -1 1/s; expected between 0 and 10000"),
-        ("k_Pp", math.nan, "parameter 'k_Pp' is nan; expected a finite number"),
-        ("orientation", "quaternion", "known: angle_axis, euler_angles, euler_parameters"),
-        ("euler_sequence", "XYY", "known: XYX, XYZ, XZX"),
-        ("tip_frame", "base_link", "'tip_frame' cannot be changed while running"),
-        ("posture", [0.0, 1.0], "posture has 2 values; expected one for each of the 6 joints"),
-        ("damping_eps", "much", "'much', a str; expected a float"),
+        ("clik", "k_Po", -1.0, "parameter 'k_Po' is -1 1/s; expected between 0 and 10000"),
+        ("clik", "k_Pp", math.nan, "parameter 'k_Pp' is nan; expected a finite number"),
+        ("clik", "orientation", "quaternion", "known: angle_axis, euler_angles, euler_parameters"),
+        ("clik", "euler_sequence", "XYY", "known: XYX, XYZ, XZX"),
+        ("clik", "tip_frame", "base_link", "'tip_frame' cannot be changed while running"),
+        ("clik", "posture", [0.0, 1.0], "posture has 2 values; expected one for each of the 6"),
+        ("clik", "damping_eps", "much", "'much', a str; expected a float"),
+        ("dynamic_control", "k_Vo", -1.0, "'k_Vo' is -1 1/s; expected between 0 and 10000"),
+        ("dynamic_control", "k_Pp", math.inf, "'k_Pp' is inf; expected a finite number 1/s^2"),
+        ("dynamic_control", "max_effort_rate", 0.0, "is 0 Nm/s; expected between 1 and 1e+09"),
+        ("dynamic_control", "max_error_rotation", 4.0, "is 4 rad; expected between 0.001 and 3.1"),
+        ("dynamic_control", "posture", [0.1], "posture has 1 values; expected one for each of"),
+        ("dynamic_control", "tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
+        *(
+            (executable, name, value, f"{words} is accepted only with use_sim_time: true")
+            for executable in CONTROLLERS
+            for name, value, words in UNSAFE[1:]
+        ),
+        *((executable, *UNSAFE[0][:2], "cannot be changed") for executable in CONTROLLERS),
     ],
+    indirect=["node"],
 )
 def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_nothing(
-    clik: Controlled, name: str, value: Any, words: str
+    node: Controlled, name: str, value: Any, words: str
 ) -> None:
-    before = clik.peer.get_parameters(clik.name, name)
-    (reason,) = clik.peer.set_parameters(clik.name, **{name: value})
+    before = node.peer.get_parameters(node.name, name)
+    (reason,) = node.peer.set_parameters(node.name, **{name: value})
     assert words in reason
-    assert clik.peer.get_parameters(clik.name, name) == before
-    assert clik.arm.tick().position.tolist() == HOME.tolist()
+    assert node.peer.get_parameters(node.name, name) == before
+    assert_holds(node.arm.tick(), HOME)
 
 
 # --- changes while running -------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("node", ["clik"], indirect=True)
 @pytest.mark.parametrize(
     ("change", "gain"),  # [1/s] of the angle; eps is theta / 2
     [
@@ -279,25 +377,24 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
     ],
 )
 def test_a_change_of_the_law_while_moving_makes_no_jump_of_position_or_velocity(
-    clik: Controlled, change: dict[str, Any], gain: float
+    node: Controlled, change: dict[str, Any], gain: float
 ) -> None:
-    arm, dt = clik.arm, 0.001
-    assert clik.peer.set_parameters(clik.name, k_Po=2.0) == []
+    arm, dt = node.arm, 0.001
+    node.change(k_Po=2.0)
     arm.start_anew()
     p, R = pose(HOME)
     turned = rodrigues(0.15, np.array([0.0, 0.0, 1.0])) @ R
-    clik.follow(reference(DesiredFrame(p, turned)))  # an error of 0.15 rad that decays slowly
+    node.follow(reference(DesiredFrame(p, turned)))  # an error of 0.15 rad that decays slowly
     before = arm.tick()
-    assert clik.peer.set_parameters(clik.name, **change) == []
+    node.change(**change)
     after = arm.tick(dt=dt)
     dq = np.array(before.velocity)
     speed = float(np.linalg.norm(dq))
     assert speed > 0.1  # rad/s; without the blend it would be multiplied by the gain
     np.testing.assert_allclose(after.position, before.position + dt * dq, atol=RELATIVE)
     assert np.linalg.norm(after.velocity - dq) < BLEND_PER_TICK * speed
-    for _ in range(60):
-        after = arm.tick(dt=0.02)
-    state = KINEMATICS.state(np.array(after.position), np.array(after.velocity))
+    after = arm.ticks(60, dt=0.02)[-1]
+    state = MODEL.state(np.array(after.position), np.array(after.velocity))
     angle = angle_between(state.R_e, turned)
     assert np.linalg.norm(state.omega_e) == pytest.approx(gain * angle, rel=BLENDED)
 
@@ -305,89 +402,160 @@ def test_a_change_of_the_law_while_moving_makes_no_jump_of_position_or_velocity(
 # --- reports ---------------------------------------------------------------------------------
 
 
-def test_pose_error_and_diagnostics_report_the_loop(clik: Controlled) -> None:
-    peer, arm = clik.peer, clik.arm
-    poses = peer.listen(PoseStamped, "/clik/pose")
-    errors = peer.listen(TwistStamped, "/clik/error")
-    clik.graph.until(
-        lambda: peer.node.count_publishers("/clik/pose") and (arm.tick(), poses and errors)[1],
-        "pose and error",
-    )
+def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
+    peer, arm = node.peer, node.arm
+    poses = peer.listen(PoseStamped, f"{node.name}/pose")
+    errors = peer.listen(TwistStamped, f"{node.name}/error")
+    node.graph.until(lambda: (arm.ticks(20), poses and errors)[1], "pose and error")
     p, R = pose(HOME)
     expected = pose_to_ros(p, R, poses[-1].header.stamp, "base_link")
-    assert poses[-1].header.frame_id == "base_link"
+    assert poses[-1].header.frame_id == errors[-1].header.frame_id == "base_link"
     for axis in "xyz":
         found = getattr(poses[-1].pose.position, axis)
         assert found == pytest.approx(getattr(expected.pose.position, axis), abs=LAW_IN_A_NODE)
         assert getattr(errors[-1].twist.angular, axis) == pytest.approx(0.0, abs=LAW_IN_A_NODE)
-    status = peer.status("clik", lambda s: "smallest singular value of J" in values(s))
+    status = peer.status(node.name, lambda s: "smallest singular value of J" in values(s))
     found = values(status)
-    sigma = np.linalg.svd(KINEMATICS.state(HOME, 0 * HOME).J, compute_uv=False)[-1]
+    sigma = np.linalg.svd(MODEL.state(HOME, 0 * HOME).J, compute_uv=False)[-1]
     assert float(found["smallest singular value of J"]) == pytest.approx(sigma, rel=1e-5)
+    assert found["inverse of J"] == "exact"
     assert found["orientation"] == "euler_parameters"
     assert found["saturated"] == "0"
+
+
+@pytest.mark.parametrize(
+    ("node", "k_Po"), [("clik", 20.0), ("dynamic_control", 800.0)], indirect=["node"]
+)
+def test_the_error_and_the_lyapunov_function_are_those_of_the_state_and_fall_to_zero(
+    node: Controlled, k_Po: float
+) -> None:
+    arm, dt = node.arm, 0.001
+    errors = node.peer.listen(TwistStamped, f"{node.name}/error")
+    functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
+    node.change(k_Po=k_Po)
+    node.graph.until(lambda: (arm.ticks(20), errors and functions)[1], "error and function")
+    p, R = pose(HOME)
+    desired = DesiredFrame(p + [0.0, 0.02, 0.0], rodrigues(0.15, np.array([0.0, 0.6, 0.8])) @ R)
+    node.references.publish(reference(desired))
+    states = {}
+    for _ in range(800):
+        arm.tick(dt=dt)
+        states[arm.t] = MODEL.state(arm.q, arm.dq)
+
+    def reports() -> list[tuple[TwistStamped, Float64MultiArray]]:
+        """Return what was reported since the reference came, once both are there."""
+        since = next(i for i, msg in enumerate(errors) if abs(msg.twist.angular.z) > 1e-3)
+        first = next(i for i, msg in enumerate(functions) if msg.data[0] > 1e-3)
+        pairs = list(zip(errors[since:], functions[first:], strict=False))
+        return pairs if ns_from_ros(pairs[-1][0].header.stamp) > arm.t - 20_000_000 else []
+
+    found = node.graph.until(reports, "the last report")
+    assert len(found) > 30  # at 50 Hz
+    for error, function in found[1:]:
+        t = ns_from_ros(error.header.stamp)
+        assert vector(error.twist.linear) == pytest.approx(desired.p_d - states[t].p_e)
+        eps = EulerParameters.from_R(desired.R_d @ states[t].R_e.T).eps
+        assert vector(error.twist.angular) == pytest.approx(eps, abs=LYAPUNOV)
+        now = lyapunov(node, k_Po, desired, states[t])
+        before = lyapunov(node, k_Po, desired, states[t - 1_000_000])
+        (dimension,) = function.layout.dim
+        assert (dimension.label, dimension.size) == ("V, dV by the paper, dV measured", 3)
+        expected = [*now, (now[0] - before[0]) / dt]
+        assert function.data.tolist() == pytest.approx(expected, rel=LYAPUNOV, abs=LYAPUNOV)
+    V = [function.data[0] for _, function in found]
+    assert (np.diff(V) < LYAPUNOV).all()
+    assert V[-1] < 1e-3 * V[0]
+
+
+def vector(v: Any) -> list[float]:
+    return [v.x, v.y, v.z]
+
+
+def lyapunov(
+    node: Controlled, k_Po: float, desired: DesiredFrame, state: RobotState
+) -> tuple[float, float]:
+    """Return V_1 or V_2 with its derivative at rest, eqs. (30), (31) or (42), (43)."""
+    theta = angle_between(desired.R_d, state.R_e)
+    V_1 = 4 * math.sin(theta / 4) ** 2  # (eta - 1)^2 + eps' eps = 2 (1 - cos(theta / 2))
+    if node.name == "clik":
+        return V_1, -k_Po * math.sin(theta / 2) ** 2
+    omega_2 = float(state.omega_e @ state.omega_e)
+    return k_Po * V_1 + omega_2 / 2, -40.0 * omega_2  # k_Vo is 40 / s
+
+
+def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_said(
+    node: Controlled,
+) -> None:
+    errors = node.peer.listen(TwistStamped, f"{node.name}/error")
+    functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
+    node.graph.until(lambda: (node.arm.ticks(20), errors and functions)[1], "error and function")
+    node.change(orientation="euler_angles")
+    status = node.status(lambda s: "Lyapunov function" in values(s))
+    assert values(status)["Lyapunov function"] == "none for euler_angles"
+    count = len(errors)
+    functions.clear()
+    node.graph.until(lambda: (node.arm.ticks(20), len(errors) > count + 5)[1], "more errors")
+    assert functions == []
 
 
 # --- lifecycle -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("autostart", [True, False])
+@pytest.mark.parametrize(
+    ("executable", "autostart"), [("clik", True), ("clik", False), ("dynamic_control", True)]
+)
 def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
-    graph: Graph, autostart: bool
+    graph: Graph, executable: str, autostart: bool
 ) -> None:
     peer = graph.peer
-    arm = Arm(graph, UR5)
-    process = graph.start("clik", {**FRAMES, "autostart": autostart})
+    arm = Controlled.ARMS[executable](graph, UR5)
+    process = graph.start(executable, {**QUICK[executable], "autostart": autostart})
     if autostart:
         arm.connect()
     else:
         graph.until(arm.states.get_subscription_count, "the subscriber of joint_states")
-        assert peer.lifecycle_state("/clik") == "unconfigured"
-        graph.until(lambda: peer.change_state("/clik", "configure"), "configuration")
-        assert peer.lifecycle_state("/clik") == "inactive"
+        assert peer.lifecycle_state(executable) == "unconfigured"
+        graph.until(lambda: peer.change_state(executable, "configure"), "configuration")
+        assert peer.lifecycle_state(executable) == "inactive"
         arm.send(arm.message())
 
         def activated() -> bool:
             arm.send(arm.message())
-            return peer.change_state("/clik", "activate")
+            return peer.change_state(executable, "activate")
 
         graph.until(activated, "activation")
         arm.connect()
-    assert peer.lifecycle_state("/clik") == "active"
+    assert peer.lifecycle_state(executable) == "active"
     goals = peer.publisher(MultiDOFJointTrajectory, "reference")
     graph.until(goals.get_subscription_count, "a subscriber of reference")
     p, R = pose(HOME)
     goals.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
-    graph.until(lambda: any(np.abs(arm.tick().velocity) > 1e-3), "motion")
+    graph.until(lambda: (arm.tick(), np.abs(arm.dq).max() > 1e-3)[1], "motion")
 
-    last = arm.tick()
-    assert peer.change_state("/clik", "deactivate")
+    arm.tick()
+    assert peer.change_state(executable, "deactivate")
     graph.until(lambda: arm.commands, "the command to hold")
     (hold,) = arm.commands
     arm.commands.clear()
-    assert hold.position == last.position
-    assert hold.velocity.tolist() == [0.0] * 6
-    assert peer.lifecycle_state("/clik") == "inactive"
+    assert_stops(hold, arm)
+    assert peer.lifecycle_state(executable) == "inactive"
     arm.send_next(5)
-    peer.status("clik")  # one turn of the node later
-    assert peer.lifecycle_state("/clik") == "inactive"
+    peer.status(executable)  # one turn of the node later
+    assert peer.lifecycle_state(executable) == "inactive"
     assert arm.commands == []
 
-    q = HOME + 0.1
-    arm.q = q
+    arm.q, arm.dq = HOME + 0.1, np.zeros(6)
     arm.send(arm.message())
-    graph.until(lambda: peer.change_state("/clik", "activate"), "activation")
-    command = arm.tick(q)
-    assert command.position.tolist() == q.tolist()  # it begins at the measured pose
-    assert command.velocity.tolist() == [0.0] * 6
+    graph.until(lambda: peer.change_state(executable, "activate"), "activation")
+    assert_holds(arm.tick(arm.q), arm.q)  # it begins at the measured pose
 
-    assert not peer.change_state("/clik", "configure")  # not possible now: refused, not fatal
-    assert peer.lifecycle_state("/clik") == "active"
-    assert peer.change_state("/clik", "deactivate")
-    assert peer.change_state("/clik", "cleanup")
-    assert peer.lifecycle_state("/clik") == "unconfigured"
-    assert peer.change_state("/clik", "configure")
-    assert peer.lifecycle_state("/clik") == "inactive"
+    assert not peer.change_state(executable, "configure")  # not possible now: refused, not fatal
+    assert peer.lifecycle_state(executable) == "active"
+    assert peer.change_state(executable, "deactivate")
+    assert peer.change_state(executable, "cleanup")
+    assert peer.lifecycle_state(executable) == "unconfigured"
+    assert peer.change_state(executable, "configure")
+    assert peer.lifecycle_state(executable) == "inactive"
     assert process.stop() == 0
 
 
@@ -400,7 +568,7 @@ def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives
 
 
 def test_after_the_shutdown_transition_no_command_follows_the_hold(graph: Graph) -> None:
-    clik = Controlled(graph, FRAMES)
+    clik = Controlled(graph, "clik", FRAMES)
     clik.arm.tick()
     assert clik.peer.change_state("/clik", "active_shutdown")
     graph.until(lambda: clik.arm.commands, "the command to hold")
@@ -412,51 +580,91 @@ def test_after_the_shutdown_transition_no_command_follows_the_hold(graph: Graph)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executable", CONTROLLERS)
 def test_a_signal_ends_a_moving_controller_with_a_command_to_hold_and_exit_code_0(
-    graph: Graph, number: signal.Signals
+    graph: Graph, executable: str, number: signal.Signals
 ) -> None:
-    clik = Controlled(graph, FRAMES, namespace="/left")
-    arm = clik.arm
+    node = Controlled(graph, executable, QUICK[executable], namespace="/left")
+    arm = node.arm
     p, R = pose(HOME)
-    clik.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
-    for _ in range(100):
-        last = arm.tick()
-    assert np.abs(last.velocity).max() > 1e-2
-    clik.process.signal(number)
-    assert clik.process.end() == 0
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
+    last = arm.ticks(100)[-1]
+    assert np.abs(arm.dq).max() > 1e-2
+    node.process.signal(number)
+    assert node.process.end() == 0
     graph.until(lambda: arm.commands, "the command to hold")
     (hold,) = arm.commands
     assert hold.header.stamp == last.header.stamp
-    assert hold.position == last.position
-    assert hold.velocity.tolist() == [0.0] * 6
-    assert "Traceback" not in clik.process.log
+    assert_stops(hold, arm)
+    assert "Traceback" not in node.process.log
 
 
 # --- what a robot description lacks ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("parameters", "words"),
+    ("executable", "parameters", "words"),
     [
-        ({"tip_frame": "tool1"}, "unknown frame 'tool1' (did you mean 'tool0'?); known: base, "),
-        ({"base_frame": "basis"}, "unknown frame 'basis'"),
-        ({"joints": ["elbow_join"]}, "unknown joint 'elbow_join' (did you mean 'elbow_joint'?)"),
-        ({"posture": [0.0]}, "posture has 1 values; expected one for each of the 6 joints"),
+        (
+            "clik",
+            {"tip_frame": "tool1"},
+            "unknown frame 'tool1' (did you mean 'tool0'?); known: base, ",
+        ),
+        ("clik", {"base_frame": "basis"}, "unknown frame 'basis'"),
+        ("clik", {"joints": ["elbow_join"]}, "(did you mean 'elbow_joint'?)"),
+        ("clik", {"posture": [0.0]}, "posture has 1 values; expected one for each of the 6 joints"),
+        ("dynamic_control", {"tip_frame": "tool1"}, "unknown frame 'tool1' (did you mean 'tool0'?"),
+        (
+            "dynamic_control",
+            {"friction_viscous": [1.0, 1.0]},
+            "friction_viscous has 2 values; expected one for each of the 6 joints",
+        ),
+        ("dynamic_control", {"tool_com": [0.1, 0.0]}, "tool_com has 2 values; expected 3"),
+        (
+            "dynamic_control",
+            {"tool_mass": 1.0, "tool_inertia": [-1.0, 0.0, 0.0, 1.0, 0.0, 1.0]},
+            "tool_inertia has the principal moments [-1.0, 1.0, 1.0]; expected >= 0",
+        ),
     ],
 )
-def test_a_robot_description_that_does_not_fit_gives_no_command_and_the_reason(
-    graph: Graph, parameters: dict[str, Any], words: str
+def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
+    graph: Graph, executable: str, parameters: dict[str, Any], words: str
 ) -> None:
-    peer, arm = graph.peer, Arm(graph, UR5)
-    process = graph.start("clik", {**FRAMES, **parameters})
-    status = peer.status("clik", lambda s: "not configured" in s.message)
+    peer, arm = graph.peer, Controlled.ARMS[executable](graph, UR5)
+    process = graph.start(executable, {**FRAMES, **parameters})
+    status = peer.status(executable, lambda s: "not configured" in s.message)
     assert words in status.message
     assert status.level == b"\x02"
     arm.send_next(5)
-    peer.status("clik")
-    assert peer.lifecycle_state("/clik") == "unconfigured"
+    peer.status(executable)
+    assert peer.lifecycle_state(executable) == "unconfigured"
     assert arm.commands == []
     assert process.stop() == 0
+
+
+@pytest.mark.parametrize("executable", CONTROLLERS)
+def test_a_controller_whose_robot_lacks_a_joint_is_not_activated_until_it_is_there(
+    graph: Graph, executable: str
+) -> None:
+    peer, arm = graph.peer, Controlled.ARMS[executable](graph, UR5)
+    process = graph.start(executable, FRAMES)
+    lacking = arm.message()
+    lacking.name = [*UR5.joints[:3], "wrist", *UR5.joints[4:]]
+
+    def refused() -> bool:
+        arm.send(lacking)
+        return "wrist_1_joint; expected" in process.log
+
+    graph.until(refused, "the refusal")
+    joints = "shoulder_pan_joint, shoulder_lift_joint, elbow_joint, "
+    words = f"joint_states lacks wrist_1_joint; expected {joints}wrist_1_joint, wrist_2_joint, "
+    assert f"{words}wrist_3_joint; found {joints}wrist, wrist_2_joint, wrist_3_joint" in process.log
+    assert not peer.change_state(executable, "activate")
+    assert f"not activated: no valid joint_states yet; expected the joints {joints}" in process.log
+    assert peer.lifecycle_state(executable) == "inactive"
+    assert arm.commands == []
+    arm.connect()
+    assert peer.lifecycle_state(executable) == "active"
 
 
 def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_after_it(
@@ -487,7 +695,24 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
         ),
         ("clik", {"euler_sequence": "XXZ"}, "'XXZ'"),
         ("clik", {"k_Po": 1e9}, "parameter 'k_Po' is 1e+09 1/s; expected between 0 and 10000"),
-        ("clik", {"enforce_limits": False}, "enforce_limits: false is accepted only with"),
+        *(
+            (executable, {name: value}, f"{words} is accepted only with use_sim_time: true")
+            for executable in CONTROLLERS
+            for name, value, words in UNSAFE
+        ),
+        (
+            "dynamic_control",
+            {"max_effort_rat": 1.0},
+            "unknown parameter 'max_effort_rat' (did you mean 'max_effort_rate'?)",
+        ),
+        ("dynamic_control", {"k_Vp": 1e5}, "'k_Vp' is 100000 1/s; expected between 0 and 10000"),
+        ("dynamic_control", {"tool_mass": math.nan}, "'tool_mass' is nan; expected a finite"),
+        ("dynamic_control", {"friction_coulomb": [-1.0]}, "is -1 Nm; expected between 0 and 10000"),
+        (
+            "dynamic_control",
+            {"command_type": "joint_trajectory"},
+            "unknown value of parameter 'command_type': 'joint_trajectory'",
+        ),
         ("clik", {"joints": 3}, "parameter 'joints' is 3; expected a list"),
         ("reference", {"motion": "line"}, "'line'; known: circle, none, way_points"),
         ("reference", {"motion": "way_points"}, "0 times"),
@@ -512,9 +737,18 @@ def test_an_impossible_parameter_ends_a_node_with_one_line_and_exit_code_1(
     assert words in line
 
 
-def test_limits_can_be_switched_off_in_simulation_only(graph: Graph) -> None:
-    process = graph.start("clik", {"enforce_limits": False, "use_sim_time": True})
-    assert graph.peer.get_parameters("/clik", "enforce_limits") == [False]
+@pytest.mark.parametrize("executable", CONTROLLERS)
+def test_limits_can_be_switched_off_in_simulation_which_then_cannot_be_left(
+    graph: Graph, executable: str
+) -> None:
+    start = {"enforce_limits": False, "use_sim_time": True}
+    process = graph.start(executable, start)
+    assert graph.peer.get_parameters(executable, *start) == [False, True]
+    live = {name: value for name, value, _ in UNSAFE[1:]}
+    assert graph.peer.set_parameters(executable, **live) == []
+    assert graph.peer.get_parameters(executable, *live) == list(live.values())
+    (reason,) = graph.peer.set_parameters(executable, use_sim_time=False)
+    assert reason == "use_sim_time stays true with enforce_limits: false"
     assert process.stop() == 0
 
 
@@ -526,7 +760,7 @@ def test_a_second_parameter_file_switches_the_orientation(graph: Graph, orientat
     assert found == [orientation, "XYZ", 50.0, 100.0]
 
 
-@pytest.mark.parametrize("executable", ["clik", "reference", "pybullet_bridge"])
+@pytest.mark.parametrize("executable", [*CONTROLLERS, "reference", "pybullet_bridge"])
 def test_the_file_of_a_node_in_config_is_accepted_by_it(graph: Graph, executable: str) -> None:
     process = graph.start(executable, files=(CONFIG / f"{executable}.yaml",))
     graph.peer.status(executable)
@@ -872,5 +1106,3 @@ def test_a_robot_a_controller_and_a_reference_together_reach_a_target_pose(graph
     graph.until(there, "the arm at the target pose")
     assert [node.stop() for node in reversed(nodes)] == [0, 0, 0]
     assert peer.node.count_publishers("/joint_reference") == 0  # all names are relative
-
-

@@ -1,15 +1,17 @@
-"""The robot: kinematics against finite differences and by hand, and what it refuses."""
+"""The robot: kinematics and dynamics against differences and by hand, and what it refuses."""
 
 import math
+import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from samples import about, derivative, generator, rodrigues
-from tolerances import ALGEBRAIC, DIFFERENCES, KINEMATICS
+from tolerances import ALGEBRAIC, DIFFERENCES, DYNAMICS, KINEMATICS
 
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import RobotError
-from eulerparams_control.robot import Robot, RobotState
+from eulerparams_control.robot import Robot, RobotState, Tool
 
 CATALOGUE = ("kuka_iiwa", "panda", "ur10", "ur5")
 SAMPLES = 25
@@ -147,6 +149,304 @@ def test_a_continuous_joint_turns_any_number_of_times():
     once, more = (robot.state(np.array([a, 0.1, 0.2]), still) for a in (0.3, 0.3 + 20 * math.pi))
     np.testing.assert_allclose(once.p_e, more.p_e, rtol=0, atol=KINEMATICS)
     np.testing.assert_allclose(once.J, more.J, rtol=0, atol=KINEMATICS)
+
+
+# --- dynamics, eq. (32) -------------------------------------------------------------------
+
+GRAVITY = (0.0, 0.0, -9.81)
+TOOL = Tool(
+    1.7,
+    np.array([0.03, -0.05, 0.12]),
+    np.array([[0.02, 0.003, -0.002], [0.003, 0.03, 0.004], [-0.002, 0.004, 0.025]]),
+)
+
+
+def with_inertia(urdf):
+    """Return a URDF of bare links in which each has a mass and a skew inertia of its own."""
+    random = generator(51)
+
+    def body(link):
+        mass, a, b, c = random.uniform(0.5, 2.0, size=4)
+        x, y, z = random.uniform(-0.1, 0.1, size=3)
+        return f'''<link name="{link[1]}"><inertial>
+            <origin xyz="{x} {y} {z}" rpy="{x} {y} {z}"/> <mass value="{mass}"/>
+            <inertia ixx="{a}" iyy="{b}" izz="{c}" ixy="{x}" ixz="{y}" iyz="{z}"/>
+            </inertial></link>'''
+
+    return re.sub(r'<link name="(\w+)"/>', body, urdf)
+
+
+def with_a_tool(urdf, tip, tool):
+    """Return the URDF with the tool as a link that is fixed to the tip."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tool.inertia.tolist()
+    x, y, z = tool.com.tolist()
+    return urdf.replace(
+        "</robot>",
+        f'''<link name="the_tool"><inertial>
+        <origin xyz="{x} {y} {z}"/> <mass value="{tool.mass}"/>
+        <inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/>
+        </inertial></link>
+        <joint name="holds_the_tool" type="fixed"> <parent link="{tip}"/> <child link="the_tool"/>
+        </joint></robot>''',
+    )
+
+
+def catalogue_urdf(name):
+    """Return the URDF of a robot of the catalogue, its base and its tip."""
+    description = load_robot(name)
+    return description.urdf, description.base_frame, description.tip_frame, description.joints
+
+
+ARMS = {
+    **{name: catalogue_urdf(name) for name in CATALOGUE},
+    "every kind of joint": (with_inertia(ARM), "base", "hand", ()),
+    "base is the root": (with_inertia(ARM), "", "hand", ()),
+    "a joint held still": (with_inertia(ARM), "base", "hand", ("turn", "bend")),
+}
+every_arm = pytest.mark.parametrize("arm", ARMS)
+
+
+class WholeModel:
+    """All joints of a URDF in Pinocchio, those that are not active at rest at 0."""
+
+    def __init__(self, urdf, joints, gravity=GRAVITY):
+        self.model = pin.buildModelFromXML(urdf)
+        self.model.gravity.linear = np.array(gravity)
+        self.data = self.model.createData()
+        self.joints = [self.model.joints[self.model.getJointId(name)] for name in joints]
+
+    def configuration(self, q):
+        """Return Pinocchio's configuration for the active joints at q."""
+        whole = pin.neutral(self.model)
+        for joint, angle in zip(self.joints, q, strict=True):
+            circle = [math.cos(angle), math.sin(angle)]
+            whole[joint.idx_q : joint.idx_q + joint.nq] = circle if joint.nq == 2 else angle
+        return whole
+
+    def velocities(self, dq):
+        """Return Pinocchio's velocities or accelerations for those of the active joints."""
+        whole = np.zeros(self.model.nv)
+        whole[[joint.idx_v for joint in self.joints]] = dq
+        return whole
+
+    def effort(self, q, dq, ddq):
+        """Return the efforts of the active joints, by recursive Newton-Euler."""
+        states = self.configuration(q), self.velocities(dq), self.velocities(ddq)
+        tau = pin.rnea(self.model, self.data, *states)
+        return tau[[joint.idx_v for joint in self.joints]]
+
+    def potential(self, q):
+        """Return the potential energy [J]."""
+        return pin.computePotentialEnergy(self.model, self.data, self.configuration(q))
+
+
+def assert_same_dynamics(one, other):
+    """Assert that B, C dq and g of two dynamic states agree."""
+    for name in ("B", "C_dq", "g"):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=0, atol=DYNAMICS, err_msg=name)
+
+
+@every_arm
+def test_the_terms_of_the_model_add_up_to_the_efforts_of_newton_and_euler(arm):  # eq. (32)
+    robot = Robot(*ARMS[arm])
+    whole = WholeModel(ARMS[arm][0], robot.joints)
+    for (q, dq), (ddq, _) in zip(
+        configurations(robot.n, key=6), configurations(robot.n, key=7), strict=True
+    ):
+        state, still = robot.dynamic_state(q, dq), np.zeros(robot.n)
+        tau = whole.effort(q, dq, ddq)
+        np.testing.assert_allclose(state.B @ ddq + state.C_dq + state.g, tau, rtol=0, atol=DYNAMICS)
+        np.testing.assert_allclose(state.g, whole.effort(q, still, still), rtol=0, atol=DYNAMICS)
+        np.testing.assert_array_equal(robot.dynamic_state(q, still).C_dq, still)
+
+
+@every_arm
+def test_the_inertia_is_symmetric_and_positive_definite(arm):
+    robot = Robot(*ARMS[arm])
+    for q, dq in configurations(robot.n, key=8):
+        B = robot.dynamic_state(q, dq).B
+        assert B.shape == (robot.n, robot.n)
+        np.testing.assert_array_equal(B, B.T)
+        assert np.linalg.eigvalsh(B)[0] > 1e-4
+
+
+@every_arm
+def test_coriolis_efforts_do_not_change_the_energy_and_gravity_is_its_gradient(arm):
+    robot = Robot(*ARMS[arm])
+    whole, still = WholeModel(ARMS[arm][0], robot.joints), np.zeros(robot.n)
+    for q, dq in configurations(robot.n, key=9):
+        state = robot.dynamic_state(q, dq)
+        # along ddq = 0 the kinetic energy dq' B dq / 2 changes by the power of C dq
+        kinetic = derivative(
+            lambda t, q=q, dq=dq: dq @ robot.dynamic_state(q + t * dq, still).B @ dq / 2
+        )
+        assert kinetic == pytest.approx(dq @ state.C_dq, abs=10 * DIFFERENCES)
+        potential = derivative(lambda t, q=q, dq=dq: whole.potential(q + t * dq))
+        assert potential == pytest.approx(dq @ state.g, abs=10 * DIFFERENCES)
+
+
+@every_arm
+def test_dJ_dq_is_the_derivative_of_the_jacobian_times_dq(arm):
+    robot = Robot(*ARMS[arm])
+    still = np.zeros(robot.n)
+    for q, dq in configurations(robot.n, key=10):
+        dJ = derivative(lambda t, q=q, dq=dq: robot.state(q + t * dq, still).J)
+        dJ_dq = robot.dynamic_state(q, dq).dJ_dq
+        np.testing.assert_allclose(dJ_dq, dJ @ dq, rtol=0, atol=10 * DIFFERENCES)
+        assert np.linalg.norm(dJ_dq) > 1e-3
+        np.testing.assert_array_equal(robot.dynamic_state(q, still).dJ_dq, np.zeros(6))
+
+
+@every_arm
+def test_the_kinematics_of_a_dynamic_state_are_those_of_a_state(arm):
+    robot = Robot(*ARMS[arm])
+    for q, dq in configurations(robot.n, key=11)[:5]:
+        for of_dynamics, expected in zip(
+            robot.dynamic_state(q, dq).arm, robot.state(q, dq), strict=True
+        ):
+            np.testing.assert_array_equal(of_dynamics, expected)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_model_of_an_arm_moves_as_forward_dynamics_says(name):
+    """B ddq = tau - C dq - g with the articulated-body algorithm, which has no B."""
+    urdf, base, tip, joints = ARMS[name]
+    robot = Robot(urdf, base, tip, joints)
+    model = pin.buildModelFromXML(urdf)
+    others = [model.getJointId(joint) for joint in model.names[1:] if joint not in robot.joints]
+    model = pin.buildReducedModel(model, others, pin.neutral(model))
+    assert model.nq == robot.n
+    for (q, dq), (tau, _) in zip(
+        configurations(robot.n, key=12), configurations(robot.n, key=13), strict=True
+    ):
+        state = robot.dynamic_state(q, dq)
+        ddq = pin.aba(model, model.createData(), q, dq, 10 * tau)
+        balance = state.B @ ddq + state.C_dq + state.g
+        np.testing.assert_allclose(balance, 10 * tau, rtol=0, atol=DYNAMICS)
+
+
+# A bead of 2 kg slides on a rod of 3 kg that turns about the horizontal y.
+BEAD = """
+<robot name="bead"> <link name="world"/>
+  <link name="rod"><inertial> <origin xyz="0.4 0 0"/> <mass value="3"/>
+    <inertia ixx="0.1" iyy="0.16" izz="0.16" ixy="0" ixz="0" iyz="0"/> </inertial></link>
+  <link name="bead"><inertial> <mass value="2"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/> </inertial></link>
+  <joint name="turn" type="continuous"> <parent link="world"/> <child link="rod"/>
+    <axis xyz="0 1 0"/> <limit velocity="9" effort="99"/> <dynamics damping="0.3" friction="0.7"/>
+  </joint>
+  <joint name="slide" type="prismatic"> <parent link="rod"/> <child link="bead"/>
+    <axis xyz="1 0 0"/> <limit lower="0" upper="1" velocity="9" effort="99"/>
+    <dynamics damping="4"/> </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.7, 2.9, -1.2, 7.5])
+@pytest.mark.parametrize("r", [0.2, 0.9])
+def test_a_bead_on_a_turning_rod_has_the_dynamics_of_the_textbook(phi, r):
+    robot, dphi, dr = Robot(BEAD, "", "bead"), 1.3, -0.8
+    state = robot.dynamic_state(np.array([phi, r]), np.array([dphi, dr]))
+    along = np.array([math.cos(phi), 0, -math.sin(phi)])
+    across = np.array([-math.sin(phi), 0, -math.cos(phi)])
+    B = np.diag([0.16 + 3 * 0.4**2 + 0.02 + 2 * r**2, 2.0])
+    C_dq = [2 * 2 * r * dr * dphi, -2 * r * dphi**2]
+    g = [-9.81 * (3 * 0.4 + 2 * r) * math.cos(phi), -9.81 * 2 * math.sin(phi)]
+    dJ_dq = [*(2 * dr * dphi * across - r * dphi**2 * along), 0, 0, 0]
+    for found, expected in (
+        (state.B, B),
+        (state.C_dq, C_dq),
+        (state.g, g),
+        (state.dJ_dq, dJ_dq),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=DYNAMICS)
+
+
+def test_an_arm_of_one_joint_is_a_pendulum():
+    robot = Robot(BEAD, "", "rod")
+    state = robot.dynamic_state(np.array([0.3]), np.array([2.0]))
+    assert robot.n == 1
+    np.testing.assert_allclose(state.B, [[0.16 + 3 * 0.4**2 + 0.02]], rtol=0, atol=DYNAMICS)
+    np.testing.assert_allclose(state.g, [-9.81 * 3 * 0.4 * math.cos(0.3)], rtol=0, atol=DYNAMICS)
+    np.testing.assert_allclose(state.C_dq, [0], rtol=0, atol=DYNAMICS)
+
+
+def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
+    friction = Robot(BEAD, "", "bead", ("slide", "turn")).friction
+    assert friction.viscous.tolist() == [0.3, 4.0]
+    assert friction.coulomb.tolist() == [0.7, 0.0]
+    assert not friction.is_none
+    assert Robot(ARM, "base", "hand").friction.is_none
+
+
+def test_a_base_that_is_not_the_root_turns_dJ_dq_and_leaves_the_efforts():
+    urdf = with_inertia(ARM)
+    in_root, in_base = Robot(urdf, "", "hand"), Robot(urdf, "base", "hand")
+    for q, dq in configurations(3, key=14):
+        a, b = in_root.dynamic_state(q, dq), in_base.dynamic_state(q, dq)
+        assert_same_dynamics(a, b)
+        for part in (slice(3), slice(3, 6)):
+            turned = MOUNT[1] @ b.dJ_dq[part]
+            np.testing.assert_allclose(a.dJ_dq[part], turned, rtol=0, atol=DYNAMICS)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (9.81, 0.0, 0.0), (1.0, -3.0, 8.0)])
+def test_gravity_is_the_vector_that_is_given_in_the_root(gravity):
+    for arm in ("ur5", "panda", "every kind of joint"):
+        robot = Robot(*ARMS[arm], gravity)
+        upright = Robot(*ARMS[arm])
+        whole, still = WholeModel(ARMS[arm][0], robot.joints, gravity), np.zeros(robot.n)
+        for q, dq in configurations(robot.n, key=15)[:5]:
+            state = robot.dynamic_state(q, dq)
+            expected = whole.effort(q, still, still)
+            np.testing.assert_allclose(state.g, expected, rtol=0, atol=DYNAMICS)
+            before = upright.dynamic_state(q, dq)
+            assert_same_dynamics(state, before._replace(g=state.g))
+            assert np.abs(state.g - before.g).max() > 1
+
+
+def test_gravity_turned_with_the_arm_makes_the_same_efforts():
+    urdf = with_inertia(ARM)
+    level = urdf.replace('xyz="0.1 0.2 0.3" rpy="0.3 -0.4 0.5"', 'xyz="0 0 0"')
+    assert level != urdf
+    turned = Robot(level, "base", "hand", (), tuple(MOUNT[1].T @ GRAVITY))
+    for q, dq in configurations(3, key=16):
+        assert_same_dynamics(
+            turned.dynamic_state(q, dq), Robot(urdf, "base", "hand").dynamic_state(q, dq)
+        )
+
+
+@every_arm
+def test_a_tool_is_the_same_as_a_body_of_the_urdf(arm):
+    urdf, base, tip, joints = ARMS[arm]
+    held = Robot(urdf, base, tip, joints, tool=TOOL)
+    described = Robot(with_a_tool(urdf, tip, TOOL), base, tip, joints)
+    bare = Robot(urdf, base, tip, joints)
+    for q, dq in configurations(held.n, key=17)[:10]:
+        state = held.dynamic_state(q, dq)
+        assert_same_dynamics(state, described.dynamic_state(q, dq))
+        without = bare.dynamic_state(q, dq)
+        np.testing.assert_array_equal(state.dJ_dq, without.dJ_dq)
+        # the moment of its weight, by the principle of virtual work
+        arm_state = state.arm
+        lever = arm_state.R_e @ TOOL.com
+        J_com = arm_state.J[:3] - np.cross(lever, arm_state.J[3:], axisb=0, axisc=0)
+        weight = TOOL.mass * np.array(GRAVITY)
+        if arm in ("every kind of joint", "a joint held still"):
+            weight = MOUNT[1].T @ weight  # the base is not the root
+        np.testing.assert_allclose(without.g - state.g, J_com.T @ weight, rtol=0, atol=DYNAMICS)
+
+
+def test_a_dynamic_state_does_not_change_when_another_is_computed():
+    for arm in ("ur5", "every kind of joint", "base is the root"):
+        robot = Robot(*ARMS[arm])
+        q = np.linspace(0.1, 0.5, robot.n)
+        state = robot.dynamic_state(q, np.ones(robot.n))
+        kept = [array.copy() for array in (*state.arm, *state[1:])]
+        robot.dynamic_state(q + 1, -2 * np.ones(robot.n))
+        for before, after in zip(kept, (*state.arm, *state[1:]), strict=True):
+            np.testing.assert_array_equal(before, after)
 
 
 # --- frames and joints --------------------------------------------------------------------
@@ -296,5 +596,6 @@ def test_a_broken_urdf_is_refused(text):
 def test_joint_values_of_the_wrong_number_are_refused_with_the_right_one():
     robot = Robot(ARM, "base", "hand")
     for q, dq in ((np.zeros(2), np.zeros(3)), (np.zeros(3), np.zeros(4))):
-        with pytest.raises(RobotError, match=r"expected \(3,\)"):
-            robot.state(q, dq)
+        for state in (robot.state, robot.dynamic_state):
+            with pytest.raises(RobotError, match=r"expected \(3,\)"):
+                state(q, dq)

@@ -6,25 +6,33 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from samples import about, generator, pairs_apart, rodrigues, uniform, unit_vectors
-from tolerances import ALGEBRAIC, TRAVEL_DEG
+from tolerances import ALGEBRAIC, ESCAPE_RATE, LONG_WAY_DEG, TRAVEL_DEG
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.orientation import SIGNS, OrientationOptions, SignRule, representation
+from eulerparams_control.orientation import (
+    SEPARATE,
+    SIGNS,
+    OrientationOptions,
+    SignRule,
+    representation,
+)
 from eulerparams_control.rotations import EulerParameters, angle_between, exp, mutual, mutual_R
 
 Z = np.eye(3)[2]
 DELTA = 0.2
 DT = 1e-3  # [s]
-K = 10.0  # k_Po [1/s]
+K = 10.0  # k_Po [1/s] of (28)
+K_P, K_V = 100.0, 14.142  # k_Po [1/s^2], k_Vo [1/s] of (40)
 NOISE = 0.02  # [rad]
 STEP_OF_THE_WALK = 0.05  # [rad], each component
 
 every_rule = pytest.mark.parametrize("name", SIGNS)
 
 
-def euler_parameters(sign):
+def euler_parameters(sign, initial=1):
     """Return the representation with that rule for the sign."""
-    return representation("euler_parameters", OrientationOptions(sign=SignRule(sign, DELTA)))
+    rule = SignRule(sign, DELTA, initial)
+    return representation("euler_parameters", OrientationOptions(sign=rule))
 
 
 def about_z(theta):
@@ -197,6 +205,32 @@ def test_the_naive_choice_makes_a_travel_of_358_degrees_of_an_error_of_2(r):
     assert travel(R_d, R_e, mutual_R) == pytest.approx(2, abs=TRAVEL_DEG)
 
 
+def dynamic_run(law, R_d, R_e, duration=3.0):
+    """Return the mutual quaternions and the angle travelled [deg] along (41), R_d at rest."""
+    omega, x_de, quaternions, angle = np.zeros(3), None, [], 0.0
+    rest = np.zeros(3)
+    for _ in range(round(duration / DT)):
+        x_de = law.displacement(R_d, R_e, x_de)
+        quaternions.append(x_de.Q_de)
+        omega = omega + DT * law.resolved_acceleration(x_de, rest, rest, omega, K_P, K_V)
+        R_e = exp(DT * omega) @ R_e
+        angle += DT * np.linalg.norm(omega)
+    return quaternions, math.degrees(angle)
+
+
+@pytest.mark.parametrize("r", unit_vectors(3))
+@pytest.mark.parametrize("name", [SEPARATE, *SIGNS])
+def test_dynamic_control_makes_358_degrees_of_an_error_of_2_only_with_separate_signs(name, r):
+    R_d, R_e = rodrigues(math.radians(179), r), rodrigues(math.radians(181), r)
+    quaternions, angle = dynamic_run(euler_parameters(name), R_d, R_e)
+    assert angle == pytest.approx(358 if name == SEPARATE else 2, abs=TRAVEL_DEG)
+    assert quaternions[0].eta == pytest.approx(
+        (-1 if name == SEPARATE else 1) * math.cos(math.radians(1)), abs=ALGEBRAIC
+    )
+    assert quaternions[-1].eta > 0  # Q2 is reached either way
+    assert math.degrees(quaternions[-1].theta) < TRAVEL_DEG
+
+
 @every_rule
 def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name):
     law = euler_parameters(name)
@@ -204,6 +238,55 @@ def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name)
         for R_d, R_e in pairs_apart(theta, 30):
             eta = law.displacement(R_d, R_e).Q_de.eta
             assert eta == pytest.approx(math.cos(theta / 2), abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("apart", [0.1, 1.0, 3.0])
+def test_separate_is_the_composition_of_two_quaternions_with_positive_eta(apart):
+    negative = 0
+    for R_d, R_e in pairs_apart(apart, 30):
+        expected = mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
+        for previous in (None, expected, -expected):  # it has no memory
+            Q = SignRule(SEPARATE).mutual(R_e, R_d, previous)
+            assert Q.eta == expected.eta
+            np.testing.assert_array_equal(Q.eps, expected.eps)
+        np.testing.assert_allclose(expected.R, R_e.T @ R_d, rtol=0, atol=ALGEBRAIC)
+        negative += expected.eta < 0
+    assert negative > 0  # which eta >= 0 of each does not prevent
+
+
+# --- the sign at first, and the way from Q1 to Q2 (E13) -----------------------------------------
+
+
+def test_with_an_initial_sign_of_minus_one_eta_begins_negative_and_stays_on_its_sheet():
+    walk = random_walk()
+    rule, other = SignRule("continuous", initial=-1), SignRule("continuous")
+    assert rule.choose(walk[100], None).eta < 0
+    assert rule.choose(-walk[100], None).eta < 0
+    chosen = choose_all(rule, walk)
+    assert flips(chosen) == 0
+    for Q, Q_other in zip(chosen, choose_all(other, walk), strict=True):
+        assert Q.eta == -Q_other.eta
+        np.testing.assert_array_equal(Q.eps, -Q_other.eps)
+
+
+def test_Q1_is_left_at_the_rate_of_its_unstable_pole_and_Q2_reached_the_long_way():
+    law = euler_parameters("continuous", initial=-1)
+    for r in unit_vectors(2):
+        R_e = rodrigues(math.radians(-0.1), r)
+        quaternions, angle = dynamic_run(law, np.eye(3), R_e, duration=5.0)
+        from_Q1 = np.array([2 * math.atan2(np.linalg.norm(Q.eps), -Q.eta) for Q in quaternions])
+        leaving = np.flatnonzero((from_Q1 > math.radians(1)) & (from_Q1 < math.radians(10)))
+        rate = np.polyfit(DT * leaving, np.log(from_Q1[leaving]), 1)[0]
+        assert rate == pytest.approx((-K_V + math.sqrt(K_V**2 + 2 * K_P)) / 2, rel=ESCAPE_RATE)
+        assert angle == pytest.approx(359.9, abs=LONG_WAY_DEG)
+        assert quaternions[0].eta < 0 < 1 - 1e-6 < quaternions[-1].eta
+
+
+def test_exactly_at_Q1_nothing_moves():
+    law = euler_parameters("continuous", initial=-1)
+    quaternions, angle = dynamic_run(law, np.eye(3), np.eye(3), duration=0.1)
+    assert angle == 0
+    assert {Q.eta for Q in quaternions} == {-1.0}
 
 
 # --- bad input -------------------------------------------------------------------------------
@@ -227,3 +310,15 @@ def test_a_hysteresis_out_of_bounds_is_refused_with_the_bounds(delta):
 @pytest.mark.parametrize("delta", [0.0, 0.5, 0.999])
 def test_a_hysteresis_within_bounds_is_kept(delta):
     assert SignRule("hysteretic", delta).delta == delta
+
+
+@pytest.mark.parametrize("name", [SEPARATE, "shortest", "hysteretic"])
+def test_only_the_continuous_sign_can_begin_negative(name):
+    with pytest.raises(ConfigurationError, match=r"initial sign of eta is -1.*1, or -1 with cont"):
+        SignRule(name, initial=-1)
+
+
+@pytest.mark.parametrize("initial", [0, 2, -2, math.nan])
+def test_an_impossible_initial_sign_is_refused_with_its_value(initial):
+    with pytest.raises(ConfigurationError, match=f"initial sign of eta is {initial}"):
+        SignRule("continuous", initial=initial)

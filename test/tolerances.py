@@ -29,6 +29,18 @@ PRINTED_FAILS = 1.0
 # two decades.
 ILL_CONDITIONED = 1e-9
 
+# (39), (41) evaluated exactly: accelerations of up to 1e4 at POLE_CLEARANCE, and their rounding.
+ERROR_EQUATION = 1e-9
+
+# Step of the second differences of fourth order: rounding 5e-16 / h^2 (5e-10), truncation
+# h^4 x/90, where x reaches 1e6 at POLE_CLEARANCE (1e-8 at most).
+SECOND_STEP = 1e-3
+SECOND_DIFFERENCES = 1e-6
+
+# Eq. (38) as printed is wrong by dphi_d - ddphi_d, of order 1 for random motions: this much at
+# least, where the corrected one is right to ERROR_EQUATION.
+WRONG_FEED_FORWARD = 0.1
+
 # --- orientation errors --------------------------------------------------------------
 
 # An error delta is first order in this small rotation; what it leaves out is of order
@@ -114,6 +126,9 @@ SIMULATED_POSE = 1e-3
 # Kinematics of a chain of ten transforms with entries of order 1.
 KINEMATICS = 1e-13
 
+# Efforts of up to 100 Nm from some hundred products along a chain of ten bodies.
+DYNAMICS = 1e-11
+
 # A degree-5 polynomial through given ends: its coefficients are up to 100 times as large
 # as the ends, and J_r is inverted up to 175 deg.
 THROUGH_POINTS = 1e-11
@@ -159,3 +174,36 @@ NANOSECOND = 0.7e-9
 
 # Residual of the inverse kinematics of an experiment's start, m.
 REST = 1e-9
+
+# --- dynamic control -------------------------------------------------------------------
+
+# Accelerations of up to 10 through J^-1, J and B of condition 100: rounding and three decades.
+NULL_SPACE = 1e-9
+
+# A simulated second of the whole arm in RK4 steps of 2 ms against the closed form, m and rad:
+# the truncation is 6e-10.
+CLOSED_LOOP_DYNAMICS = 1e-8
+
+# The same against an independent integration of (41), which is truncated too; the long way
+# round is faster, and what is truncated is 2e-8.
+INDEPENDENT_RUN = 1e-7
+
+# E7: errors [deg], [mm] of an arm that is commanded at 1 kHz.
+E7_DEG = 5e-3
+E7_MM = 0.02
+
+# Errors [mm], [deg] on a path with 1 kg that the model does not know, while the law is replaced
+# every 30 ms: what the lower of the gains alone leave.
+THROUGH_A_CHANGE_MM = 5.1
+THROUGH_A_CHANGE_DEG = 0.37
+
+# Change of the efforts [Nm] in a tick of 1 ms of that motion: 0.16 seen; 3, the rate, without a
+# blend.
+SMOOTH = 0.3
+
+# An arm that is held for 1 s by what its model says of gravity, rad.
+AT_REST = 1e-9
+
+# dV_2 measured over a tick of 1 ms against the mean of (43), of its largest value: the effort is
+# constant for a tick.
+LYAPUNOV_SAMPLED = 0.02

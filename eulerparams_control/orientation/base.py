@@ -64,6 +64,15 @@ class OrientationRepresentation(ABC):
     def __init__(self, options: OrientationOptions | None = None) -> None:
         self.options = options or OrientationOptions()
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both give the same displacements."""
+        if not isinstance(other, OrientationRepresentation):
+            return NotImplemented
+        return type(self) is type(other) and self.options == other.options
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.options))
+
     @abstractmethod
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).

@@ -37,6 +37,9 @@ from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import Scheme
 
+# joint_states that came within this time [s] at least are fresh.
+_FRESH = 0.1
+
 RCLError = rclpy_implementation.RCLError
 
 
@@ -58,6 +61,7 @@ class ControlNode(LifecycleNode):
         self._measured: tuple[int, Array, Array] | None = None
         self._next_report = 0
         self._received = 0.0  # when the last valid joint_states came, steady clock [s]
+        self._commanded = False
         self._said = ("", "")
         self._health.check = self._check_age
         self.add_on_set_parameters_callback(self._keep_sim_time)
@@ -108,13 +112,14 @@ class ControlNode(LifecycleNode):
             )
 
     def _keep_sim_time(self, changes: list[Any]) -> SetParametersResult:
-        """Refuse to leave simulated time while something unsafe is set."""
-        leaves = any(change.name == "use_sim_time" and not change.value for change in changes)
-        unsafe = _unsafe(self._params)
-        if leaves and unsafe:
-            reason = f"use_sim_time stays true with {unsafe}"
-            return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+        """Refuse to leave simulated time while something unsafe is set, or set with it."""
+        new = {change.name: change.value for change in changes}
+        if new.get("use_sim_time", True):
+            return SetParametersResult(successful=True)
+        together = len(new.keys() & _SIMULATED_ONLY) > 0
+        unsafe = ", ".join(new.keys() & _SIMULATED_ONLY) if together else _unsafe(self._params)
+        reason = f"use_sim_time stays true with {unsafe}" if unsafe else ""
+        return SetParametersResult(successful=not unsafe, reason=reason)
 
     def _limits(self, parameters: Any, robot: Robot) -> JointLimits | None:
         if not parameters.enforce_limits:
@@ -128,6 +133,7 @@ class ControlNode(LifecycleNode):
         try:
             if self._controller is not None and self._robot is not None:
                 self.change_scheme(self._controller.scheme, new, self._limits(new, self._robot))
+                self._controller.law_changed()
             elif self._robot is not None:
                 self.make_scheme(self._robot, None)  # refuses now what activation would refuse
         except ConfigurationError:
@@ -186,7 +192,7 @@ class ControlNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         try:
             scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
-        except ConfigurationError as error:
+        except EulerParamsError as error:
             self._health.set(diagnostics.ERROR, f"not activated: {error}")
             return TransitionCallbackReturn.FAILURE
         options = self._params.controller_options()
@@ -195,7 +201,7 @@ class ControlNode(LifecycleNode):
         self._reference = self._listen(
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
         )
-        self._received = 0.0
+        self._received, self._commanded = 0.0, False
         self._say()
         return TransitionCallbackReturn.SUCCESS
 
@@ -219,7 +225,7 @@ class ControlNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _end_control(self) -> None:
-        self._send_hold()
+        self._send_last()
         self._controller = self._measured = None
         self._autostart = False  # who stopped it decides when it starts again
         if self._reference is not None:
@@ -232,13 +238,26 @@ class ControlNode(LifecycleNode):
         self._commands.destroy()
         return TransitionCallbackReturn.SUCCESS
 
-    def _send_hold(self) -> None:
-        if self._controller is not None and self._controller.tick_now is not None:
-            self._commands.publish(self._stamp, self._controller.stop())
+    def _is_fresh(self) -> bool:
+        """Whether joint_states were answered, and still come."""
+        age = time.monotonic() - self._received
+        return self._commanded and age <= max(self._params.state_timeout, _FRESH)
+
+    def _send_last(self) -> None:
+        """Send the command after which none follows; not to a robot that is not heard."""
+        if self._controller is not None and self._is_fresh():
+            self._commands.publish(self._stamp, self._controller.last_command())
+
+    def at_rest(self) -> bool:
+        """Stop the arm, and return whether it stands, or nothing is heard of it."""
+        if self._controller is None or not self._is_fresh():
+            return True
+        self._controller.stop()
+        return self._controller.is_at_rest
 
     def close(self) -> None:
-        """Command to hold still, as the last thing before the process ends."""
-        self._send_hold()
+        """Send the last safe command before the process ends."""
+        self._send_last()
 
     def _try_start(self) -> None:
         """Configure and activate, as far as what is needed has come."""
@@ -271,9 +290,14 @@ class ControlNode(LifecycleNode):
             self._try_start()
         if self._controller is None:
             return
+        try:
+            command = self._controller.step(t, q, dq)
+        except InvalidMessageError as error:
+            self._reject("joint_states", error)
+            return
         self._received = time.monotonic()
-        command = self._controller.step(t, q, dq)
         if command is not None:
+            self._commanded = True
             self._stamp = msg.header.stamp
             self._commands.publish(self._stamp, command)
             self._report(t)
@@ -384,12 +408,19 @@ class ControlNode(LifecycleNode):
         )
 
 
+_SIMULATED_ONLY = {
+    *("enforce_limits", "quaternion_sign", "quaternion_initial_sign", "velocity_scale")
+}
+
+
 def _unsafe(parameters: Any) -> str:
     """Return what is set that is for simulations only; "" if nothing."""
     if not parameters.enforce_limits:
         return "enforce_limits: false"
     if parameters.quaternion_sign == SEPARATE:
         return f"quaternion_sign: {SEPARATE}"
+    if parameters.quaternion_initial_sign < 0:
+        return f"quaternion_initial_sign: {parameters.quaternion_initial_sign}"
     if parameters.velocity_scale > 1:
         return f"velocity_scale: {parameters.velocity_scale:g}, above 1,"
     return ""

@@ -115,4 +115,5 @@ class ControlParameters:
             self.max_jump_position,
             self.max_jump_rotation,
             self.require_reference,
+            self.enforce_limits,
         )

@@ -49,7 +49,9 @@ class DynamicParameters(ControlParameters):
     )
     compensate_gravity: bool = parameter(True, "false: the robot does it itself")
     compensate_coriolis: bool = parameter(True, "false: the robot does it itself")
-    compensate_friction: bool = parameter(True, "false: the robot does it itself")
+    compensate_friction: bool = parameter(
+        False, "true only where the friction is known: too much of it drives the joints"
+    )
     friction_viscous: tuple[float, ...] = parameter(
         (), "one, or one a joint; empty: of the URDF", unit="Nm s/rad", bounds=(0.0, 1e4)
     )
@@ -65,7 +67,7 @@ class DynamicParameters(ControlParameters):
         (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
     )
     max_effort_rate: float = parameter(
-        2000.0, "of each joint", unit="Nm/s", bounds=(1.0, 1e9), live=True
+        1e4, "of each joint; too little cannot stop it", unit="Nm/s", bounds=(100.0, 1e9), live=True
     )
     max_error_position: float = parameter(
         0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True
@@ -112,23 +114,26 @@ class DynamicParameters(ControlParameters):
         Raises:
             ConfigurationError: if its numbers are impossible.
         """
-        for name, size in (("tool_com", 3), ("tool_inertia", 6), ("gravity", 3)):
-            if len(getattr(self, name)) != size:
-                raise ConfigurationError(
-                    f"{name} has {len(getattr(self, name))} values; expected {size}"
-                )
+        _require_size("tool_com", self.tool_com, 3)
+        _require_size("tool_inertia", self.tool_inertia, 6)
         xx, xy, xz, yy, yz, zz = self.tool_inertia
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         moments = np.linalg.eigvalsh(inertia)
-        if moments[0] < -1e-12 * moments[-1]:
+        if moments[-1] > (moments[0] + moments[1]) * (1 + 1e-9) or moments[0] < 0:
             raise ConfigurationError(
-                f"tool_inertia has the principal moments {moments.tolist()}; expected >= 0"
+                f"tool_inertia has the principal moments {moments.tolist()}; of a body none is "
+                "negative or larger than the sum of the two others"
             )
         if self.tool_mass == 0:
-            if any(self.tool_inertia):
-                raise ConfigurationError("tool_inertia is given, but tool_mass is 0")
+            if any(self.tool_inertia) or any(self.tool_com):
+                raise ConfigurationError("tool_com or tool_inertia is given, but tool_mass is 0")
             return None
         return Tool(self.tool_mass, np.array(self.tool_com), inertia)
+
+
+def _require_size(name: str, values: tuple[float, ...], size: int) -> None:
+    if len(values) != size:
+        raise ConfigurationError(f"{name} has {len(values)} values; expected {size}")
 
 
 def _each(given: tuple[float, ...], stated: Array) -> Array:
@@ -150,8 +155,8 @@ class DynamicControlNode(ControlNode):
     def make_robot(self, urdf: str) -> Robot:
         """Return the robot with its tool."""
         p = self._params
-        tool = p.tool()
-        return Robot(urdf, p.base_frame, p.tip_frame, p.joints, p.gravity, tool)
+        _require_size("gravity", p.gravity, 3)
+        return Robot(urdf, p.base_frame, p.tip_frame, p.joints, p.gravity, p.tool())
 
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:
         """Return dynamic control for a robot."""

@@ -3,6 +3,7 @@
 import gc
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -21,11 +22,17 @@ UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 # How often the loop looks whether a signal came; messages are handled at once.
 _POLL_SECONDS = 0.05
 
+# What moves is given this long to come to rest after a signal.
+_STOP_SECONDS = 1.0
+
 
 class Runnable(Protocol):
     """What :func:`run` asks of a node besides being a node."""
 
     done: bool  # ends the loop when true
+
+    def at_rest(self) -> bool:
+        """Optional: bring what moves to rest; called again and again until it returns true."""
 
     def close(self) -> None:
         """Send the last safe command, finish files; called once, context still valid."""
@@ -65,6 +72,9 @@ def _spin(node: Node, stopped: list[int]) -> None:
     gc.collect()
     gc.freeze()  # a full collection of the start-up objects would cost milliseconds
     while not stopped and not node.done:
+        executor.spin_once(timeout_sec=_POLL_SECONDS)
+    deadline = time.monotonic() + _STOP_SECONDS
+    while hasattr(node, "at_rest") and not node.at_rest() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=_POLL_SECONDS)
 
 

@@ -3,9 +3,11 @@
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov
-from eulerparams_control.robot import RobotState
+from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array
 
 
@@ -44,9 +46,19 @@ class Tick(NamedTuple):
 
 
 class Scheme(ABC):
-    """A control scheme of the paper, with its unavoidable state."""
+    """A control scheme of the paper, with its unavoidable state.
+
+    Attributes:
+        robot: the arm.
+    """
 
     name: ClassVar[str]
+    robot: Robot
+
+    def frame_at(self, q: Array) -> DesiredFrame:
+        """Return the frame of the tip at rest at the positions q (n,)."""
+        arm = self.robot.state(q, np.zeros_like(q))
+        return DesiredFrame(arm.p_e, arm.R_e)
 
     @abstractmethod
     def reset(self, q: Array) -> None:
@@ -72,6 +84,10 @@ class Scheme(ABC):
     @abstractmethod
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the command for the measured q, dq (n,), dt [s] after the tick before."""
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the command that may stay for good, for an arm at rest at q, dq (n,)."""
+        return self.hold(0.0, q, dq)
 
     @abstractmethod
     def lyapunov(self, tick: Tick) -> Lyapunov | None:

@@ -4,7 +4,11 @@ import math
 
 import numpy as np
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.rotations import Array
+
+# A step below this [rad/s or rad/s^2] is forgotten.
+_NOTHING = 1e-12
 
 
 class Blend:
@@ -12,9 +16,14 @@ class Blend:
 
     Args:
         time: [s] of the decay.
+
+    Raises:
+        ConfigurationError: if it is not positive.
     """
 
     def __init__(self, time: float) -> None:
+        if not 0 < time < math.inf:
+            raise ConfigurationError(f"blend_time is {time}; expected a positive time")
         self.time = time
         self.reset()
 
@@ -29,10 +38,15 @@ class Blend:
 
     def offset(self, dt: float, command: Array) -> Array | float:
         """Return what is to be added (n,) to the command of the law, dt [s] after the last."""
+        decays = self._offset is not None  # else it begins: without a jump
         if self._last is not None:
+            # it decays through further changes: laws replaced at each tick must act in the end
             self._offset, self._last = self._last - command, None
-        elif self._offset is not None:
+        if self._offset is None:
+            return 0.0
+        if decays:
             self._offset = self._offset * math.exp(-dt / self.time)
-            if not np.any(np.abs(self._offset) > 1e-12):
-                self._offset = None
-        return 0.0 if self._offset is None else self._offset
+        if not np.any(np.abs(self._offset) > _NOTHING):
+            self._offset = None
+            return 0.0
+        return self._offset

@@ -126,7 +126,7 @@ class Clik(Scheme):
             ConfigurationError: if its posture has the wrong size.
         """
         _checked(law, self.robot)
-        if type(law.orientation) is not type(self.law.orientation):
+        if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation
         self.law = law
         self._blend.replace(self._dq)
@@ -147,8 +147,7 @@ class Clik(Scheme):
 
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the integrated q."""
-        state = self.robot.state(self._q, self._dq)
-        return DesiredFrame(state.p_e, state.R_e)
+        return self.frame_at(self._q)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Integrate over dt [s] and return q, dq for this instant.

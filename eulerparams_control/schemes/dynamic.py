@@ -6,12 +6,17 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.errors import (
+    ConfigurationError,
+    FollowingError,
+    RobotError,
+    SingularityError,
+)
 from eulerparams_control.friction import JointFriction
 from eulerparams_control.inverse import DampedInverse
 from eulerparams_control.limits import JointLimits
@@ -23,7 +28,10 @@ from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
 from eulerparams_control.schemes.blend import Blend
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
-_HOLD_K, _HOLD_D = 100.0, 20.0
+_HOLD_K, _HOLD_D = 400.0, 40.0
+
+# A joint inertia [kg m^2] whose least eigenvalue is below this is none.
+_LEAST_INERTIA = 1e-7
 
 
 @dataclass(frozen=True)
@@ -100,15 +108,16 @@ class InverseDynamics:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
 
     def acceleration(self, state: DynamicState, a: Array) -> Array:
-        """Return ddq (n,) = J^-1 (a - dJ dq), with damping and posture in the null space.
+        """Return ddq (n,) = J^-1 (a - dJ dq), eq. (33), refs. [16], [17].
 
+        With damping and posture where J* leaves a choice:
         ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
         """
         q, dq, J = state.arm.q, state.arm.dq, state.arm.J
         J_inverse = self.inverse(J)
         ddq_0 = -self.k_null * dq
         if self.posture is not None:
-            ddq_0 -= self.k_posture * (q - self.posture)
+            ddq_0 += self.k_posture * (self.posture - q)
         return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
 
     def effort(self, state: DynamicState, ddq: Array) -> Array:
@@ -132,12 +141,20 @@ class EffortLimits:
         rate: [Nm/s] of each effort.
         error_position: [m] between the desired and the actual frame.
         error_rotation: [rad] between them.
+
+    Raises:
+        ConfigurationError: if one is not positive.
     """
 
     joints: JointLimits | None = None
     rate: float = math.inf
     error_position: float = math.inf
     error_rotation: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "error_position", "error_rotation"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
 
 
 class DynamicControl(Scheme):
@@ -152,6 +169,7 @@ class DynamicControl(Scheme):
 
     Raises:
         ConfigurationError: if the posture or the friction has the wrong size.
+        RobotError: if the model of the robot cannot give its efforts.
     """
 
     name = "dynamic_control"
@@ -168,8 +186,8 @@ class DynamicControl(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self._x_de: Any = None
-        self._tau: Array | None = None  # commanded last
         self.law, self.dynamics = law, _checked(dynamics, robot)
+        _check_model(robot)
         self.reset(np.zeros(robot.n))
 
     def replace_law(
@@ -181,15 +199,18 @@ class DynamicControl(Scheme):
             ConfigurationError: if the posture or the friction has the wrong size.
         """
         _checked(dynamics, self.robot)
-        if type(law.orientation) is not type(self.law.orientation):
+        if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation
         self.law, self.dynamics, self.limits = law, dynamics, limits
-        self._blend.replace(self._ddq)
+        if not self._saturated:  # of a law that failed nothing is to go on
+            self._blend.replace(self._ddq)
 
     def reset(self, q: Array) -> None:
-        """Begin at the measured q (n,); the rate of the efforts stays bounded."""
+        """Begin at the measured q (n,)."""
         self._q = q.copy()
         self._ddq = np.zeros_like(q)
+        self._saturated = False
+        self._tau: Array | None = None  # the first effort is not bounded in its rate
         self._x_de = None
         self._held: Array | None = None
         self._blend.reset()
@@ -203,23 +224,30 @@ class DynamicControl(Scheme):
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return efforts that hold the joints where they were when this began.
 
-        tau = B (k (q_held - q) - d dq) + C dq + d + g: it needs neither J nor the orientation.
+        tau = B (k (q_held - q) - d dq) + C dq + g: it needs neither J nor the orientation.
+        Friction, which helps to stop, is not compensated.
         """
         state = self.robot.dynamic_state(q, dq)
         if self._held is None:
             self._held = q.copy()
         self._q, self._x_de = q, None
         self._blend.reset()
-        ddq = _HOLD_K * (self._held - q) - _HOLD_D * dq
+        ddq = _HOLD_K * self.robot.limits.difference(self._held, q) - _HOLD_D * dq
+        dynamics = replace(self.dynamics, friction=None)
         try:
-            return JointCommand(effort=self._command(state, ddq, dt)[0])
+            return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
         except SingularityError:  # what was measured is beyond all numbers
             return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
 
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the gravitational efforts at q (n,): nothing in them gets stale."""
+        g = self.robot.dynamic_state(q, np.zeros_like(q)).g
+        tau = g if self.dynamics.gravity else np.zeros_like(g)
+        return JointCommand(effort=self.robot.limits.limit_effort(tau)[0])
+
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the measured q."""
-        arm = self.robot.state(self._q, np.zeros_like(self._q))
-        return DesiredFrame(arm.p_e, arm.R_e)
+        return self.frame_at(self._q)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the efforts for this instant.
@@ -238,16 +266,18 @@ class DynamicControl(Scheme):
         ddq = ddq + self._blend.offset(dt, ddq)
         if not math.isfinite(ddq @ ddq):
             raise SingularityError("the law asks for an infinite joint acceleration")
-        tau, saturated = self._command(state, ddq, dt)
+        tau, self._saturated = self._command(state, ddq, dt, self.dynamics)
         self._x_de = x_de
-        return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, saturated)
+        return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, self._saturated)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
         omega_de = tick.desired.omega_d - tick.state.omega_e
         return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
 
-    def _command(self, state: DynamicState, ddq: Array, dt: float) -> tuple[Array, bool]:
+    def _command(
+        self, state: DynamicState, ddq: Array, dt: float, dynamics: InverseDynamics
+    ) -> tuple[Array, bool]:
         """Return the efforts for ddq (n,) within the limits, and whether one changed them.
 
         Raises:
@@ -255,8 +285,8 @@ class DynamicControl(Scheme):
         """
         joints, slowed, cut, ramped = self.limits.joints, False, False, False
         if joints is not None:
-            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq)
-        tau = self.dynamics.effort(state, ddq)
+            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt)
+        tau = dynamics.effort(state, ddq)
         if not np.isfinite(tau).all():
             raise SingularityError("the joints are measured at a state of infinite efforts")
         if joints is not None:
@@ -266,7 +296,7 @@ class DynamicControl(Scheme):
         return tau, slowed or cut or ramped
 
     def _limit_rate(self, tau: Array, dt: float) -> tuple[Array, bool]:
-        if self._tau is None or dt == 0:  # the first effort, and that after a gap, is free
+        if self._tau is None:
             return tau, False
         step = self.limits.rate * dt
         change = tau - self._tau
@@ -309,3 +339,23 @@ def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
                 f"joints {', '.join(robot.joints)}"
             )
     return dynamics
+
+
+def _check_model(robot: Robot) -> None:
+    """Raise RobotError unless the URDF has what inverse dynamics needs."""
+    efforts = zip(robot.joints, robot.limits.effort, strict=True)
+    weak = [joint for joint, most in efforts if not most > 0]
+    if weak:
+        raise RobotError(f"the URDF has an effort limit of 0 for {', '.join(weak)}")
+    if robot.mount:
+        raise RobotError(
+            f"{', '.join(robot.mount)} can move between the root of the URDF and base_frame "
+            f"{robot.base_frame}: the direction of gravity is not known"
+        )
+    zero = np.zeros(robot.n)
+    B = robot.dynamic_state(zero, zero).B
+    if not np.linalg.eigvalsh(B)[0] > _LEAST_INERTIA:
+        raise RobotError(
+            "the joint inertia is not positive definite: the URDF lacks <inertial> of some links "
+            f"beyond {robot.joints[0]}; efforts cannot be computed without them"
+        )

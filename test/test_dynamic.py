@@ -1,0 +1,1167 @@
+"""Dynamic control: the closed loop (32)-(43), its limits, redundancy, change of law, holding.
+
+The arm is simulated by Pinocchio's forward dynamics, which has neither B nor C dq.
+"""
+
+import math
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from samples import derivative, generator, rodrigues, turning, unit_vectors
+from tolerances import (
+    ALGEBRAIC,
+    AT_REST,
+    CLOSED_LOOP_DYNAMICS,
+    E7_DEG,
+    E7_MM,
+    ERROR_EQUATION,
+    INDEPENDENT_RUN,
+    LYAPUNOV_SAMPLED,
+    NO_JUMP,
+    NULL_SPACE,
+    SMOOTH,
+    THROUGH_A_CHANGE_DEG,
+    THROUGH_A_CHANGE_MM,
+)
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.friction import JointFriction
+from eulerparams_control.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.motion import DesiredFrame, way_points
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    EulerSequence,
+    OrientationOptions,
+    SignRule,
+    representation,
+)
+from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.rotations import angle_between
+from eulerparams_control.schemes.dynamic import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.urdf import COULOMB_SPEED
+
+DT = 1e-3  # [s]
+MS = 1_000_000  # [ns]
+T_0 = 1_700_000_000_000_000_000  # [ns]
+STILL = np.zeros(6)
+RATE = 2000.0  # [Nm/s]
+PENDULUM = JointFriction(np.array([0.5, 0.4, 0.3, 0.2, 0.1, 0.05]), np.arange(6) / 3)
+
+TOOL = Tool(1.5, np.array([0.02, -0.03, 0.1]), np.diag([0.01, 0.02, 0.015]))
+
+every_orientation = pytest.mark.parametrize("orientation", ORIENTATIONS)
+
+
+@cache
+def robot_named(name):
+    """Return a robot of the catalogue and its home."""
+    description = load_robot(name)
+    robot = Robot(
+        description.urdf, description.base_frame, description.tip_frame, description.joints
+    )
+    return robot, np.array(description.home)
+
+
+UR5, HOME = robot_named("ur5")
+
+
+class Plant:
+    """An arm of the catalogue that moves as eq. (32) says, with h = 0, by forward dynamics."""
+
+    def __init__(self, name="ur5", tool=None, friction=None, payload=0.0):
+        robot, home = robot_named(name)
+        urdf = load_robot(name).urdf
+        model = pin.buildModelFromXML(urdf)
+        others = [model.getJointId(j) for j in model.names[1:] if j not in robot.joints]
+        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        self.tip = self.model.getFrameId(robot.tip_frame)
+        frame = self.model.frames[self.tip]
+        for body in (tool, Tool(payload, np.zeros(3), np.zeros((3, 3)))):
+            if body is not None:
+                inertia = frame.placement.act(pin.Inertia(*body))
+                self.model.inertias[frame.parentJoint] += inertia
+        self.data = self.model.createData()
+        self.friction = friction
+        self.q, self.dq = home.copy(), np.zeros(robot.n)
+
+    def acceleration(self, q, dq, tau):
+        """Return ddq (n,)."""
+        if self.friction is not None:
+            tau = tau - self.friction.effort(dq)
+        return pin.aba(self.model, self.data, q, dq, tau).copy()
+
+    def tip_acceleration(self, q, dq, ddq):
+        """Return the acceleration (6,) of the tip; the base is the root."""
+        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.getFrameClassicalAcceleration(self.model, self.data, self.tip, world).vector
+
+    def step(self, tau, dt=DT):
+        """Move on by dt, semi-implicitly."""
+        self.dq = self.dq + dt * self.acceleration(self.q, self.dq, tau)
+        self.q = self.q + dt * self.dq
+
+
+def law(
+    orientation="euler_parameters", k_Po=None, sequence="ZYX", sign="hysteretic", initial=1, **gains
+):
+    """Return the law; the sequence is far from its pole at the home of the UR5.
+
+    Unless given, the gains of all orientations make the same bandwidth.
+    """
+    chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign, initial=initial))
+    if k_Po is None:
+        k_Po = 800.0 if orientation == "euler_parameters" else 400.0
+    return ResolvedAcceleration(representation(orientation, chosen), k_Po=k_Po, **gains)
+
+
+def limits_of(robot=UR5, rate=RATE, position=math.inf, rotation=math.inf, joints=None):
+    """Return the limits of a robot, those of its joints as the URDF states them."""
+    return EffortLimits(joints or robot.limits, rate, position, rotation)
+
+
+def dynamic(limits=None, dynamics=None, blend_time=0.1, q=HOME, robot=UR5, **options):
+    """Return dynamic control, begun at q; without limits if none are given."""
+    scheme = DynamicControl(
+        robot,
+        law(**options),
+        dynamics or InverseDynamics(),
+        limits or EffortLimits(),
+        blend_time,
+    )
+    scheme.reset(q)
+    return scheme
+
+
+def pose_of(robot, q):
+    """Return the frame of the tip at rest."""
+    state = robot.state(q, np.zeros(robot.n))
+    return DesiredFrame(state.p_e, state.R_e)
+
+
+def displaced(distance=0.03, angle=0.4, key=0, robot=UR5, q=HOME):
+    """Return home's pose moved and turned in random directions."""
+    along, about_axis = unit_vectors(2, key=300 + key)
+    home = pose_of(robot, q)
+    return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
+
+
+def path_between(*frames, duration=1.0):
+    """Return the motion that rests at each frame, ``duration`` [s] apart."""
+    times = [duration * i for i in range(len(frames))]
+    return way_points(times, [(frame.p_d, frame.R_d) for frame in frames])
+
+
+def states(robot, home, count=10, key=0):
+    """Return random q, dq near home, away from singularities of the arm."""
+    random = generator(310, key)
+    pairs = [
+        (home + 0.4 * random.uniform(-1, 1, robot.n), random.normal(size=robot.n))
+        for _ in range(4 * count)
+    ]
+    regular = [p for p in pairs if smallest_singular_value(robot.state(*p).J) > 0.1]
+    return regular[:count]
+
+
+def desired_frames(robot, home, count=10, key=0):
+    """Return desired frames near home with random velocities and accelerations."""
+    random = generator(311, key)
+    return [
+        DesiredFrame(*displaced(key=i, robot=robot, q=home)[:2], *random.normal(size=(4, 3)))
+        for i in range(count)
+    ]
+
+
+# --- the law (33) on the model (32) --------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa", "panda", "ur10", "ur5"])
+def test_inverse_and_forward_dynamics_give_the_acceleration_that_is_asked_for(name):  # (34), (35)
+    robot, home = robot_named(name)
+    plant, dynamics = Plant(name), InverseDynamics(posture=home + 0.1)
+    for (q, dq), a in zip(states(robot, home), generator(312).normal(size=(10, 6)), strict=True):
+        state = robot.dynamic_state(q, dq)
+        tau = dynamics.effort(state, dynamics.acceleration(state, 5 * a))
+        ddq = plant.acceleration(q, dq, tau)
+        found = plant.tip_acceleration(q, dq, ddq)
+        np.testing.assert_allclose(found, 5 * a, rtol=0, atol=ERROR_EQUATION)
+        by_J = state.arm.J @ ddq + state.dJ_dq  # the derivative of eq. (20)
+        np.testing.assert_allclose(by_J, 5 * a, rtol=0, atol=ERROR_EQUATION)
+
+
+def test_inverse_dynamics_compensates_the_tool_and_the_friction_that_it_knows():
+    description = load_robot("ur5")
+    robot = Robot(
+        description.urdf,
+        description.base_frame,
+        description.tip_frame,
+        description.joints,
+        tool=TOOL,
+    )
+    plant, dynamics = Plant(tool=TOOL, friction=PENDULUM), InverseDynamics(friction=PENDULUM)
+    for (q, dq), a in zip(states(UR5, HOME), generator(313).normal(size=(10, 6)), strict=True):
+        found = []
+        for known in (robot, UR5):
+            state = known.dynamic_state(q, dq)
+            tau = dynamics.effort(state, dynamics.acceleration(state, a))
+            found.append(plant.tip_acceleration(q, dq, plant.acceleration(q, dq, tau)))
+        np.testing.assert_allclose(found[0], a, rtol=0, atol=ERROR_EQUATION)
+        assert np.abs(found[1] - a).max() > 0.1  # the tool matters
+
+
+@every_orientation
+def test_the_position_error_obeys_eq_37_and_the_orientation_follows_a_o(orientation):
+    resolved = law(orientation, 50.0, k_Pp=70.0, k_Vp=11.0, k_Vo=9.0)
+    plant, dynamics = Plant(), InverseDynamics()
+    for (q, dq), desired in zip(states(UR5, HOME), desired_frames(UR5, HOME), strict=True):
+        state = UR5.dynamic_state(q, dq)
+        a, dp_de, x_de = resolved.acceleration(state.arm, desired, None)
+        tau = dynamics.effort(state, dynamics.acceleration(state, a))
+        accelerated = plant.tip_acceleration(q, dq, plant.acceleration(q, dq, tau))
+        ddp_de, ddp_rate = desired.ddp_d - accelerated[:3], desired.dp_d - state.arm.dp_e
+        residual = ddp_de + 11 * ddp_rate + 70 * (desired.p_d - state.arm.p_e)  # eq. (37)
+        np.testing.assert_allclose(residual, 0, rtol=0, atol=ERROR_EQUATION)
+        np.testing.assert_array_equal(dp_de, desired.p_d - state.arm.p_e)  # eq. (21)
+        motion = desired.omega_d, desired.domega_d, state.arm.omega_e
+        a_o = resolved.orientation.resolved_acceleration(x_de, *motion, 50.0, 9.0)
+        np.testing.assert_allclose(accelerated[3:], a_o, rtol=0, atol=ERROR_EQUATION)  # (35)
+
+
+@pytest.mark.parametrize("name", ["k_Pp", "k_Vp", "k_Vo"])
+def test_the_other_gains_act_on_their_own_error(name):
+    (q, dq), desired = states(UR5, HOME)[0], desired_frames(UR5, HOME)[0]
+    arm = UR5.state(q, dq)
+    none = dict.fromkeys(("k_Pp", "k_Vp", "k_Vo"), 0.0)
+    base, _, _ = law(k_Po=0.0, **none).acceleration(arm, desired, None)
+    a, _, _ = law(k_Po=0.0, **{**none, name: 3.0}).acceleration(arm, desired, None)
+    errors = {
+        "k_Pp": [*(desired.p_d - arm.p_e), 0, 0, 0],
+        "k_Vp": [*(desired.dp_d - arm.dp_e), 0, 0, 0],
+        "k_Vo": [0, 0, 0, *(desired.omega_d - arm.omega_e)],
+    }
+    expected = 3 * np.array(errors[name])
+    np.testing.assert_allclose(a - base, expected, rtol=0, atol=1e2 * ALGEBRAIC)
+
+
+# --- a simulated second, eqs. (37), (39), (41) ---------------------------------------------
+
+LOOP = {"k_Pp": 100.0, "k_Vp": 25.0, "k_Po": 120.0, "k_Vo": 14.0}  # real and complex poles
+
+
+def simulate(resolved, desired_at, dt=2e-3, duration=1.0):
+    """Return the times, dp_de and x_de of the arm under the law in continuous time (RK4)."""
+    plant, dynamics = Plant(), InverseDynamics()
+    x_de = None
+
+    def rates(t, y):
+        state = UR5.dynamic_state(y[:6], y[6:])
+        a, dp_de, x_now = resolved.acceleration(state.arm, desired_at(t), x_de)
+        tau = dynamics.effort(state, dynamics.acceleration(state, a))
+        return np.concatenate((y[6:], plant.acceleration(y[:6], y[6:], tau))), dp_de, x_now
+
+    y, times, dp_des, x_des = np.concatenate((HOME, STILL)), [], [], []
+    for step in range(round(duration / dt) + 1):
+        t = step * dt
+        k_1, dp_de, x_de = rates(t, y)
+        times.append(t)
+        dp_des.append(dp_de)
+        x_des.append(x_de)
+        k_2 = rates(t + dt / 2, y + dt / 2 * k_1)[0]
+        k_3 = rates(t + dt / 2, y + dt / 2 * k_2)[0]
+        k_4 = rates(t + dt, y + dt * k_3)[0]
+        y = y + dt / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4)
+    return np.array(times), np.array(dp_des), x_des
+
+
+def turning_path():
+    """Return a desired motion that is on its way, away from the arm, at t = 0."""
+    path = path_between(displaced(key=1), displaced(0.06, 0.9, key=2), duration=2.0)
+    return lambda t: path.sample(0.6 + t)
+
+
+def turning_about_the_last_joint():
+    """Return such a motion whose error is about the tool's z; joint 6 can go the long way."""
+    home, (r,) = pose_of(UR5, HOME), unit_vectors(1, key=303)
+    frames = [
+        home._replace(R_d=rodrigues(angle / 5, r) @ home.R_d @ rodrigues(angle, np.eye(3)[2]))
+        for angle in (0.5, 0.9)
+    ]
+    path = path_between(*frames, duration=2.0)
+    return lambda t: path.sample(0.6 + t)
+
+
+def linear_response(t, e, de, k_P, k_V):
+    """Return the solution (len(t), 3) of e'' + k_V e' + k_P e = 0."""
+    s_1, s_2 = np.roots([1, k_V, k_P]).astype(complex)
+    c_1, c_2 = (de - s_2 * e) / (s_1 - s_2), (de - s_1 * e) / (s_2 - s_1)
+    return (np.outer(np.exp(s_1 * t), c_1) + np.outer(np.exp(s_2 * t), c_2)).real
+
+
+def test_for_a_second_the_position_error_follows_eq_37():
+    desired_at = turning_path()
+    t, dp_de, _ = simulate(law(**LOOP), desired_at)
+    rate = desired_at(0.0).dp_d  # the arm is at rest
+    expected = linear_response(t, dp_de[0], rate, LOOP["k_Pp"], LOOP["k_Vp"])
+    np.testing.assert_allclose(dp_de, expected, rtol=0, atol=CLOSED_LOOP_DYNAMICS)
+    assert np.linalg.norm(dp_de[0]) > 0.02
+    assert np.linalg.norm(dp_de[-1]) < 0.1 * np.linalg.norm(dp_de[0])
+
+
+@pytest.mark.parametrize("orientation", ["angle_axis", "euler_angles", "relative_euler_angles"])
+def test_for_a_second_the_orientation_error_follows_eq_39(orientation):
+    resolved, desired_at = law(orientation, **LOOP), turning_path()
+    t, _, x_de = simulate(resolved, desired_at)
+    error = np.array([x.error for x in x_de])
+    first = desired_at(0.0)
+    R_d_of, R_e = turning(first.R_d, first.omega_d), pose_of(UR5, HOME).R_d
+    rate = derivative(lambda s: resolved.orientation.displacement(R_d_of(s), R_e).error)
+    expected = linear_response(t, error[0], rate, LOOP["k_Po"], LOOP["k_Vo"])
+    np.testing.assert_allclose(error, expected, rtol=0, atol=CLOSED_LOOP_DYNAMICS)
+    assert np.linalg.norm(error[0]) > 0.3
+    assert np.linalg.norm(rate) > 0.1
+
+
+def integrate_eq_41(pull, R_e, omega_d_at, first, times):
+    """Return eta and eps in the base frame along (41), by RK4 of (16), (17) in that frame.
+
+    ``pull`` is what k_Po acts on, a function of eta and eps.
+    """
+
+    def rates(t, y):
+        eta, eps, omega_de = y[0], y[1:4], y[4:]
+        omega_e = omega_d_at(t) - omega_de
+        deps = np.cross(omega_e, eps) + (eta * omega_de - np.cross(eps, omega_de)) / 2
+        domega_de = -LOOP["k_Vo"] * omega_de - LOOP["k_Po"] * pull(eta, eps)
+        return np.concatenate(([-eps @ omega_de / 2], deps, domega_de))
+
+    Q = first.Q_de
+    y, rows = np.array([Q.eta, *(R_e @ Q.eps), *omega_d_at(0.0)]), []
+    dt = times[1] - times[0]
+    for t in times:
+        rows.append(y[:4])
+        k_1 = rates(t, y)
+        k_2 = rates(t + dt / 2, y + dt / 2 * k_1)
+        k_3 = rates(t + dt / 2, y + dt / 2 * k_2)
+        k_4 = rates(t + dt, y + dt * k_3)
+        y = y + dt / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4)
+    return np.array(rows)
+
+
+PULLS = {
+    "euler_parameters": lambda eta, eps: eps,
+    "rotation_vector": lambda eta, eps: 2 * math.atan2(np.linalg.norm(eps), eta)
+    * eps / np.linalg.norm(eps),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("orientation", sorted(PULLS))
+@pytest.mark.parametrize("initial", [1, -1], ids=["short way", "long way"])
+def test_for_a_second_the_orientation_error_follows_eq_41(orientation, initial):
+    sign = {"sign": "continuous", "initial": initial}
+    desired_at = turning_path() if initial == 1 else turning_about_the_last_joint()
+    t, _, x_de = simulate(law(orientation, **LOOP, **sign), desired_at)
+    R_e = pose_of(UR5, HOME).R_d
+    eta = np.array([x.Q_de.eta for x in x_de])
+    omega_d_at = lambda t: desired_at(t).omega_d  # noqa: E731
+    expected = integrate_eq_41(PULLS[orientation], R_e, omega_d_at, x_de[0], t)
+    np.testing.assert_allclose(eta, expected[:, 0], rtol=0, atol=INDEPENDENT_RUN)
+    if orientation == "euler_parameters":
+        eps_de = np.array([x.eps_de for x in x_de])
+        np.testing.assert_allclose(eps_de, expected[:, 1:], rtol=0, atol=INDEPENDENT_RUN)
+    assert np.ptp(eta) > 0.01
+
+
+# --- what is compensated -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("switch", ["gravity", "coriolis", "friction"])
+def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
+    on = InverseDynamics(friction=PENDULUM)
+    others = {"gravity": True, "coriolis": True, "friction": PENDULUM}
+    off = InverseDynamics(**{**others, switch: None if switch == "friction" else False})
+    for (q, dq), ddq in zip(states(UR5, HOME), generator(314).normal(size=(10, 6)), strict=True):
+        state = UR5.dynamic_state(q, dq)
+        term = {
+            "gravity": state.g,
+            "coriolis": state.C_dq,
+            "friction": PENDULUM.viscous * dq + PENDULUM.coulomb * np.tanh(dq / COULOMB_SPEED),
+        }[switch]
+        kept = [array.copy() for array in state[1:]]
+        found = on.effort(state, ddq) - off.effort(state, ddq)
+        np.testing.assert_allclose(found, term, rtol=0, atol=1e3 * ALGEBRAIC)
+        assert np.abs(term).max() > 0.01
+        for before, after in zip(kept, state[1:], strict=True):
+            np.testing.assert_array_equal(before, after)  # the state is not changed
+        whole = state.B @ ddq + state.C_dq + state.g + PENDULUM.effort(dq)  # eq. (33)
+        np.testing.assert_allclose(on.effort(state, ddq), whole, rtol=0, atol=1e3 * ALGEBRAIC)
+
+
+def test_friction_resists_motion_and_is_viscous_and_coulomb():
+    viscous, coulomb = np.array([0.5, 0.0, 2.0]), np.array([0.0, 3.0, 1.0])
+    friction = JointFriction(viscous, coulomb)
+    for dq in 2 * generator(315).normal(size=(50, 3)):
+        d = friction.effort(dq)
+        np.testing.assert_array_equal(friction.effort(-dq), -d)
+        assert np.all(d * dq >= 0)
+        assert np.all(np.abs(d) <= viscous * np.abs(dq) + coulomb)
+    np.testing.assert_array_equal(friction.effort(np.zeros(3)), np.zeros(3))
+    fast = 20 * COULOMB_SPEED * np.array([1, -1, 1])
+    expected = viscous * fast + coulomb * np.sign(fast)
+    np.testing.assert_allclose(friction.effort(fast), expected, rtol=0, atol=ALGEBRAIC)
+    slow = 1e-9 * np.ones(3)  # it passes 0 without a step
+    expected = (viscous + coulomb / COULOMB_SPEED) * slow
+    np.testing.assert_allclose(friction.effort(slow), expected, rtol=1e-9)
+    assert not friction.is_none
+    assert JointFriction(np.zeros(3), np.zeros(3)).is_none
+    assert not JointFriction(np.zeros(3), coulomb).is_none
+
+
+# --- redundancy and kinematic singularities ------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa", "panda"])
+def test_posture_and_damping_do_not_change_the_acceleration_of_the_tip(name):
+    robot, home = robot_named(name)
+    plain = InverseDynamics(k_null=0.0)
+    tending = InverseDynamics(posture=home - 0.5, k_posture=30.0, k_null=7.0)
+    for (q, dq), a in zip(states(robot, home), generator(316).normal(size=(10, 6)), strict=True):
+        state = robot.dynamic_state(q, dq)
+        ddq, ddq_0 = tending.acceleration(state, a), plain.acceleration(state, a)
+        J, free = state.arm.J, np.linalg.svd(state.arm.J)[2][6]
+        np.testing.assert_allclose(J @ ddq, J @ ddq_0, rtol=0, atol=NULL_SPACE)
+        np.testing.assert_allclose(J @ ddq + state.dJ_dq, a, rtol=0, atol=NULL_SPACE)
+        assert free @ ddq_0 == pytest.approx(0, abs=NULL_SPACE)
+        expected = free @ (-7 * dq - 30 * (q - home + 0.5))
+        assert free @ ddq == pytest.approx(expected, abs=NULL_SPACE)
+
+
+def test_the_posture_is_approached_while_the_tip_stays():
+    robot, home = robot_named("panda")
+    free = np.linalg.svd(robot.state(home, np.zeros(7)).J)[2][6]
+    posture = home + 0.3 * free
+    dynamics = InverseDynamics(posture=posture, k_posture=25.0, k_null=10.0)
+    scheme = dynamic(dynamics=dynamics, robot=robot, q=home, sequence="XYZ")
+    plant, frame = Plant("panda"), pose_of(robot, home)
+    for _ in range(1500):
+        tick = scheme.tick(DT, plant.q, plant.dq, frame)
+        plant.step(tick.command.effort)
+        assert np.linalg.norm(tick.dp_de) < 1e-5
+        assert angle_between(frame.R_d, tick.state.R_e) < 1e-4
+    assert np.linalg.norm(plant.q - posture) < 0.25 * np.linalg.norm(home - posture)
+    assert np.abs(plant.dq).max() < 0.01
+
+
+def test_without_a_posture_a_motion_that_does_not_move_the_tip_is_damped():
+    robot, home = robot_named("panda")
+    free = np.linalg.svd(robot.state(home, np.zeros(7)).J)[2][6]
+    scheme = dynamic(dynamics=InverseDynamics(k_null=10.0), robot=robot, q=home, sequence="XYZ")
+    plant, frame = Plant("panda"), pose_of(robot, home)
+    plant.dq = 0.5 * free
+    for _ in range(300):
+        plant.step(scheme.tick(DT, plant.q, plant.dq, frame).command.effort)
+    assert np.linalg.norm(plant.dq) == pytest.approx(0.5 * math.exp(-10 * 0.3), rel=0.02)
+
+
+def at_the_wrist_singularity():
+    """Return joints of the UR5 whose axes 4 and 6 are in line, and the motion that is lost."""
+    q = HOME.copy()
+    q[4] = 0.0
+    U, sigma, Vt = np.linalg.svd(UR5.state(q, STILL).J)
+    assert sigma[-1] < ALGEBRAIC
+    return q, U[:, 5], Vt[5]
+
+
+def test_at_a_singularity_the_motion_that_does_not_move_the_tip_is_damped():
+    q, lost, free = at_the_wrist_singularity()
+    for speed, k_null in ((0.5, 10.0), (-1.0, 4.0), (1.0, 0.0)):
+        state = UR5.dynamic_state(q, speed * free)
+        ddq = InverseDynamics(k_null=k_null).acceleration(state, np.zeros(6))
+        assert free @ ddq == pytest.approx(-k_null * speed, abs=NULL_SPACE)
+        # and an acceleration of the tip that no joint can give is not tried
+        other = InverseDynamics(k_null=k_null).acceleration(state, 1e3 * lost)
+        np.testing.assert_allclose(other, ddq, rtol=0, atol=1e3 * NULL_SPACE)
+
+
+def test_away_from_singularities_an_arm_of_six_joints_has_no_such_motion():
+    for (q, dq), a in zip(states(UR5, HOME), generator(317).normal(size=(10, 6)), strict=True):
+        state = UR5.dynamic_state(q, dq)
+        found = [InverseDynamics(k_null=k).acceleration(state, a) for k in (0.0, 50.0)]
+        np.testing.assert_allclose(found[0], found[1], rtol=0, atol=NULL_SPACE)
+        exact = np.linalg.solve(state.arm.J, a - state.dJ_dq)
+        np.testing.assert_allclose(found[0], exact, rtol=0, atol=NULL_SPACE)
+
+
+def crossing(dynamics):
+    """Return the fastest joint speed while the wrist singularity is crossed, and the last error."""
+    q = HOME.copy()
+    q[4] = -0.15
+    path = path_between(pose_of(UR5, q), pose_of(UR5, q + 0.3 * np.eye(6)[4]), duration=2.0)
+    scheme, plant, fastest = dynamic(dynamics=dynamics, q=q), Plant(), 0.0
+    plant.q = q
+    for step in range(3000):
+        tick = scheme.tick(DT, plant.q, plant.dq, path.sample(step * DT))
+        plant.step(tick.command.effort)
+        fastest = max(fastest, np.abs(plant.dq).max())
+    return fastest, angle_between(tick.desired.R_d, tick.state.R_e)
+
+
+def test_the_wrist_singularity_is_crossed_with_damping_and_the_path_reached_again():
+    fastest, error = crossing(InverseDynamics())
+    assert fastest < UR5.limits.velocity.min()
+    assert math.degrees(error) < 0.01
+    with np.errstate(all="ignore"):
+        exact, _ = crossing(InverseDynamics(DampedInverse(eps=0.0), k_null=0.0))
+    assert exact > 10 * UR5.limits.velocity.max()
+
+
+# --- the scheme at 1 kHz -------------------------------------------------------------------
+
+
+def tracking(scheme, path, plant=None, steps=1000, change=None):
+    """Run the scheme on the arm along a path; return the ticks and the efforts."""
+    plant = plant or Plant()
+    ticks = []
+    for step in range(steps):
+        if change is not None:
+            change(step, scheme)
+        tick = scheme.tick(DT, plant.q, plant.dq, path.sample(step * DT))
+        ticks.append(tick)
+        plant.step(tick.command.effort)
+    return ticks, np.array([tick.command.effort for tick in ticks])
+
+
+def largest_errors(ticks):
+    """Return the largest position error [mm] and orientation error [deg]."""
+    position = max(np.linalg.norm(tick.dp_de) for tick in ticks)
+    rotation = max(angle_between(tick.desired.R_d, tick.state.R_e) for tick in ticks)
+    return 1e3 * position, math.degrees(rotation)
+
+
+@every_orientation
+def test_a_path_is_tracked_with_every_representation_within_the_limits(orientation):
+    path = path_between(pose_of(UR5, HOME), displaced(0.1, 0.5, key=3), duration=1.5)
+    scheme = dynamic(limits_of(position=0.1, rotation=0.5), orientation=orientation)
+    ticks, efforts = tracking(scheme, path, steps=1600)
+    position, rotation = largest_errors(ticks)
+    assert position < E7_MM
+    assert rotation < E7_DEG
+    assert not any(tick.saturated for tick in ticks)
+    assert np.all(np.abs(efforts) <= UR5.limits.effort)
+    assert ticks[-1].command.q is None
+    assert ticks[-1].command.dq is None
+
+
+def test_the_tick_holds_the_state_that_was_measured_and_the_errors_of_it():
+    (q, dq), desired = states(UR5, HOME)[0], desired_frames(UR5, HOME)[0]
+    scheme = dynamic()
+    tick = scheme.tick(DT, q, dq, desired)
+    for found, expected in zip(tick.state, UR5.state(q, dq), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(tick.dp_de, desired.p_d - UR5.state(q, dq).p_e)
+    error = scheme.law.orientation.displacement(desired.R_d, tick.state.R_e).error
+    np.testing.assert_array_equal(tick.x_de.error, error)
+    assert tick.desired is desired
+
+
+def test_an_unknown_payload_leaves_an_error_that_the_gains_bound():
+    path = path_between(pose_of(UR5, HOME), displaced(0.1, 0.5, key=3))
+    errors = []
+    for gain in (400.0, 1600.0):
+        scheme = dynamic(k_Pp=gain, k_Vp=2 * math.sqrt(gain), k_Po=2 * gain)
+        ticks, _ = tracking(scheme, path, Plant(payload=1.0), steps=1500)
+        errors.append(np.linalg.norm(ticks[-1].dp_de))
+    assert 1e-3 < errors[0] < 0.1
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.05)
+
+
+def reset(scheme):
+    """Reset the scheme at home."""
+    scheme.reset(HOME)
+
+
+def hold(scheme):
+    """Let the scheme hold the arm at home for a tick."""
+    scheme.hold(DT, HOME, STILL)
+
+
+reset_and_hold = pytest.mark.parametrize("interrupt", [reset, hold])
+
+
+@reset_and_hold
+def test_a_reset_and_a_hold_forget_the_displacement_of_before(interrupt):
+    scheme = dynamic(sign="continuous")
+    goal = pose_of(UR5, HOME)
+    for angle in (2.0, 3.0, 4.0):
+        turned = goal._replace(R_d=rodrigues(angle, np.eye(3)[2]) @ goal.R_d)
+        tick = scheme.tick(DT, HOME, STILL, turned)
+    assert tick.x_de.Q_de.eta < 0
+    interrupt(scheme)
+    assert scheme.tick(DT, HOME, STILL, turned).x_de.Q_de.eta > 0
+
+
+@reset_and_hold
+def test_a_reset_and_a_hold_end_a_blend(interrupt):
+    scheme = dynamic()
+    scheme.tick(DT, HOME, STILL, displaced())
+    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
+    blended = scheme.tick(DT, HOME, STILL, displaced())
+    assert np.abs(blended.command.effort - unlimited_effort(scheme, blended)).max() > 1
+    interrupt(scheme)
+    tick = scheme.tick(DT, HOME, STILL, displaced())
+    wanted = unlimited_effort(scheme, tick)
+    np.testing.assert_allclose(tick.command.effort, wanted, rtol=0, atol=NULL_SPACE)
+
+
+def test_a_reset_ends_a_hold_and_does_not_keep_the_array_it_was_given():
+    scheme, q = dynamic(), HOME + 0.2
+    scheme.hold(DT, HOME, STILL)
+    scheme.reset(q)
+    g, frame = UR5.dynamic_state(q, STILL).g, pose_of(UR5, q)
+    np.testing.assert_allclose(scheme.hold(DT, q, STILL).effort, g, rtol=0, atol=NULL_SPACE)
+    scheme.reset(q)
+    q += 1
+    np.testing.assert_array_equal(scheme.start_frame().p_d, frame.p_d)
+
+
+@every_orientation
+def test_after_a_reset_the_start_frame_has_no_error(orientation):
+    scheme = dynamic(orientation=orientation)
+    q = HOME + 0.1
+    scheme.reset(q)
+    tick = scheme.tick(0.0, q, STILL, scheme.start_frame())
+    np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
+    np.testing.assert_allclose(tick.x_de.error, 0, rtol=0, atol=ALGEBRAIC)
+    g = UR5.dynamic_state(q, STILL).g
+    np.testing.assert_allclose(tick.command.effort, g, rtol=0, atol=NULL_SPACE)
+
+
+# --- limits --------------------------------------------------------------------------------
+
+
+def unlimited_effort(scheme, tick):
+    """Return the efforts of the law alone for a tick."""
+    state = UR5.dynamic_state(tick.state.q, tick.state.dq)
+    a, _, _ = scheme.law.acceleration(state.arm, tick.desired, None)
+    return scheme.dynamics.effort(state, scheme.dynamics.acceleration(state, a))
+
+
+def test_efforts_are_cut_to_their_limits_and_saturation_is_told():
+    scheme, limit, told = dynamic(limits_of(rate=math.inf)), UR5.limits.effort, []
+    for distance in (1e-4, 0.01, 0.1, 0.2, 0.3):  # further, the speeds are limited first
+        tick = scheme.tick(DT, HOME, STILL, displaced(distance, 0.1 * distance))
+        wanted = unlimited_effort(scheme, tick)
+        expected = np.clip(wanted, -limit, limit)
+        np.testing.assert_allclose(tick.command.effort, expected, rtol=0, atol=NULL_SPACE)
+        assert tick.saturated == np.any(np.abs(wanted) > limit)
+        told.append(tick.saturated)
+    assert told[0] < told[-1]
+
+
+def test_a_tick_is_saturated_if_and_only_if_a_limit_changed_its_command():
+    path = path_between(pose_of(UR5, HOME), displaced(0.3, 1.5, key=5), duration=0.4)
+    slow = UR5.limits.scaled(0.3)
+    scheme, plant, told = dynamic(limits_of(rate=300.0, joints=slow)), Plant(), set()
+    for step in range(600):
+        tick = scheme.tick(DT, plant.q, plant.dq, path.sample(step * DT))
+        wanted = unlimited_effort(scheme, tick)
+        changed = np.abs(tick.command.effort - wanted).max() > 1e-9
+        assert tick.saturated == changed
+        told.add(tick.saturated)
+        plant.step(tick.command.effort)
+    assert told == {True, False}
+
+
+def test_no_path_makes_a_joint_exceed_its_speed_or_position():
+    narrow = JointLimits(HOME - 0.15, HOME + 0.15, np.full(6, 0.5), np.full(6, math.inf))
+    for key in range(3):
+        path = path_between(pose_of(UR5, HOME), displaced(0.3, 1.5, key=key), duration=0.5)
+        scheme, plant = dynamic(limits_of(rate=math.inf, joints=narrow)), Plant()
+        saturated = 0
+        for step in range(700):
+            tick = scheme.tick(DT, plant.q, plant.dq, path.sample(step * DT))
+            saturated += tick.saturated
+            plant.step(tick.command.effort)
+            assert narrow.contain(plant.q)
+            assert np.all(np.abs(plant.dq) <= 0.5 * (1 + 1e-6))
+        assert saturated > 100
+
+
+def test_an_arm_outside_its_limits_comes_back_and_goes_no_further_out():
+    joint = np.eye(6)[0]
+    limits = JointLimits(HOME - 0.5, HOME + 0.5, np.full(6, 2.0), np.full(6, math.inf))
+    for side, goal in product((1, -1), (0.9, 0.2)):
+        plant = Plant()
+        plant.q = HOME + 0.6 * side * joint
+        scheme = dynamic(limits_of(joints=limits, rate=math.inf), q=plant.q)
+        beyond = []
+        for _ in range(800):
+            tick = scheme.tick(DT, plant.q, plant.dq, pose_of(UR5, HOME + goal * side * joint))
+            plant.step(tick.command.effort)
+            beyond.append(side * (plant.q - HOME)[0])
+        assert max(beyond) < 0.6 + 1e-9
+        if goal < 0.5:
+            assert beyond[-1] == pytest.approx(goal, abs=1e-3)
+
+
+def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion():
+    limits = EffortLimits(None, rate=1.0, error_position=1e-3, error_rotation=1e-3)
+    scheme = dynamic(limits)
+    quiet = scheme.tick(DT, HOME, STILL, pose_of(UR5, HOME))
+    tick = scheme.tick(DT, HOME, STILL, displaced(2.0, 2.0))
+    wanted = unlimited_effort(scheme, tick)
+    np.testing.assert_allclose(tick.command.effort, wanted, rtol=0, atol=NULL_SPACE)
+    assert np.any(np.abs(wanted) > UR5.limits.effort)
+    assert not quiet.saturated
+    assert not tick.saturated
+
+
+# --- the rate of the efforts ---------------------------------------------------------------
+
+
+def assert_rate_is_kept(efforts, rate, dt=DT):
+    """Assert that no effort changes faster than its rate between two commands, dt [s] apart.
+
+    Return how fast [Nm/s] the fastest one changes from command to command.
+    """
+    fastest = np.abs(np.diff(efforts, axis=0)).max(axis=1) / dt
+    np.testing.assert_array_less(fastest, rate * (1 + 1e-9))
+    return fastest
+
+
+def test_the_first_effort_is_that_of_the_law_and_the_next_ones_ramp():
+    scheme, goal = dynamic(limits_of(rate=500.0)), displaced(0.02, 0.1)
+    first = scheme.tick(0.0, HOME, STILL, pose_of(UR5, HOME)).command.effort
+    g = UR5.dynamic_state(HOME, STILL).g
+    np.testing.assert_allclose(first, g, rtol=0, atol=NULL_SPACE)
+    last = first
+    for dt in (1e-3, 2e-3, 5e-3, 1e-3, 1e-4):
+        tick = scheme.tick(dt, HOME, STILL, goal)
+        assert tick.saturated
+        fastest = assert_rate_is_kept([last, tick.command.effort], 500.0, dt)
+        assert fastest[0] == pytest.approx(500.0, rel=1e-9)
+        last = tick.command.effort
+
+
+class Run:
+    """A controller of dynamic control on the arm, step by step; keeps what it commands."""
+
+    def __init__(self, scheme, options=None):
+        self.scheme, self.plant, self.t = scheme, Plant(), T_0
+        self.controller = Controller(scheme, options or ControllerOptions(), self.plant.q)
+        self.efforts, self.faults = [], []
+
+    def steps(self, count, held=False):
+        """Do some steps; the arm does not move while it is held by others."""
+        for _ in range(count):
+            self.t += MS
+            command = self.controller.step(self.t, self.plant.q, self.plant.dq)
+            assert np.isfinite(command.effort).all()
+            self.efforts.append(command.effort)
+            self.faults.append(self.controller.fault)
+            if held:
+                self.plant.dq = np.zeros(6)
+            else:
+                self.plant.step(command.effort)
+
+    def stop(self):
+        """Stop in between two steps; it is a command of its own."""
+        self.efforts.append(self.controller.stop().effort)
+
+
+def towards(frame, duration=1.0):
+    """Return the motion from wherever to a frame."""
+    return way_points([duration], [(frame.p_d, frame.R_d)])
+
+
+def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_reference():
+    rate = 400.0
+    run = Run(dynamic(limits_of(rate=rate, position=0.01, rotation=0.2)))
+    run.steps(20)
+    run.controller.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.steps(250)
+    for orientation, gain in (("euler_angles", 900.0), ("angle_axis", 200.0)):
+        run.scheme.replace_law(
+            law(orientation, gain, k_Pp=gain),
+            InverseDynamics(),
+            limits_of(rate=rate, position=0.01, rotation=0.2),
+        )
+        run.steps(60)
+    run.stop()  # in the middle of the motion
+    run.steps(100)
+    run.controller.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.steps(150)
+    run.steps(600, held=True)  # somebody holds the arm until the error is too large
+    assert "from the desired frame" in run.faults[-1]
+    run.steps(100)
+    run.controller.follow(towards(pose_of(UR5, HOME), 0.5), None)
+    run.steps(300)
+    assert run.faults[-1] == ""
+    fastest = assert_rate_is_kept(run.efforts, rate)
+    assert np.sum(fastest > 0.999 * rate) > 20  # it was a bound
+    assert run.controller.saturated > 20
+
+
+def test_the_rate_is_kept_from_a_singularity_of_the_law_on():
+    rate = 400.0
+    run = Run(dynamic(limits_of(rate=rate)))
+    run.controller.follow(towards(displaced(0.1, 0.5), 0.5), None)
+    run.steps(200)
+
+    def no_answer(*_):
+        raise SingularityError("no answer")
+
+    singular = representation("euler_parameters")
+    singular.resolved_acceleration = no_answer
+    run.scheme.replace_law(ResolvedAcceleration(singular), InverseDynamics(), limits_of(rate=rate))
+    run.steps(100)
+    assert run.faults[-1] == "no answer"
+    run.scheme.replace_law(law(), InverseDynamics(), limits_of(rate=rate))
+    run.steps(50)
+    assert run.faults[-1] == "no answer"
+    run.controller.follow(towards(pose_of(UR5, HOME)), None)
+    run.steps(100)
+    assert run.faults[-1] == ""
+    assert_rate_is_kept(run.efforts, rate)
+
+
+def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
+    scheme, goal = dynamic(limits_of(rate=500.0)), pose_of(UR5, HOME)
+    last = scheme.tick(DT, HOME, STILL, goal).command.effort
+    weak = replace(UR5.limits, effort=np.full(6, 10.0))
+    assert np.abs(last).max() > 25
+    scheme.replace_law(law(), InverseDynamics(), limits_of(rate=500.0, joints=weak))
+    for _ in range(60):
+        tick = scheme.tick(DT, HOME, STILL, goal)
+        assert tick.saturated
+        assert_rate_is_kept([last, tick.command.effort], 500.0)
+        last = tick.command.effort
+    assert np.abs(last).max() == 10.0
+
+
+def test_after_a_gap_of_the_stamps_the_efforts_begin_anew():
+    run = Run(dynamic(limits_of(rate=1.0)))
+    run.steps(5)
+    q = HOME + np.array([0, 0.5, 0, 0, 0, 0])
+    command = run.controller.step(run.t + 10_000 * MS, q, STILL)
+    g = UR5.dynamic_state(q, STILL).g
+    assert np.abs(g - run.efforts[-1]).max() > 5
+    np.testing.assert_allclose(command.effort, g, rtol=0, atol=NULL_SPACE)
+
+
+# --- another law ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("before", ORIENTATIONS)
+@pytest.mark.parametrize("after", ORIENTATIONS)
+def test_a_law_is_replaced_by_another_without_a_jump_of_the_effort(before, after):
+    goal = displaced()
+    scheme = dynamic(orientation=before, k_Po=100.0)
+    (q, dq) = states(UR5, HOME)[0]
+    last = scheme.tick(DT, q, dq, goal).command.effort
+    other = law(after, 900.0, k_Pp=900.0)
+    scheme.replace_law(other, InverseDynamics(), EffortLimits())
+    tick = scheme.tick(DT, q, dq, goal)
+    np.testing.assert_allclose(tick.command.effort, last, rtol=0, atol=NO_JUMP)
+    assert np.abs(unlimited_effort(scheme, tick) - last).max() > 5  # there was something to jump
+
+
+def test_after_some_blend_times_only_the_new_law_is_left_with_its_dynamics():
+    (q, dq), goal = states(UR5, HOME)[0], displaced()
+    scheme = dynamic(orientation="euler_angles", blend_time=0.01)
+    scheme.tick(DT, q, dq, goal)
+    other, dynamics = law(k_Po=100.0), InverseDynamics(gravity=False, friction=PENDULUM)
+    scheme.replace_law(other, dynamics, EffortLimits())
+    for _ in range(400):  # 40 blend times
+        tick = scheme.tick(DT, q, dq, goal)
+    state = UR5.dynamic_state(q, dq)
+    a, _, _ = other.acceleration(state.arm, goal, None)
+    expected = dynamics.effort(state, dynamics.acceleration(state, a))
+    np.testing.assert_allclose(tick.command.effort, expected, rtol=0, atol=NULL_SPACE)
+
+
+def test_a_blend_of_the_acceleration_decays_exponentially():
+    (q, dq), goal = states(UR5, HOME)[0], displaced()
+    scheme = dynamic(blend_time=0.1)
+    scheme.tick(DT, q, dq, goal)
+    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
+    B, offsets = UR5.dynamic_state(q, dq).B, []
+    for _ in range(3):
+        tick = scheme.tick(0.05, q, dq, goal)
+        offset = np.linalg.solve(B, tick.command.effort - unlimited_effort(scheme, tick))
+        offsets.append(offset)
+    assert np.abs(offsets[0]).max() > 1
+    for i in (1, 2):
+        expected = math.exp(-0.5 * i) * offsets[0]
+        np.testing.assert_allclose(offsets[i], expected, rtol=0, atol=100 * NO_JUMP)
+
+
+def test_orientation_gains_and_limits_are_replaced_while_the_path_goes_on():
+    path = path_between(pose_of(UR5, HOME), displaced(0.2, 0.8, key=3), duration=1.5)
+    pairs = [pair for pair in product(ORIENTATIONS, ORIENTATIONS) if pair[0] != pair[1]]
+    names = [name for pair in pairs for name in pair]
+
+    def change(step, scheme):
+        if step % 30 == 29:
+            name = names[step // 30 % len(names)]
+            gain = 400.0 if step // 30 % 2 else 900.0
+            gains = {"k_Pp": gain, "k_Vp": 2 * math.sqrt(gain), "k_Vo": 2 * math.sqrt(gain)}
+            k_Po = (2 if name == "euler_parameters" else 1) * gain
+            rate = RATE if step // 30 % 3 else 1.5 * RATE
+            scheme.replace_law(law(name, k_Po, **gains), InverseDynamics(), limits_of(rate=rate))
+
+    loaded = Plant(payload=1.0)  # which the model does not know: each law leaves another error
+    ticks, efforts = tracking(dynamic(limits_of()), path, loaded, steps=1500, change=change)
+    assert_rate_is_kept(efforts, 1.5 * RATE)
+    position, rotation = largest_errors(ticks)
+    assert position < THROUGH_A_CHANGE_MM
+    assert rotation < THROUGH_A_CHANGE_DEG
+    assert not any(tick.saturated for tick in ticks)  # nor is there a step within the rate:
+    assert np.abs(np.diff(efforts, axis=0)).max() < SMOOTH
+
+
+def test_a_law_on_the_long_way_round_keeps_it_when_its_gain_changes():
+    scheme = dynamic(sign="continuous")
+    goal = pose_of(UR5, HOME)
+    for angle in (2.0, 3.0, 3.8, 4.5):  # beyond half a turn eta < 0
+        turned = goal._replace(R_d=rodrigues(angle, np.eye(3)[2]) @ goal.R_d)
+        before = scheme.tick(DT, HOME, STILL, turned)
+    scheme.replace_law(law(k_Po=900.0, sign="continuous"), InverseDynamics(), EffortLimits())
+    tick = scheme.tick(DT, HOME, STILL, turned)
+    assert before.x_de.Q_de.eta < -0.5
+    assert tick.x_de.Q_de.eta == before.x_de.Q_de.eta
+
+
+def test_a_law_that_is_refused_is_not_taken():
+    scheme = dynamic()
+    kept = scheme.law, scheme.dynamics, scheme.limits
+    wrong = InverseDynamics(posture=np.zeros(7))
+    with pytest.raises(ConfigurationError, match=r"posture has 7 values.* 6 joints .*elbow"):
+        scheme.replace_law(law("euler_angles"), wrong, limits_of())
+    assert (scheme.law, scheme.dynamics, scheme.limits) == kept
+
+
+# --- hold ----------------------------------------------------------------------------------
+
+
+def test_hold_keeps_an_arm_at_rest_where_it_is_against_gravity():
+    scheme, plant = dynamic(limits_of()), Plant()
+    for _ in range(1000):
+        plant.step(scheme.hold(DT, plant.q, plant.dq).effort)
+    np.testing.assert_allclose(plant.q, HOME, rtol=0, atol=AT_REST)
+    assert np.abs(UR5.dynamic_state(HOME, STILL).g).max() > 10  # it would have fallen
+
+
+@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
+def test_hold_brings_a_moving_arm_to_rest_where_the_hold_began(limited):
+    scheme, plant = dynamic(limits_of() if limited else None), Plant()
+    plant.dq = generator(318).uniform(-1, 1, size=6)
+    scheme.tick(DT, plant.q, plant.dq, pose_of(UR5, HOME))
+    for _ in range(1500):
+        command = scheme.hold(DT, plant.q, plant.dq)
+        assert command.q is None
+        assert command.dq is None
+        plant.step(command.effort)
+    assert np.abs(plant.dq).max() < 1e-4
+    np.testing.assert_allclose(plant.q, HOME, rtol=0, atol=1e-4)
+
+
+def test_hold_is_a_spring_with_damping_of_the_joint_accelerations():
+    scheme = dynamic()
+    scheme.hold(DT, HOME, STILL)
+    q, dq = HOME + 0.01 * np.arange(6), 0.1 * np.ones(6)
+    state = UR5.dynamic_state(q, dq)
+    expected = InverseDynamics().effort(state, 400 * (HOME - q) - 40 * dq)
+    np.testing.assert_allclose(scheme.hold(DT, q, dq).effort, expected, rtol=0, atol=NULL_SPACE)
+
+
+def test_hold_begins_anew_after_a_tick_and_its_start_frame_is_the_measured_pose():
+    scheme, elsewhere = dynamic(), HOME + 0.2
+    scheme.hold(DT, HOME, STILL)
+    scheme.tick(DT, elsewhere, STILL, pose_of(UR5, elsewhere))
+    effort = scheme.hold(DT, elsewhere, STILL).effort
+    g = UR5.dynamic_state(elsewhere, STILL).g
+    np.testing.assert_allclose(effort, g, rtol=0, atol=NULL_SPACE)
+    for q in (elsewhere, HOME - 0.1):
+        scheme.hold(DT, q, STILL)
+        np.testing.assert_array_equal(scheme.start_frame().p_d, pose_of(UR5, q).p_d)
+
+
+def test_a_law_without_a_finite_answer_is_told_and_nothing_kept():
+    schemes, goal = [dynamic(limits_of()) for _ in range(2)], displaced()
+    for scheme in schemes:
+        scheme.tick(DT, HOME, STILL, goal)
+    far = goal._replace(ddp_d=np.array([1e200, 0, 0]))
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="infinite acceleration"):
+        schemes[1].tick(DT, HOME, STILL, far)
+    expected, tick = (scheme.tick(DT, HOME, STILL, displaced(0.05)) for scheme in schemes)
+    np.testing.assert_array_equal(tick.command.effort, expected.command.effort)
+
+
+def test_an_infinite_acceleration_of_the_joints_is_told():
+    q, lost, _ = at_the_wrist_singularity()
+    scheme = dynamic(dynamics=InverseDynamics(DampedInverse(eps=0.0)), q=q)
+    a_p = pose_of(UR5, q)._replace(ddp_d=1e150 * lost[:3], domega_d=1e150 * lost[3:])
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="infinite joint"):
+        scheme.tick(DT, q, STILL, a_p)
+
+
+def test_hold_does_not_need_the_jacobian_nor_the_orientation():
+    q, _, _ = at_the_wrist_singularity()
+    scheme = dynamic(orientation="euler_angles", dynamics=InverseDynamics(DampedInverse(eps=0)))
+    np.testing.assert_allclose(
+        scheme.hold(DT, q, STILL).effort, UR5.dynamic_state(q, STILL).g, rtol=0, atol=NULL_SPACE
+    )
+
+
+@pytest.mark.parametrize("speed", [1e160, 1e200, 1e300])
+def test_velocities_beyond_all_numbers_make_a_fault_and_no_other_effort(speed):
+    run = Run(dynamic(limits_of()))
+    run.steps(5)
+    with np.errstate(all="ignore"):
+        command = run.controller.step(run.t + MS, HOME, np.full(6, speed))
+    assert "infinite" in run.controller.fault
+    np.testing.assert_array_equal(command.effort, run.efforts[-1])
+    run.t += MS
+    run.steps(5)  # and it does not survive
+    g = UR5.dynamic_state(HOME, STILL).g
+    np.testing.assert_allclose(run.efforts[-1], g, rtol=0, atol=NULL_SPACE)
+
+
+# --- too large an error --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("orientation", ["euler_parameters", "euler_angles"])
+def test_a_position_error_beyond_its_bound_stops_the_motion(orientation):
+    scheme = dynamic(limits_of(position=0.05), orientation=orientation)
+    scheme.tick(DT, HOME, STILL, displaced(0.04999, 0.0))
+    with pytest.raises(FollowingError, match=r"0\.051 m .* 0\.05 m is allowed.*max_error_position"):
+        scheme.tick(DT, HOME, STILL, displaced(0.051, 0.0))
+
+
+@pytest.mark.parametrize("orientation", ["euler_parameters", "euler_angles"])
+def test_an_orientation_error_beyond_its_bound_stops_the_motion(orientation):
+    scheme = dynamic(limits_of(rotation=math.radians(10)), orientation=orientation)
+    scheme.tick(DT, HOME, STILL, displaced(0.0, math.radians(9.99)))
+    with pytest.raises(FollowingError, match=r"10\.5 deg.* 10\.0 deg is.*max_error_rotation"):
+        scheme.tick(DT, HOME, STILL, displaced(0.0, math.radians(10.5)))
+
+
+def test_with_a_bound_of_pi_no_orientation_error_stops_the_motion():
+    scheme = dynamic(limits_of(rotation=math.pi))
+    for angle in (1.0, 3.0, math.pi):
+        scheme.tick(DT, HOME, STILL, displaced(0.0, angle))
+
+
+def test_an_arm_that_is_held_by_others_is_held_until_the_next_reference():
+    run = Run(dynamic(limits_of(position=0.01, rotation=0.1)))
+    run.controller.follow(towards(displaced(0.2, 0.5)), None)
+    run.steps(600, held=True)
+    assert "m from the desired frame" in run.faults[-1]
+    where = run.plant.q
+    run.steps(500)
+    assert run.faults[-1]
+    np.testing.assert_allclose(run.plant.q, where, rtol=0, atol=1e-3)
+    run.controller.follow(towards(displaced(0.1, 0.3, key=9), 0.5), None)
+    run.steps(1000)
+    assert run.faults[-1] == ""
+    tick = run.controller.tick_now
+    np.testing.assert_array_equal(tick.desired.p_d, displaced(0.1, 0.3, key=9).p_d)
+    assert np.linalg.norm(tick.dp_de) < 1e-4
+
+
+# --- Lyapunov functions of a run, eqs. (42), (43) ------------------------------------------
+
+
+@every_orientation
+def test_only_euler_parameters_report_V_2_and_it_is_that_of_the_tick(orientation):
+    scheme = dynamic(orientation=orientation, k_Po=50.0, k_Vo=9.0)
+    (q, dq), desired = states(UR5, HOME)[0], desired_frames(UR5, HOME)[0]
+    tick = scheme.tick(DT, q, dq, desired)
+    if orientation != "euler_parameters":
+        assert scheme.lyapunov(tick) is None
+        return
+    value, rate = scheme.lyapunov(tick)
+    omega_de = desired.omega_d - UR5.state(q, dq).omega_e
+    expected = 100 * (1 - tick.x_de.Q_de.eta) + omega_de @ omega_de / 2  # eq. (42)
+    assert value == pytest.approx(expected, rel=1e-12)
+    assert rate == pytest.approx(-9 * omega_de @ omega_de, rel=1e-12)  # eq. (43)
+
+
+def test_the_measured_derivative_of_V_2_agrees_with_the_paper_and_V_2_never_increases():
+    start = displaced(0.05, 1.2)
+    run = Run(
+        dynamic(k_Po=100.0, k_Vo=14.0),
+        ControllerOptions(max_jump_position=1.0, max_jump_rotation=4.0),
+    )
+    run.steps(1)
+    path = way_points([0.0, 0.8], [start[:2], displaced(0.08, 1.6)[:2]])
+    run.controller.follow(path, None)
+    values, rates, measured = [], [], []
+    for _ in range(800):
+        run.steps(1)
+        lyapunov = run.controller.lyapunov()
+        for row, value in zip((values, rates, measured), lyapunov, strict=True):
+            row.append(value)
+    values, rates, measured = (np.array(row)[1:] for row in (values, rates, measured))
+    np.testing.assert_allclose(measured[1:], np.diff(values) / DT, rtol=0, atol=1e-9)
+    mean = (rates[1:] + rates[:-1]) / 2
+    largest = np.abs(rates).max()
+    assert largest > 10
+    np.testing.assert_allclose(measured[1:], mean, rtol=0, atol=LYAPUNOV_SAMPLED * largest)
+    assert np.diff(values).max() < 1e-6 * values[0]  # E12
+    assert values[-1] < 0.01 * values[0]
+
+
+def test_over_a_fault_no_derivative_of_V_2_is_measured():
+    run = Run(dynamic(limits_of(position=0.01)))
+    run.controller.follow(towards(displaced(0.2, 0.5)), None)
+    run.steps(600, held=True)
+    assert run.faults[-1]
+    run.controller.follow(towards(displaced(0.05, 0.3), 0.5), None)
+    run.steps(1)
+    assert run.controller.lyapunov() is None  # the tick before is of before the fault
+    run.steps(1)
+    _, rate, measured = run.controller.lyapunov()
+    assert abs(measured - rate) < 1e-2
+
+
+# --- bad input -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["k_Pp", "k_Vp", "k_Po", "k_Vo"])
+def test_an_impossible_gain_is_refused_with_its_value(name, value):
+    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected >= 0"):
+        ResolvedAcceleration(representation("euler_parameters"), **{name: value})
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["k_posture", "k_null"])
+def test_an_impossible_gain_of_the_null_space_is_refused_with_its_value(name, value):
+    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected >= 0"):
+        InverseDynamics(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "text"),
+    [
+        (InverseDynamics(posture=np.zeros(5)), "posture has 5 values"),
+        (InverseDynamics(friction=JointFriction(np.ones(2), np.ones(6))), "friction_viscous has 2"),
+        (InverseDynamics(friction=JointFriction(np.ones(6), np.ones(7))), "friction_coulomb has 7"),
+    ],
+)
+def test_values_of_the_wrong_number_are_refused_with_the_names_of_the_joints(dynamics, text):
+    with pytest.raises(ConfigurationError, match=rf"{text}.* 6 joints shoulder_pan_joint, .*elbow"):
+        dynamic(dynamics=dynamics)

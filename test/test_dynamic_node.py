@@ -1,0 +1,314 @@
+"""The node ``dynamic_control`` as its users run it: what it has of its own.
+
+What it has in common with the other control nodes is in ``test_nodes.py``.  Its arm is moved
+by the test, as its dynamics say, or by ``pybullet_bridge`` in torque control.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from ros_processes import (
+    FRAMES,
+    HOME,
+    MODEL,
+    UR5,
+    Array,
+    Controlled,
+    Graph,
+    TorqueArm,
+    assert_holds,
+    pose,
+    reference,
+    values,
+)
+from samples import by_angles, rodrigues
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.motion import Circle, DesiredFrame
+from eulerparams_control.ros.conversions import motion_to_ros
+from eulerparams_control.rotations import angle_between
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+
+DT = 0.001  # [s] of a tick
+
+# Rounding of the difference of two efforts of up to 150 Nm.
+EFFORT_ROUNDING = 1e-12
+
+# What an unknown tool of 1 kg leaves of the errors at the default gains, m and rad: its
+# weight over the inertia and the gain, 9.81 / 400 at most for the position.
+TOOL_POSITION, TOOL_ROTATION = 9.81 / 400, 0.05
+
+
+@pytest.fixture(scope="module")
+def shared(shared_graph: Graph) -> Controlled:
+    """A controller that the tests of this module share; it runs with its defaults."""
+    return Controlled(shared_graph, "dynamic_control", FRAMES)
+
+
+@pytest.fixture
+def node(shared: Controlled) -> Iterator[Controlled]:
+    """The shared controller, active and holding the home position."""
+    shared.arm.start_anew()
+    yield shared
+    shared.restore()
+
+
+def efforts_of(commands: list[JointState]) -> Array:
+    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
+    efforts = np.array([command.effort for command in commands])
+    assert np.isfinite(efforts).all()
+    assert (np.abs(efforts) <= MODEL.limits.effort).all()
+    return efforts
+
+
+def steps_of(efforts: Array) -> Array:
+    """Return the largest change [Nm] of an effort from tick to tick."""
+    return np.abs(np.diff(efforts, axis=0)).max(axis=1)
+
+
+def assert_follows(node: Controlled) -> None:
+    """Assert that the next reference is followed from where the arm is."""
+    p, R = pose(node.arm.q)
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.02], R), times=(0.2,)))
+    node.arm.ticks(800)
+    p_e, R_e = pose(node.arm.q)
+    assert np.linalg.norm(p_e - p - [0.0, 0.0, 0.02]) < LAW_IN_A_NODE
+    assert angle_between(R_e, R) < LAW_IN_A_NODE
+    assert node.status().message.endswith(": following a reference")
+
+
+# --- limits ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(
+    node: Controlled, rate: float
+) -> None:
+    before = int(values(node.status(lambda s: "saturated ticks" in values(s)))["saturated ticks"])
+    node.change(max_effort_rate=rate)
+    hold = node.arm.tick()
+    p, R = pose(HOME)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.04], R)))  # 16 m/s^2
+    steps = steps_of(efforts_of([hold, *node.arm.ticks(100)]))
+    assert steps.max() == pytest.approx(rate * DT, abs=EFFORT_ROUNDING)
+    ticks = np.count_nonzero(steps > rate * DT - EFFORT_ROUNDING)
+    assert ticks > 5
+    found = node.status(lambda s: int(values(s)["saturated ticks"]) >= before + ticks)
+    assert values(found)["orientation"] == "euler_parameters"
+
+
+def test_no_effort_exceeds_the_limit_of_its_joint(node: Controlled) -> None:
+    node.change(k_Pp=1e4, k_Vp=200.0, max_effort_rate=1e6)
+    node.arm.tick()
+    p, R = pose(HOME)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.04], R)))  # 400 m/s^2
+    efforts = efforts_of(node.arm.ticks(100))
+    assert (np.abs(efforts).max(axis=0) == MODEL.limits.effort).sum() >= 2
+
+
+def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    p, R = pose(HOME)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.3], R), times=(0.5,)))
+    commands = [arm.tick(HOME) for _ in range(400)]
+    status = node.status(lambda s: "holding still" in s.message)
+    assert status.level == b"\x02"
+    assert "m from the desired frame; at most 0.1 m is allowed: is the arm braked" in status.message
+    assert steps_of(efforts_of(commands)).max() <= 2000.0 * DT + EFFORT_ROUNDING
+    assert np.abs(commands[-1].effort).max() > 0
+    assert_holds(commands[-1], HOME)
+    assert_follows(node)
+
+
+# --- Euler angles at their singularity -------------------------------------------------------
+
+
+@pytest.mark.parametrize("orientation", ["euler_angles", "euler_parameters"])
+def test_past_the_pole_the_error_of_euler_angles_stops_the_arm_and_nothing_jumps(
+    node: Controlled, orientation: str
+) -> None:
+    arm, bound = node.arm, 0.06
+    node.change(orientation=orientation, k_Po=10.0, max_error_rotation=bound)
+    p = np.array([0.485, 0.07, 0.425])
+    start, end = (  # the pole of XYZ is halfway
+        DesiredFrame(p, by_angles("ZYZ", 0.0, math.radians(beta), math.pi / 2))
+        for beta in (80.0, 100.0)
+    )
+    off = rodrigues(0.05, np.array([0.0, 0.0, 1.0]))  # an error that k_Po lets last
+    commands = [arm.start_anew(inverse_kinematics(MODEL, DesiredFrame(p, off @ start.R_d), HOME))]
+    node.references.publish(reference(start, end, times=(0.0, 0.4)))
+    commands += arm.ticks(800)
+    steps = steps_of(efforts_of(commands))
+    assert steps.max() <= 2000.0 * DT + EFFORT_ROUNDING
+    status = node.status(lambda s: True)
+    if orientation == "euler_parameters":
+        assert status.message == "active with euler_parameters: following a reference"
+        assert steps.max() < 0.2
+        return
+    assert status.level == b"\x02"
+    assert "holding still: the tip is turned by 3.4 deg from the desired" in status.message
+    assert "or the orientation singular? then send the reference again" in status.message
+    arm.ticks(100, dt=0.01)
+    assert np.abs(arm.dq).max() < 1e-3
+    node.restore()
+    assert_follows(node)
+
+
+def test_where_euler_angles_have_no_rates_the_arm_is_held_and_the_singularity_named(
+    node: Controlled,
+) -> None:
+    node.change(orientation="euler_angles", euler_sequence="ZYZ")
+    frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the pole of ZYZ
+    q = inverse_kinematics(MODEL, frame, HOME)
+    commands = [node.arm.start_anew(q)]
+    node.references.publish(reference(frame._replace(omega_d=np.array([0.5, 0.0, 0.0]))))
+    commands += node.arm.ticks(300)
+    status = node.status(lambda s: "holding still" in s.message)
+    assert status.level == b"\x02"
+    assert "T(phi) of the Euler angles ZYZ is singular" in status.message
+    assert "orientation: euler_parameters" in status.message
+    steps = steps_of(efforts_of(commands))
+    assert steps.max() <= 2000.0 * DT + EFFORT_ROUNDING
+    assert_holds(commands[-1], q)
+    node.restore()
+    assert_follows(node)
+
+
+# --- types of commands -----------------------------------------------------------------------
+
+
+def test_the_command_can_be_an_array_of_efforts(graph: Graph) -> None:
+    arm = TorqueArm(graph, UR5, command=Float64MultiArray)
+    graph.start("dynamic_control", {**FRAMES, "command_type": "forward"})
+
+    def answered() -> bool:
+        arm.send(arm.message())
+        return bool(arm.commands)
+
+    graph.until(answered, "a command")
+    gravity = MODEL.dynamic_state(HOME, np.zeros(6)).g
+    assert arm.commands[0].data.tolist() == pytest.approx(gravity.tolist(), rel=1e-9)
+
+
+# --- with the simulated robot ----------------------------------------------------------------
+
+LOCKSTEP = {"mode": "lockstep", "control": "torque"}
+
+
+def until_heard(graph: Graph, node: str) -> None:
+    """Wait until no command of a node can be missed.
+
+    It is active, so it publishes; and it has answered, so it has discovered what the peer
+    subscribed to before.
+    """
+    graph.until(lambda: graph.peer.lifecycle_state(node) == "active", f"{node} active")
+
+
+def stamp(msg: JointState) -> int:
+    return ns_from_ros(msg.header.stamp)
+
+
+def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(graph: Graph) -> None:
+    peer, rate = graph.peer, 500.0
+    changes: list[dict[str, Any]] = [
+        {"orientation": "euler_angles"},
+        {"euler_sequence": "ZYX"},
+        {"k_Pp": 900.0, "k_Vp": 60.0},
+        {"orientation": "rotation_vector"},
+        {"k_Po": 400.0, "k_Vo": 30.0},
+        {"damping_eps": 0.3, "damping_max": 0.1},
+        {"velocity_scale": 0.8, "max_effort_rate": 400.0, "max_error_position": 0.08},
+        {"orientation": "euler_parameters"},
+    ]
+    efforts = peer.listen(JointState, "joint_effort")
+    states = peer.listen(JointState, "joint_states")
+    references = peer.publisher(MultiDOFJointTrajectory, "reference")
+    tool = {"tool_mass": 1.0, "tool_com": [0.0, 0.05, 0.1]}  # unknown: there are errors
+    bridge = graph.start("pybullet_bridge", {**LOCKSTEP, **tool, "duration": 1.5})
+    parameters = {**FRAMES, "require_reference": True, "max_effort_rate": rate}
+    node = graph.start("dynamic_control", parameters)
+    graph.until(lambda: references.get_subscription_count() and states, "the nodes")
+    until_heard(graph, "dynamic_control")
+    motion = Circle(0.05, np.array([1.0, 0.0, 0.0]), 2.0, tilt=0.3, ramp=0.5).trajectory(
+        *pose(HOME)
+    )
+    msg, start = motion_to_ros(motion, *FRAMES.values()), 100_000_000
+    msg.header.stamp = Time(nanosec=start)
+    references.publish(msg)
+    for i, change in enumerate(changes):
+        graph.until(lambda i=i: stamp(states[-1]) > (0.25 + 0.12 * i) * 1e9, "the next change")
+        assert peer.set_parameters("dynamic_control", **change) == []
+    assert stamp(states[-1]) < 1.5e9  # all of them while it moves
+    graph.until(lambda: stamp(efforts[-1]) == 1_500_000_000, "the end")
+    assert bridge.end() == 0
+    efforts = efforts[sum(stamp(msg) == 0 for msg in efforts) - 1 :]  # it was repeated until then
+    assert [stamp(msg) for msg in efforts] == list(range(0, 1_500_000_001, 1_000_000))
+    steps = steps_of(efforts_of(efforts))
+    assert steps.max() <= rate * DT + EFFORT_ROUNDING
+    status = peer.status("dynamic_control", lambda s: "saturated ticks" in values(s))
+    assert values(status)["saturated ticks"] == "0"  # and it is not the limit that prevents it
+    for msg in states:
+        desired = motion.sample((stamp(msg) - start) / 1e9)
+        p, R = pose(msg.position[:6])
+        assert np.linalg.norm(p - desired.p_d) < TOOL_POSITION
+        assert angle_between(R, desired.R_d) < TOOL_ROTATION
+    assert node.stop() == 0
+
+
+def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(graph: Graph) -> None:
+    motion: dict[str, Any] = {
+        "motion": "circle",
+        "circle_period": 1.0,
+        "circle_tilt": 0.3,
+        "circle_ramp": 0.2,
+        "wait_for_subscribers": 2,  # the controller, and the peer when it is ready
+    }
+    runs = []
+    for namespace in ("/first", "/second"):
+        efforts = graph.peer.listen(JointState, f"{namespace}/joint_effort")
+        bridge = {**LOCKSTEP, "duration": 0.3}
+        runs.append((efforts, graph.start("pybullet_bridge", bridge, namespace=namespace)))
+        controller = {**FRAMES, "require_reference": True}
+        graph.start("dynamic_control", controller, namespace=namespace)
+        graph.start("reference", {**FRAMES, **motion}, namespace=namespace)
+    for namespace in ("/first", "/second"):
+        until_heard(graph, f"{namespace}/dynamic_control")
+        graph.peer.listen(MultiDOFJointTrajectory, f"{namespace}/reference")  # it is sent now
+    for efforts, bridge in runs:
+        graph.until(lambda e=efforts: e and stamp(e[-1]) == 300_000_000, "the end")
+        assert bridge.end() == 0
+    first, second = ({stamp(msg): msg.effort.tobytes() for msg in efforts} for efforts, _ in runs)
+    assert list(first) == list(range(0, 300_000_001, 1_000_000))
+    assert len(set(first.values())) > 290  # it moves
+    assert first == second
+
+
+def test_when_the_controller_is_killed_the_moving_robot_brakes(graph: Graph) -> None:
+    peer = graph.peer
+    states = peer.listen(JointState, "joint_states")
+    references = peer.publisher(MultiDOFJointTrajectory, "reference")
+    graph.start("pybullet_bridge", {"control": "torque", "rate": 200.0, "command_timeout": 0.5})
+    node = graph.start("dynamic_control", {**FRAMES, "state_timeout": 1.0})
+    graph.until(lambda: references.get_subscription_count() and states, "the nodes")
+    p, R = pose(HOME)
+    goal = p + [0.0, 0.0, 0.3]
+    references.publish(reference(DesiredFrame(goal, R), times=(2.0,)))
+    graph.until(lambda: np.abs(states[-1].velocity).max() > 0.1, "motion")
+    node.kill()
+    status = peer.status("pybullet_bridge", lambda s: "no command for 0.5 s: braked" in s.message)
+    assert status.level == b"\x02"
+    graph.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
+    stopped, count = states[-1].position[:6], len(states)
+    graph.until(lambda: len(states) > count + 40, "0.2 s more")
+    np.testing.assert_allclose(states[-1].position[:6], stopped, atol=SIMULATED_POSE)
+    assert np.linalg.norm(pose(stopped)[0] - goal) > 0.05

@@ -1,0 +1,592 @@
+"""The resolved angular acceleration of every representation: eqs. (38)-(43).
+
+The properties run over the registry.  What is expected of a representation that the tables
+below do not name: its error obeys ddx + k_Vo dx + k_Po x = 0, is of first order in the
+rotation, does not depend on the base frame, and has no Lyapunov function.
+
+The error equations are shown twice: exactly, with the derivatives of T and L by complex steps
+and by the product rule, in formulas of this file; and by differences of the displacements.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from samples import (
+    Array,
+    about,
+    accelerating,
+    clear_of_poles,
+    derivative,
+    half_turns,
+    near_pole,
+    pairs_apart,
+    pole_clearance,
+    poles,
+    rodrigues,
+    turning,
+    uniform,
+    unit_vectors,
+    vectors,
+)
+from tolerances import (
+    ALGEBRAIC,
+    DIFFERENCES,
+    DISTINCT,
+    ERROR_EQUATION,
+    FIRST_ORDER,
+    ILL_CONDITIONED,
+    POLE_CLEARANCE,
+    RELATIVE,
+    SECOND_DIFFERENCES,
+    SECOND_STEP,
+    SMALL_ROTATION,
+    WRONG_FEED_FORWARD,
+)
+
+from eulerparams_control.errors import SingularityError
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    SignRule,
+    representation,
+)
+
+COUNT = 40
+K_PO, K_VO = 12.0, 5.0  # [1/s^2], [1/s]
+REST = np.zeros(3)
+RIGHT = math.pi / 2
+IMAGINARY = 1e-30  # of a complex step: exact to rounding, nothing is subtracted
+
+# The error of a small rotation delta is this factor times delta.
+FIRST_ORDER_FACTOR = {"euler_parameters": 0.5}
+
+# Those whose law is not the same seen from another base frame.
+DEPENDS_ON_THE_BASE = {"euler_angles"}
+
+# Those whose error follows from the mutual quaternion: they obey (41), which is not linear.
+OF_THE_QUATERNION = {"euler_parameters", "rotation_vector"}
+
+# Those for which the paper has V_1 and V_2.
+HAVE_V = {"euler_parameters"}
+
+every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
+every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
+three_axes = pytest.mark.parametrize("sequence", [s for s in SEQUENCES if s[0] != s[2]])
+of_angles = pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+of_the_quaternion = pytest.mark.parametrize("name", sorted(OF_THE_QUATERNION))
+
+
+class Motion(NamedTuple):
+    """The desired frame and its derivatives, and the end effector's frame and velocity."""
+
+    R_d: Array
+    R_e: Array
+    omega_d: Array = REST
+    domega_d: Array = REST
+    omega_e: Array = REST
+
+
+def make(name, sequence="XYZ", sign="hysteretic", initial=1):
+    """Return the representation of that name with those options."""
+    rule = SignRule(sign, initial=initial)
+    return representation(name, OrientationOptions(EulerSequence(sequence), rule))
+
+
+def moving(pairs, key=0):
+    """Return the pairs (R_d, R_e) as motions with random velocities and accelerations."""
+    omegas, domegas, others = (vectors(len(pairs), 10 * key + i) for i in range(3))
+    return [
+        Motion(R_d, R_e, *velocities)
+        for (R_d, R_e), *velocities in zip(pairs, omegas, domegas, others, strict=True)
+    ]
+
+
+def regular_motions(law, count=COUNT):
+    """Return motions, any angle apart, that are away from the law's singularities."""
+    pairs = zip(uniform(8 * count), uniform(8 * count, key=1), strict=True)
+    regular = [pair for pair in pairs if law.singularity_distance(*pair) > POLE_CLEARANCE]
+    assert len(regular) >= count
+    return moving(regular[:count])
+
+
+def a_o_of(law, motion, k_Po=K_PO, k_Vo=K_VO, previous=None):
+    """Return the angular acceleration that the law asks for."""
+    x_de = law.displacement(motion.R_d, motion.R_e, previous)
+    rest = motion.omega_d, motion.domega_d, motion.omega_e
+    return law.resolved_acceleration(x_de, *rest, k_Po, k_Vo)
+
+
+# --- the error and its derivatives, exactly ---------------------------------------------------
+
+
+def T_of(sequence, phi):
+    """Return T(phi), eq. (3), from the axes; phi may be complex."""
+    i, j, k = ("XYZ".index(letter) for letter in sequence)
+    X = np.eye(3)
+
+    def turned(axis, angle, v):
+        n = X[axis]
+        along = n * v[axis]
+        return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(n, v)
+
+    t_2 = turned(i, phi[0], X[j])
+    t_3 = turned(i, phi[0], turned(j, phi[1], X[k]))
+    return np.stack([X[i] + 0 * t_2, t_2, t_3], axis=1)
+
+
+def dT_of(sequence, phi, dphi):
+    """Return the derivative of T along dphi, by a complex step."""
+    return T_of(sequence, phi + 1j * IMAGINARY * dphi).imag / IMAGINARY
+
+
+def angles_rates(sequence, phi, omega, domega):
+    """Return dphi and ddphi of eq. (3) and its derivative, domega = T ddphi + dT dphi."""
+    T = T_of(sequence, phi)
+    dphi = np.linalg.solve(T, omega)
+    return dphi, np.linalg.solve(T, domega - dT_of(sequence, phi, dphi) @ dphi)
+
+
+def skew(v):
+    """Return S(v)."""
+    return np.cross(np.eye(3), v)
+
+
+def axial(M):
+    """Return the vector of the skew-symmetric part of M."""
+    return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]) / 2
+
+
+def angle_and_axis(m):
+    """Return theta in [0, pi] and r of R_d R_e', in the base frame; not for half turns."""
+    Q = m.R_d @ m.R_e.T
+    sin_r, cos = axial(Q), (np.trace(Q) - 1) / 2
+    theta = math.atan2(np.linalg.norm(sin_r), cos)
+    if theta < 2:
+        return theta, sin_r / np.linalg.norm(sin_r) if theta else sin_r
+    rr = (Q + Q.T) / 2 - cos * np.eye(3)  # (1 - cos(theta)) r r'
+    column = rr[:, np.argmax(np.diag(rr))]
+    return theta, math.copysign(1, column @ sin_r) * column / np.linalg.norm(column)
+
+
+def error_of_euler_angles(m, domega_e, sequence):
+    """Return phi_d - phi_e and its two derivatives, eq. (22)."""
+    phi_d, phi_e = EulerSequence(sequence).extract(m.R_d), EulerSequence(sequence).extract(m.R_e)
+    dphi_d, ddphi_d = angles_rates(sequence, phi_d, m.omega_d, m.domega_d)
+    dphi_e, ddphi_e = angles_rates(sequence, phi_e, m.omega_e, domega_e)
+    difference = np.angle(np.exp(1j * (phi_d - phi_e)))
+    return difference, dphi_d - dphi_e, ddphi_d - ddphi_e
+
+
+def error_of_relative_euler_angles(m, domega_e, sequence):
+    """Return phi_de of R_e' R_d and its two derivatives."""
+    phi = EulerSequence(sequence).extract(m.R_e.T @ m.R_d)
+    omega_de = m.omega_d - m.omega_e
+    in_e = m.R_e.T @ omega_de  # eq. (15)
+    din_e = m.R_e.T @ (m.domega_d - domega_e - np.cross(m.omega_e, omega_de))
+    return phi, *angles_rates(sequence, phi, in_e, din_e)
+
+
+def error_of_angle_axis(m, domega_e, sequence):
+    """Return sin(theta) r, the vector of R_d R_e', and its two derivatives."""
+    S_d, S_e = skew(m.omega_d), skew(m.omega_e)
+    Q = m.R_d @ m.R_e.T
+    dQ = S_d @ Q - Q @ S_e
+    ddQ = skew(m.domega_d) @ Q + S_d @ dQ - dQ @ S_e - Q @ skew(domega_e)
+    return axial(Q), axial(dQ), axial(ddQ)
+
+
+def error_of_euler_parameters(m, domega_e, sequence):
+    """Return eps_de, Delta omega_de and its derivative: the terms of eq. (41)."""
+    theta, r = angle_and_axis(m)
+    return math.sin(theta / 2) * r, m.omega_d - m.omega_e, m.domega_d - domega_e
+
+
+def error_of_rotation_vector(m, domega_e, sequence):
+    """Return theta r, Delta omega_de and its derivative."""
+    theta, r = angle_and_axis(m)
+    return theta * r, m.omega_d - m.omega_e, m.domega_d - domega_e
+
+
+ERRORS = {
+    "angle_axis": error_of_angle_axis,
+    "euler_angles": error_of_euler_angles,
+    "euler_parameters": error_of_euler_parameters,
+    "relative_euler_angles": error_of_relative_euler_angles,
+    "rotation_vector": error_of_rotation_vector,
+}
+every_named = pytest.mark.parametrize("name", sorted(ERRORS))
+
+
+def assert_error_equation(name, law, motion, sequence="XYZ", atol=ERROR_EQUATION):
+    """Assert ddx + k_Vo dx + k_Po x = 0 along domega_e = a_o, eq. (35)."""
+    x, dx, ddx = ERRORS[name](motion, a_o_of(law, motion), sequence)
+    np.testing.assert_allclose(ddx + K_VO * dx + K_PO * x, 0, rtol=0, atol=atol)
+
+
+@every_named
+def test_along_the_law_the_error_obeys_its_equation(name):  # eqs. (39), (41)
+    law = make(name)
+    for motion in regular_motions(law):
+        assert_error_equation(name, law, motion)
+
+
+@of_angles
+@every_sequence
+def test_along_the_law_the_error_obeys_its_equation_with_every_sequence(name, sequence):  # (39)
+    law = make(name, sequence)
+    for motion in regular_motions(law, 15):
+        assert_error_equation(name, law, motion, sequence)
+
+
+@every_named
+@pytest.mark.parametrize("theta", [0.0, 1e-9, 1e-7, 1e-4])
+def test_along_the_law_a_small_error_obeys_its_equation_too(name, theta):
+    law = make(name)
+    R_es = clear_of_poles("XYZ", 20)
+    turns = [rodrigues(theta, r) for r in unit_vectors(20)]
+    pairs = [(turn @ R_e, R_e) for turn, R_e in zip(turns, R_es, strict=True)]
+    for motion in moving(pairs):
+        assert_error_equation(name, law, motion)
+
+
+@every_sequence
+@pytest.mark.parametrize("distance", [1e-2, 1e-4])
+def test_near_the_pole_eq_39_holds_to_rounding_of_its_growing_terms(sequence, distance):
+    law = make("euler_angles", sequence)
+    ends = [R for pole in poles(sequence) for R in near_pole(sequence, pole, distance, 4)]
+    for motion in moving(list(zip(ends, reversed(ends), strict=True))):
+        _, _, ddx = ERRORS["euler_angles"](motion, REST, sequence)  # they grow like 1/distance^2
+        size = np.abs(ddx).max()
+        assert size > 0.1 / distance
+        assert_error_equation("euler_angles", law, motion, sequence, atol=ILL_CONDITIONED * size)
+
+
+@pytest.mark.parametrize("theta", [RIGHT - 1e-2, RIGHT + 1e-4, 3.0])
+def test_near_90_and_180_degrees_sin_theta_r_obeys_its_equation(theta):
+    law = make("angle_axis")
+    for motion in moving(pairs_apart(theta, 20)):
+        assert_error_equation("angle_axis", law, motion)
+
+
+@of_the_quaternion
+@pytest.mark.parametrize("theta", [3.0, math.pi - 1e-4])
+def test_near_180_degrees_eq_41_holds(name, theta):
+    law = make(name)
+    for motion in moving(pairs_apart(theta, 20)):
+        assert_error_equation(name, law, motion)
+
+
+@pytest.mark.parametrize("name", ["euler_parameters", "rotation_vector"])
+def test_on_the_long_way_round_the_law_pulls_the_other_way(name):
+    short, long = make(name), make(name, sign="continuous", initial=-1)
+    for motion in moving(pairs_apart(1.0, 20)):
+        x, dx, ddx = ERRORS[name](motion, a_o_of(long, motion), "XYZ")
+        turn_back = (2 * math.pi - 1.0) / 1.0 if name == "rotation_vector" else 1.0
+        residual = ddx + K_VO * dx - K_PO * turn_back * x
+        np.testing.assert_allclose(residual, 0, rtol=0, atol=ERROR_EQUATION)
+        assert np.abs(a_o_of(long, motion) - a_o_of(short, motion)).max() > 1
+
+
+# --- the same by differences of the displacements ---------------------------------------------
+
+
+def derivatives(function):
+    """Return value, rate and acceleration at t = 0, by central differences of fourth order."""
+    h = SECOND_STEP
+    far_back, back, here, ahead, far_ahead = (function(n * h) for n in (-2, -1, 0, 1, 2))
+    first = (far_back - 8 * back + 8 * ahead - far_ahead) / (12 * h)
+    second = (-far_back + 16 * back - 30 * here + 16 * ahead - far_ahead) / (12 * h**2)
+    return here, first, second
+
+
+def stated_acceleration(name, x_de, motion, x, dx):
+    """Return what the error equation says of the second derivative of the coordinates x."""
+    if name not in OF_THE_QUATERNION:
+        return -K_VO * dx - K_PO * x
+    # (41) in the derivative of (16), (17), in the end-effector frame
+    eta, eps, deps = x[0], x[1:], dx[1:]
+    omega_de = motion.omega_d - motion.omega_e
+    domega_de = -K_VO * omega_de - K_PO * x_de.error
+    w = motion.R_e.T @ omega_de
+    dw = motion.R_e.T @ (domega_de - np.cross(motion.omega_e, omega_de))
+    deta = -eps @ w / 2  # eq. (16)
+    E, dE = eta * np.eye(3) - skew(eps), deta * np.eye(3) - skew(deps)
+    np.testing.assert_allclose(dx, [deta, *(E @ w / 2)], rtol=0, atol=SECOND_DIFFERENCES)
+    return np.array([-(deps @ w + eps @ dw) / 2, *((dE @ w + E @ dw) / 2)])
+
+
+def coordinates(name, x_de):
+    """Return what differences are taken of: the error, or the mutual quaternion."""
+    return np.array([x_de.Q_de.eta, *x_de.Q_de.eps]) if name in OF_THE_QUATERNION else x_de.error
+
+
+def assert_accelerates_as_stated(name, law, motion):
+    """Assert the error equation by differences, while both frames move."""
+    x_de = law.displacement(motion.R_d, motion.R_e)
+    R_d_of = accelerating(motion.R_d, motion.omega_d, motion.domega_d)
+    R_e_of = accelerating(motion.R_e, motion.omega_e, a_o_of(law, motion))
+
+    def coordinates_at(t):
+        return coordinates(name, law.displacement(R_d_of(t), R_e_of(t), x_de))
+
+    x, dx, ddx = derivatives(coordinates_at)
+    stated = stated_acceleration(name, x_de, motion, x, dx)
+    np.testing.assert_allclose(ddx, stated, rtol=0, atol=SECOND_DIFFERENCES)
+
+
+@every_representation
+def test_the_displacement_accelerates_as_the_error_equation_says(name):
+    law = make(name)
+    for motion in regular_motions(law):
+        assert_accelerates_as_stated(name, law, motion)
+
+
+@of_angles
+@every_sequence
+def test_the_displacement_accelerates_as_eq_39_says_with_every_sequence(name, sequence):
+    law = make(name, sequence)
+    for motion in regular_motions(law, 8):
+        assert_accelerates_as_stated(name, law, motion)
+
+
+# --- the printed eq. (38) -----------------------------------------------------------------------
+
+
+@every_sequence
+def test_eq_38_as_printed_with_dphi_d_for_ddphi_d_does_not_give_eq_39(sequence):
+    law = make("euler_angles", sequence)
+    for motion in regular_motions(law, 15):
+        x_de = law.displacement(motion.R_d, motion.R_e)
+        dphi_d, ddphi_d = angles_rates(sequence, x_de.phi_d, motion.omega_d, motion.domega_d)
+        dphi_e, _ = angles_rates(sequence, x_de.phi_e, motion.omega_e, REST)
+        feedback = K_VO * (dphi_d - dphi_e) + K_PO * x_de.dphi_de
+        dT = dT_of(sequence, x_de.phi_e, dphi_e)
+        residuals = []
+        for first_term in (dphi_d, ddphi_d):  # as printed, as it holds
+            a_o = T_of(sequence, x_de.phi_e) @ (first_term + feedback) + dT @ dphi_e
+            x, dx, ddx = error_of_euler_angles(motion, a_o, sequence)
+            residuals.append(np.linalg.norm(ddx + K_VO * dx + K_PO * x))
+        np.testing.assert_allclose(a_o_of(law, motion), a_o, rtol=0, atol=ERROR_EQUATION)
+        printed, corrected = residuals
+        assert printed == pytest.approx(np.linalg.norm(ddphi_d - dphi_d), abs=ERROR_EQUATION)
+        assert printed > WRONG_FEED_FORWARD
+        assert corrected < ERROR_EQUATION
+
+
+# --- what the laws have in common ---------------------------------------------------------------
+
+
+@every_representation
+def test_aligned_frames_that_move_together_accelerate_as_desired(name):
+    law = make(name)
+    pairs = [(R, R) for R in clear_of_poles("XYZ", COUNT)]
+    for motion in moving(pairs):
+        a_o = a_o_of(law, motion._replace(omega_e=motion.omega_d))
+        np.testing.assert_allclose(a_o, motion.domega_d, rtol=0, atol=K_PO * ALGEBRAIC)
+
+
+@every_representation
+def test_a_small_error_at_rest_is_undone_along_its_rotation_at_the_gain(name):
+    factor = FIRST_ORDER_FACTOR.get(name, 1.0)
+    for R_e, r in zip(clear_of_poles("XYZ", COUNT), unit_vectors(COUNT), strict=True):
+        a_o = a_o_of(make(name), Motion(rodrigues(SMALL_ROTATION, r) @ R_e, R_e))
+        expected = K_PO * factor * SMALL_ROTATION * r
+        np.testing.assert_allclose(a_o, expected, rtol=0, atol=K_PO * FIRST_ORDER)
+
+
+@of_angles
+@three_axes
+def test_a_small_error_is_undone_along_its_rotation_with_every_sequence(name, sequence):
+    for R_e, r in zip(clear_of_poles(sequence, 20), unit_vectors(20), strict=True):
+        a_o = a_o_of(make(name, sequence), Motion(rodrigues(SMALL_ROTATION, r) @ R_e, R_e))
+        np.testing.assert_allclose(a_o, K_PO * SMALL_ROTATION * r, rtol=0, atol=K_PO * FIRST_ORDER)
+
+
+@every_representation
+def test_a_small_velocity_of_aligned_frames_is_damped_at_its_gain(name):
+    for R, r in zip(clear_of_poles("XYZ", COUNT), unit_vectors(COUNT), strict=True):
+        a_o = a_o_of(make(name), Motion(R, R, omega_e=SMALL_ROTATION * r))
+        np.testing.assert_allclose(a_o, -K_VO * SMALL_ROTATION * r, rtol=0, atol=FIRST_ORDER)
+
+
+@every_representation
+def test_the_gains_scale_the_feedback_and_not_the_feed_forward(name):
+    law = make(name)
+    for motion in regular_motions(law):
+        feed_forward = a_o_of(law, motion, 0.0, 0.0)
+        stiffness = a_o_of(law, motion, 1.0, 0.0) - feed_forward
+        damping = a_o_of(law, motion, 0.0, 1.0) - feed_forward
+        expected = feed_forward + 7 * stiffness + 3 * damping
+        scale = 1 + np.abs(feed_forward).max()
+        a_o = a_o_of(law, motion, 7.0, 3.0)
+        np.testing.assert_allclose(a_o, expected, rtol=0, atol=scale * ALGEBRAIC * K_PO)
+        assert np.linalg.norm(stiffness) > DISTINCT
+        assert np.linalg.norm(damping) > DISTINCT
+
+
+@every_representation
+def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name):
+    law, change = make(name), []
+    for m, R in zip(regular_motions(law), uniform(COUNT, key=2), strict=True):
+        turned = Motion(R @ m.R_d, R @ m.R_e, R @ m.omega_d, R @ m.domega_d, R @ m.omega_e)
+        change.append(np.linalg.norm(a_o_of(law, turned) - R @ a_o_of(law, m)))
+    if name in DEPENDS_ON_THE_BASE:
+        assert np.median(change) > DISTINCT
+    else:
+        assert max(change) < ERROR_EQUATION
+
+
+def test_euler_parameters_ask_for_a_bounded_acceleration_everywhere():
+    law = make("euler_parameters")
+    Rs = [*uniform(100), *half_turns(), *near_pole("XYZ", RIGHT, 0.0)]
+    for m in moving(list(zip(Rs, reversed(Rs), strict=True))):
+        feedback = a_o_of(law, m) - m.domega_d - K_VO * (m.omega_d - m.omega_e)  # eq. (40)
+        assert np.linalg.norm(feedback) <= K_PO * (1 + 100 * RELATIVE)
+
+
+# --- singularities --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["angle_axis", "euler_angles"])
+@pytest.mark.parametrize("delta", [1e-2, 1e-3, 1e-5])
+def test_the_acceleration_grows_without_bound_towards_the_singularity(name, delta):
+    omega = np.array([0.3, 0.5, 0.8])
+    a_o = a_o_of(make(name), Motion(about(1, RIGHT - delta), np.eye(3), omega, omega, omega / 2))
+    assert np.linalg.norm(a_o) > 0.1 / delta
+    if name == "euler_angles":
+        assert np.linalg.norm(a_o) > 0.1 / delta**2  # ddphi_d grows with the square
+
+
+def test_relative_angles_are_singular_for_errors_of_90_degrees_only():
+    omega = np.array([0.3, 0.5, 0.8])
+    pole, law = about(1, RIGHT - 1e-5), make("relative_euler_angles")
+    at_the_pole = Motion(pole, about(0, -0.3) @ pole, omega, omega, REST)
+    assert np.linalg.norm(a_o_of(law, at_the_pole)) < 50
+    assert pole_clearance("XYZ", at_the_pole.R_d) < 1e-4
+    far_apart = Motion(pole, np.eye(3), omega, omega, REST)
+    assert np.linalg.norm(a_o_of(law, far_apart)) > 1e4
+
+
+def test_angle_axis_refuses_an_error_of_exactly_90_degrees_and_names_the_way_out():
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(SingularityError, match=r"90 deg.*euler_parameters"):
+        a_o_of(make("angle_axis"), Motion(quarter_turn, np.eye(3), *vectors(3)))
+
+
+@pytest.mark.parametrize("end", ["R_d", "R_e"])
+def test_euler_angles_refuse_a_frame_exactly_at_the_pole(end):
+    motion = Motion(about(1, 0.5), about(1, 0.5), *vectors(3))._replace(**{end: np.eye(3)})
+    with pytest.raises(SingularityError, match=r"ZYZ.*euler_parameters"):
+        a_o_of(make("euler_angles", "ZYZ"), motion)
+
+
+# --- Lyapunov functions, eqs. (30), (31), (42)-(47) ---------------------------------------------
+
+
+@every_representation
+def test_only_the_representations_of_the_paper_have_lyapunov_functions(name):
+    law = make(name)
+    x_de = law.displacement(about(0, 0.3), about(1, 0.2))
+    has = name in HAVE_V
+    assert (law.lyapunov_1(x_de, K_PO) is not None) == has
+    assert (law.lyapunov_2(x_de, REST, K_PO, K_VO) is not None) == has
+
+
+def both_signs(R_d, R_e):
+    """Return the law that keeps the sign, and the displacement of either sign."""
+    law = make("euler_parameters", sign="continuous")
+    other = make("euler_parameters", sign="continuous", initial=-1)
+    return law, [law.displacement(R_d, R_e), other.displacement(R_d, R_e)]
+
+
+@pytest.mark.parametrize("theta", [0.0, 1e-6, 0.5, 2.0, math.pi])
+def test_V_1_is_twice_one_minus_eta(theta):
+    for pair in pairs_apart(theta, 10):
+        law, displacements = both_signs(*pair)
+        for x_de, eta in zip(displacements, (1, -1), strict=True):
+            eta *= math.cos(theta / 2)
+            value, rate = law.lyapunov_1(x_de, K_PO)
+            assert value == pytest.approx(2 * (1 - eta), abs=ALGEBRAIC)  # eq. (30)
+            expected = -K_PO * math.sin(theta / 2) ** 2  # eq. (31)
+            assert rate == pytest.approx(expected, abs=ALGEBRAIC * K_PO)
+
+
+@pytest.mark.parametrize("theta", [0.1, 1.0, 2.0, 3.0])
+def test_dV_1_is_the_derivative_of_V_1_along_eq_29(theta):
+    for (R_d, R_e), omega_d in zip(pairs_apart(theta, 15), vectors(15), strict=True):
+        law, displacements = both_signs(R_d, R_e)
+        for x_de in displacements:
+            R_d_of = turning(R_d, omega_d)
+            R_e_of = turning(R_e, law.resolved_velocity(x_de, omega_d, K_PO))
+
+            def V_at(t, law=law, d=R_d_of, e=R_e_of, x_de=x_de):
+                return law.lyapunov_1(law.displacement(d(t), e(t), x_de), K_PO).V
+
+            dV_1 = law.lyapunov_1(x_de, K_PO).dV  # eq. (31)
+            assert dV_1 < 0
+            assert derivative(V_at) == pytest.approx(dV_1, abs=DIFFERENCES)
+
+
+@pytest.mark.parametrize("theta", [0.1, 1.0, 2.0, 3.0])
+def test_dV_2_is_the_derivative_of_V_2_along_eq_41(theta):
+    for m in moving(pairs_apart(theta, 15)):
+        law, displacements = both_signs(m.R_d, m.R_e)
+        for x_de in displacements:
+            a_o = a_o_of(law, m, previous=x_de)
+            R_d_of = accelerating(m.R_d, m.omega_d, m.domega_d)
+            R_e_of = accelerating(m.R_e, m.omega_e, a_o)
+
+            def V_at(t, law=law, d=R_d_of, e=R_e_of, x_de=x_de, m=m, a_o=a_o):
+                omega_de = m.omega_d - m.omega_e + t * (m.domega_d - a_o)
+                x_de_t = law.displacement(d(t), e(t), x_de)
+                return law.lyapunov_2(x_de_t, omega_de, K_PO, K_VO).V
+
+            omega_de = m.omega_d - m.omega_e
+            value, rate = law.lyapunov_2(x_de, omega_de, K_PO, K_VO)
+            expected = 2 * K_PO * (1 - x_de.Q_de.eta) + omega_de @ omega_de / 2
+            assert value == pytest.approx(expected, abs=ALGEBRAIC * K_PO)  # eq. (42)
+            assert rate == pytest.approx(-K_VO * omega_de @ omega_de, rel=RELATIVE)  # eq. (43)
+            assert derivative(V_at) == pytest.approx(rate, abs=K_PO * DIFFERENCES)
+
+
+def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():
+    for R in uniform(20):
+        law, (Q2, Q1) = both_signs(R, R)
+        for x_de, expected in ((Q2, 0.0), (Q1, 4 * K_PO)):  # eqs. (45), (44) with (46)
+            value, rate = law.lyapunov_2(x_de, REST, K_PO, K_VO)
+            assert value == pytest.approx(expected, abs=ALGEBRAIC * K_PO)
+            assert rate == 0
+            # both are equilibria
+            a_o = law.resolved_acceleration(x_de, REST, REST, REST, K_PO, K_VO)
+            np.testing.assert_allclose(a_o, 0, rtol=0, atol=ALGEBRAIC * K_PO)
+
+
+@pytest.mark.parametrize("sigma", [1e-6, 0.01, 0.5, 1.0])
+def test_V_2_drops_by_two_sigma_off_Q1(sigma):
+    theta = 2 * math.acos(1 - sigma)
+    for pair in pairs_apart(theta, 10):
+        law, (_, off_Q1) = both_signs(*pair)
+        assert off_Q1.Q_de.eta == pytest.approx(-1 + sigma, abs=ALGEBRAIC)
+        value, _ = law.lyapunov_2(off_Q1, REST, K_PO, K_VO)
+        expected = 4 * K_PO - 2 * sigma * K_PO  # eq. (47)
+        assert value == pytest.approx(expected, abs=ALGEBRAIC * K_PO)
+
+
+# --- a new representation -------------------------------------------------------------------
+
+
+def test_a_representation_without_a_resolved_acceleration_cannot_be_made(monkeypatch):
+    registry = dict(OrientationRepresentation.registry)
+    monkeypatch.setattr(OrientationRepresentation, "registry", registry)
+
+    class Half(type(make("euler_parameters"))):
+        name = "half"
+        resolved_acceleration = OrientationRepresentation.resolved_acceleration
+
+    with pytest.raises(TypeError, match="resolved_acceleration"):
+        representation("half")
