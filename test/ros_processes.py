@@ -5,6 +5,7 @@ only guard against hanging.
 """
 
 import itertools
+import math
 import os
 import signal
 import socket
@@ -28,6 +29,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # A guard against hanging, not a measure: what is waited for takes a second or two.
 PATIENCE = float(os.environ.get("PATIENCE", "60"))
+
+# A service that has not answered for so long [s] has lost the request, and is asked again.
+ASK_AGAIN = 1.0
 
 # An arm whose joints are all slower than this does not move [rad/s]; holding leaves 1e-13.
 STANDSTILL = 1e-9
@@ -54,7 +58,7 @@ MODEL = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
 HOLDING_EFFORT = 1e-9
 
 # Acceleration [rad/s^2] of joints that are to stop, for each rad/s that they have.
-BRAKING = 20.0
+BRAKING = 40.0
 
 Array = NDArray[np.float64]
 
@@ -80,6 +84,15 @@ def assert_holds(command: Any, q: Any) -> None:
     else:
         np.testing.assert_allclose(command.position, q, rtol=0, atol=HELD)
         np.testing.assert_allclose(command.velocity, 0, rtol=0, atol=LAW_IN_A_NODE)
+
+
+def assert_may_stay(command: Any, arm: "Arm") -> None:
+    """Assert that a command is one to stay: it holds the position, or bears the weight only."""
+    if command.effort:
+        state = MODEL.dynamic_state(arm.q, 0.0 * arm.q)
+        np.testing.assert_allclose(command.effort, state.g, atol=HOLDING_EFFORT)
+    else:
+        assert_holds(command, arm.q)
 
 
 def assert_stops(command: Any, arm: "Arm") -> None:
@@ -288,14 +301,37 @@ class Peer:
         return messages
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the response of a service, once it is there."""
+        """Return the response of a service of a node, once it is there."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
+            self._make_known(service.rpartition("/")[0])
         client = self._clients[service]
         self.graph.until(client.service_is_ready, f"service {service}")
         future = client.call_async(request)
         self.graph.until(future.done, f"answer of {service}")
         return future.result()
+
+    def _make_known(self, node: str) -> None:
+        """Wait until a node has discovered the clients made so far: else its answers are lost.
+
+        It discovers readers in the order of their making, so it is asked by a later client,
+        again and again, until an answer comes through.
+        """
+        from rcl_interfaces.srv import GetParameters
+
+        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
+        futures: list[Any] = []
+        asked = -math.inf
+
+        def answered() -> bool:
+            nonlocal asked
+            if client.service_is_ready() and time.monotonic() - asked > ASK_AGAIN:
+                futures.append(client.call_async(GetParameters.Request()))
+                asked = time.monotonic()
+            return any(future.done() for future in futures)
+
+        self.graph.until(answered, f"an answer of {node}")
+        self.node.destroy_client(client)
 
     def set_parameters(self, node: str, **wanted: Any) -> list[str]:
         """Set parameters of a node, each for itself; return the reasons of refusals."""

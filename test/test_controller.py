@@ -394,6 +394,47 @@ def test_exactly_at_the_pole_dynamic_control_holds_the_arm_and_tells_the_fault()
     assert running.step(T_0, q, STILL) is command
 
 
+def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
+    running = controller(limits=UR5.limits, max_deviation=0.05)
+    goal = moved(0.2, 0.8)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    for step in range(1000):
+        command = running.step(T_0 + step * MS, HOME, STILL)
+        if running.fault:
+            break
+        assert np.abs(command.q - HOME).max() <= 0.05
+    assert "from its command" in running.fault
+    assert_holds(running, T_0 + 1000 * MS, HOME)
+
+
+def test_an_arm_that_was_moved_before_the_reference_began_is_held_and_that_is_told():
+    running = controller(ControllerOptions(require_reference=True))
+    running.step(T_0, HOME, STILL)
+    running.follow(SetPoint(moved(), 0.1), None)
+    elsewhere = HOME + 0.4
+    assert_holds(running, T_0 + MS, elsewhere)
+    assert "moved before the reference began" in running.fault
+
+
+def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
+    running = controller()
+    for speed, rests in ((0.0, True), (0.009, True), (0.011, False), (-0.5, False)):
+        running.step(T_0 + int(1e9 * (1 + speed)), HOME, speed * np.eye(6)[3])
+        assert running.is_at_rest == rests
+
+
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_the_last_command_holds_the_arm(scheme):
+    running = Controller(scheme(), ControllerOptions(), HOME)
+    running.step(T_0, HOME, STILL)
+    command = running.last_command()
+    if command.q is not None:
+        np.testing.assert_array_equal(command.q, HOME)
+        np.testing.assert_array_equal(command.dq, STILL)
+    else:
+        np.testing.assert_array_equal(command.effort, UR5.dynamic_state(HOME, STILL).g)
+
+
 class Failing(Scheme):
     """A scheme that has an answer only while told so."""
 

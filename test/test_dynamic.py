@@ -30,7 +30,12 @@ from tolerances import (
 
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.controller import Controller, ControllerOptions
-from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.errors import (
+    ConfigurationError,
+    FollowingError,
+    RobotError,
+    SingularityError,
+)
 from eulerparams_control.friction import JointFriction
 from eulerparams_control.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.limits import JointLimits
@@ -57,7 +62,7 @@ MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]
 STILL = np.zeros(6)
 RATE = 2000.0  # [Nm/s]
-PENDULUM = JointFriction(np.array([0.5, 0.4, 0.3, 0.2, 0.1, 0.05]), np.arange(6) / 3)
+FRICTION = JointFriction(np.array([0.5, 0.4, 0.3, 0.2, 0.1, 0.05]), np.arange(6) / 3)
 
 TOOL = Tool(1.5, np.array([0.02, -0.03, 0.1]), np.diag([0.01, 0.02, 0.015]))
 
@@ -210,7 +215,7 @@ def test_inverse_dynamics_compensates_the_tool_and_the_friction_that_it_knows():
         description.joints,
         tool=TOOL,
     )
-    plant, dynamics = Plant(tool=TOOL, friction=PENDULUM), InverseDynamics(friction=PENDULUM)
+    plant, dynamics = Plant(tool=TOOL, friction=FRICTION), InverseDynamics(friction=FRICTION)
     for (q, dq), a in zip(states(UR5, HOME), generator(313).normal(size=(10, 6)), strict=True):
         found = []
         for known in (robot, UR5):
@@ -388,15 +393,15 @@ def test_for_a_second_the_orientation_error_follows_eq_41(orientation, initial):
 
 @pytest.mark.parametrize("switch", ["gravity", "coriolis", "friction"])
 def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
-    on = InverseDynamics(friction=PENDULUM)
-    others = {"gravity": True, "coriolis": True, "friction": PENDULUM}
+    on = InverseDynamics(friction=FRICTION)
+    others = {"gravity": True, "coriolis": True, "friction": FRICTION}
     off = InverseDynamics(**{**others, switch: None if switch == "friction" else False})
     for (q, dq), ddq in zip(states(UR5, HOME), generator(314).normal(size=(10, 6)), strict=True):
         state = UR5.dynamic_state(q, dq)
         term = {
             "gravity": state.g,
             "coriolis": state.C_dq,
-            "friction": PENDULUM.viscous * dq + PENDULUM.coulomb * np.tanh(dq / COULOMB_SPEED),
+            "friction": FRICTION.viscous * dq + FRICTION.coulomb * np.tanh(dq / COULOMB_SPEED),
         }[switch]
         kept = [array.copy() for array in state[1:]]
         found = on.effort(state, ddq) - off.effort(state, ddq)
@@ -404,7 +409,7 @@ def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
         assert np.abs(term).max() > 0.01
         for before, after in zip(kept, state[1:], strict=True):
             np.testing.assert_array_equal(before, after)  # the state is not changed
-        whole = state.B @ ddq + state.C_dq + state.g + PENDULUM.effort(dq)  # eq. (33)
+        whole = state.B @ ddq + state.C_dq + state.g + FRICTION.effort(dq)  # eq. (33)
         np.testing.assert_allclose(on.effort(state, ddq), whole, rtol=0, atol=1e3 * ALGEBRAIC)
 
 
@@ -698,6 +703,20 @@ def test_no_path_makes_a_joint_exceed_its_speed_or_position():
         assert saturated > 100
 
 
+@pytest.mark.parametrize("dt", [0.005, 0.02, 0.05])
+def test_at_a_slow_rate_too_the_speeds_stay_within_their_limits(dt):
+    slow = JointLimits(HOME - 9, HOME + 9, np.full(6, 0.4), np.full(6, math.inf))
+    path = path_between(pose_of(UR5, HOME), displaced(0.3, 1.0, key=5), duration=0.4)
+    scheme = dynamic(limits_of(joints=slow, rate=math.inf), k_Pp=100.0, k_Vp=15.0, k_Vo=15.0)
+    plant, fastest = Plant(), 0.0
+    for step in range(round(0.8 / dt)):
+        tick = scheme.tick(dt, plant.q, plant.dq, path.sample(step * dt))
+        for _ in range(round(dt / DT)):
+            plant.step(tick.command.effort)
+            fastest = max(fastest, np.abs(plant.dq).max())
+    assert 0.35 < fastest < 0.4 * 1.05  # what the effort makes of itself within a tick
+
+
 def test_an_arm_outside_its_limits_comes_back_and_goes_no_further_out():
     joint = np.eye(6)[0]
     limits = JointLimits(HOME - 0.5, HOME + 0.5, np.full(6, 2.0), np.full(6, math.inf))
@@ -881,7 +900,7 @@ def test_after_some_blend_times_only_the_new_law_is_left_with_its_dynamics():
     (q, dq), goal = states(UR5, HOME)[0], displaced()
     scheme = dynamic(orientation="euler_angles", blend_time=0.01)
     scheme.tick(DT, q, dq, goal)
-    other, dynamics = law(k_Po=100.0), InverseDynamics(gravity=False, friction=PENDULUM)
+    other, dynamics = law(k_Po=100.0), InverseDynamics(gravity=False, friction=FRICTION)
     scheme.replace_law(other, dynamics, EffortLimits())
     for _ in range(400):  # 40 blend times
         tick = scheme.tick(DT, q, dq, goal)
@@ -943,6 +962,37 @@ def test_a_law_on_the_long_way_round_keeps_it_when_its_gain_changes():
     assert tick.x_de.Q_de.eta == before.x_de.Q_de.eta
 
 
+def test_a_law_with_another_rule_for_the_sign_begins_anew():
+    scheme = dynamic(sign="continuous")
+    goal = pose_of(UR5, HOME)
+    for angle in (2.0, 3.0, 3.5):
+        turned = goal._replace(R_d=rodrigues(angle, np.eye(3)[2]) @ goal.R_d)
+        before = scheme.tick(DT, HOME, STILL, turned)
+    assert before.x_de.Q_de.eta < 0
+    scheme.replace_law(law(sign="hysteretic"), InverseDynamics(), EffortLimits())
+    assert scheme.tick(DT, HOME, STILL, turned).x_de.Q_de.eta > 0
+
+
+def test_of_a_law_that_saturates_nothing_goes_on():
+    scheme = dynamic(limits_of(rate=math.inf))
+    assert scheme.tick(DT, HOME, STILL, displaced(0.5, 0.1)).saturated
+    scheme.replace_law(law(k_Po=0.0, k_Pp=0.0), InverseDynamics(), limits_of(rate=math.inf))
+    tick = scheme.tick(DT, HOME, STILL, displaced(0.5, 0.1))
+    g = UR5.dynamic_state(HOME, STILL).g
+    np.testing.assert_allclose(tick.command.effort, g, rtol=0, atol=NULL_SPACE)
+
+
+def test_a_law_that_is_replaced_at_each_tick_acts_in_the_end():
+    (q, dq), goal = states(UR5, HOME)[0], displaced()
+    scheme = dynamic(blend_time=0.1)
+    scheme.tick(DT, q, dq, goal)
+    for _ in range(1000):
+        scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
+        tick = scheme.tick(DT, q, dq, goal)
+    left = np.abs(tick.command.effort - unlimited_effort(scheme, tick)).max()
+    assert left < 1e-2
+
+
 def test_a_law_that_is_refused_is_not_taken():
     scheme = dynamic()
     kept = scheme.law, scheme.dynamics, scheme.limits
@@ -984,6 +1034,45 @@ def test_hold_is_a_spring_with_damping_of_the_joint_accelerations():
     state = UR5.dynamic_state(q, dq)
     expected = InverseDynamics().effort(state, 400 * (HOME - q) - 40 * dq)
     np.testing.assert_allclose(scheme.hold(DT, q, dq).effort, expected, rtol=0, atol=NULL_SPACE)
+
+
+def test_hold_does_not_compensate_the_friction_that_helps_to_stop():
+    scheme, q, dq = dynamic(dynamics=InverseDynamics(friction=FRICTION)), HOME, 0.3 * np.ones(6)
+    effort = scheme.hold(DT, q, dq).effort
+    expected = dynamic().hold(DT, q, dq).effort
+    np.testing.assert_array_equal(effort, expected)
+    plant = Plant(friction=FRICTION)
+    plant.dq = dq
+    for _ in range(800):
+        plant.step(scheme.hold(DT, plant.q, plant.dq).effort)
+    assert np.abs(plant.dq).max() < 0.01
+
+
+def test_hold_does_not_undo_whole_turns_of_a_joint_without_position_limits():
+    description = load_robot("ur5")
+    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
+    none = np.full(6, math.inf)
+    robot.limits = replace(robot.limits, lower=-none, upper=none)
+    scheme = dynamic(robot=robot)
+    scheme.hold(DT, HOME, STILL)
+    effort = scheme.hold(DT, HOME + 2 * math.pi * np.array([1, 0, -1, 0, 2, 0]), STILL).effort
+    g = UR5.dynamic_state(HOME, STILL).g
+    np.testing.assert_allclose(effort, g, rtol=0, atol=NULL_SPACE)
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_the_last_command_is_gravity_alone_within_the_limits(gravity):
+    scheme = dynamic(limits_of(rate=1.0), InverseDynamics(gravity=gravity, friction=FRICTION))
+    scheme.tick(DT, HOME, STILL, displaced())
+    effort = scheme.last_command(HOME, 0.5 * np.ones(6)).effort
+    g = UR5.dynamic_state(HOME, STILL).g if gravity else STILL
+    np.testing.assert_array_equal(effort, g)
+    description = load_robot("ur5")
+    weak = Robot(description.urdf, description.base_frame, description.tip_frame)
+    weak.limits = replace(weak.limits, effort=np.full(6, 10.0))
+    effort = dynamic(robot=weak).last_command(HOME, STILL).effort
+    expected = np.clip(UR5.dynamic_state(HOME, STILL).g, -10, 10)
+    np.testing.assert_array_equal(effort, expected)
 
 
 def test_hold_begins_anew_after_a_tick_and_its_start_frame_is_the_measured_pose():
@@ -1137,6 +1226,20 @@ def test_over_a_fault_no_derivative_of_V_2_is_measured():
     assert abs(measured - rate) < 1e-2
 
 
+def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():
+    run = Run(dynamic())
+    run.controller.follow(towards(displaced(0.05, 0.3)), None)
+    run.steps(100)
+    assert run.controller.lyapunov() is not None
+    run.scheme.replace_law(law(k_Po=100.0), InverseDynamics(), EffortLimits())
+    run.controller.law_changed()
+    assert run.controller.lyapunov() is None
+    run.steps(1)
+    assert run.controller.lyapunov() is None
+    run.steps(1)
+    assert run.controller.lyapunov() is not None
+
+
 # --- bad input -----------------------------------------------------------------------------
 
 
@@ -1165,3 +1268,51 @@ def test_an_impossible_gain_of_the_null_space_is_refused_with_its_value(name, va
 def test_values_of_the_wrong_number_are_refused_with_the_names_of_the_joints(dynamics, text):
     with pytest.raises(ConfigurationError, match=rf"{text}.* 6 joints shoulder_pan_joint, .*elbow"):
         dynamic(dynamics=dynamics)
+
+
+@pytest.mark.parametrize("name", ["rate", "error_position", "error_rotation"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_an_impossible_bound_is_refused_with_its_value(name, value):
+    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected > 0"):
+        EffortLimits(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["viscous", "coulomb"])
+@pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
+def test_an_impossible_friction_is_refused_with_its_value(name, value):
+    given = {"viscous": np.zeros(2), "coulomb": np.zeros(2), name: np.array([0.0, value])}
+    with pytest.raises(ConfigurationError, match=rf"friction_{name} is \[0.0, {value}\]"):
+        JointFriction(**given)
+
+
+# A turret on a lift; what stands for LIFT and LIMIT varies.
+TURRET = """
+<robot name="turret"> <link name="world"/> <link name="base"/>
+  <link name="turret">INERTIA</link>
+  <joint name="lift" type="LIFT"> <parent link="world"/> <child link="base"/> <axis xyz="0 0 1"/>
+    <limit lower="0" upper="1" velocity="1" effort="9"/> </joint>
+  <joint name="turn" type="revolute"> <parent link="base"/> <child link="turret"/>
+    <axis xyz="0 0 1"/> <limit lower="-1" upper="1" velocity="1" effort="LIMIT"/> </joint>
+</robot>
+"""
+INERTIA = """<inertial> <mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/> </inertial>"""
+
+
+@pytest.mark.parametrize(
+    ("inertia", "lift", "limit", "text"),
+    [
+        ("", "fixed", "9", "not positive definite.*lacks <inertial>.*beyond turn"),
+        (INERTIA, "fixed", "0", "effort limit of 0 for turn"),
+        (INERTIA, "prismatic", "9", "lift can move between the root.*base: the direction of grav"),
+        (INERTIA, "fixed", "9", ""),
+    ],
+)
+def test_a_robot_whose_efforts_cannot_be_known_is_refused(inertia, lift, limit, text):
+    urdf = TURRET.replace("INERTIA", inertia).replace("LIFT", lift).replace("LIMIT", limit)
+    robot = Robot(urdf, "base", "turret")
+    if not text:
+        dynamic(robot=robot, q=np.zeros(1))
+        return
+    with pytest.raises(RobotError, match=text):
+        dynamic(robot=robot, q=np.zeros(1))

@@ -124,7 +124,7 @@ def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(
     status = node.status(lambda s: "holding still" in s.message)
     assert status.level == b"\x02"
     assert "m from the desired frame; at most 0.1 m is allowed: is the arm braked" in status.message
-    assert steps_of(efforts_of(commands)).max() <= 2000.0 * DT + EFFORT_ROUNDING
+    assert steps_of(efforts_of(commands)).max() <= 1e4 * DT + EFFORT_ROUNDING
     assert np.abs(commands[-1].effort).max() > 0
     assert_holds(commands[-1], HOME)
     assert_follows(node)
@@ -149,14 +149,15 @@ def test_past_the_pole_the_error_of_euler_angles_stops_the_arm_and_nothing_jumps
     node.references.publish(reference(start, end, times=(0.0, 0.4)))
     commands += arm.ticks(800)
     steps = steps_of(efforts_of(commands))
-    assert steps.max() <= 2000.0 * DT + EFFORT_ROUNDING
+    assert steps.max() <= 1e4 * DT + EFFORT_ROUNDING
     status = node.status(lambda s: True)
     if orientation == "euler_parameters":
         assert status.message == "active with euler_parameters: following a reference"
         assert steps.max() < 0.2
         return
     assert status.level == b"\x02"
-    assert "holding still: the tip is turned by 3.4 deg from the desired" in status.message
+    assert "deg from the desired frame; at most 3.4 deg is allowed" in status.message
+    assert "holding still: the tip is turned by" in status.message
     assert "or the orientation singular? then send the reference again" in status.message
     arm.ticks(100, dt=0.01)
     assert np.abs(arm.dq).max() < 1e-3
@@ -178,7 +179,7 @@ def test_where_euler_angles_have_no_rates_the_arm_is_held_and_the_singularity_na
     assert "T(phi) of the Euler angles ZYZ is singular" in status.message
     assert "orientation: euler_parameters" in status.message
     steps = steps_of(efforts_of(commands))
-    assert steps.max() <= 2000.0 * DT + EFFORT_ROUNDING
+    assert steps.max() <= 1e4 * DT + EFFORT_ROUNDING
     assert_holds(commands[-1], q)
     node.restore()
     assert_follows(node)

@@ -119,6 +119,18 @@ def test_positions_on_the_limits_are_within_and_beyond_are_not():
     assert not LIMITS.contain(np.array([0.0, np.nextafter(-2.0, -3), 0.0]))
 
 
+def test_a_difference_is_modulo_a_turn_where_there_are_no_limits_of_position():
+    q, turn = np.array([0.1, 0.2, 0.3]), 2 * math.pi
+    moved = q + [0.1, -0.2, 0.3]
+    for turns in (-2, 0, 5):
+        q_c = moved + turns * turn * np.eye(3)[2]
+        difference = LIMITS.difference(q_c, q)
+        np.testing.assert_allclose(difference, [0.1, -0.2, 0.3], rtol=0, atol=LIMIT_ROUNDING)
+        np.testing.assert_array_equal(LIMITS.deviation(q_c, q), np.abs(difference))
+    far = LIMITS.difference(moved + turn * np.eye(3)[0], q)
+    assert far[0] == pytest.approx(0.1 + turn, rel=RELATIVE)
+
+
 # --- limits of acceleration and effort ------------------------------------------------------
 
 JOINTS = 500  # that are simulated at once

@@ -380,6 +380,12 @@ def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
     assert Robot(ARM, "base", "hand").friction.is_none
 
 
+def test_joints_that_could_move_the_base_are_named():
+    assert Robot(ARM, "base", "hand").mount == ()
+    assert Robot(ARM, "column", "hand").mount == ("turn",)
+    assert Robot(ARM, "carriage", "hand").mount == ("turn", "lift")
+
+
 def test_a_base_that_is_not_the_root_turns_dJ_dq_and_leaves_the_efforts():
     urdf = with_inertia(ARM)
     in_root, in_base = Robot(urdf, "", "hand"), Robot(urdf, "base", "hand")

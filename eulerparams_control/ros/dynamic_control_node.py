@@ -89,8 +89,8 @@ class DynamicParameters(ControlParameters):
     def dynamics(self, robot: Robot) -> InverseDynamics:
         """Return the inverse dynamics of a robot with these parameters."""
         friction = JointFriction(
-            _each(self.friction_viscous, robot.friction.viscous),
-            _each(self.friction_coulomb, robot.friction.coulomb),
+            _each("friction_viscous", self.friction_viscous, robot.friction.viscous, robot),
+            _each("friction_coulomb", self.friction_coulomb, robot.friction.coulomb, robot),
         )
         return InverseDynamics(
             self.inverse(),
@@ -136,11 +136,16 @@ def _require_size(name: str, values: tuple[float, ...], size: int) -> None:
         raise ConfigurationError(f"{name} has {len(values)} values; expected {size}")
 
 
-def _each(given: tuple[float, ...], stated: Array) -> Array:
+def _each(name: str, given: tuple[float, ...], stated: Array, robot: Robot) -> Array:
     """Return one value a joint (n,): those given, or as the URDF states them."""
     if not given:
         return stated
-    return np.full(stated.shape, given[0]) if len(given) == 1 else np.array(given)
+    if len(given) not in (1, robot.n):
+        raise ConfigurationError(
+            f"{name} has {len(given)} values; expected one for each of the {robot.n} joints "
+            f"{', '.join(robot.joints)}, or one for all"
+        )
+    return np.full(robot.n, given[0]) if len(given) == 1 else np.array(given)
 
 
 class DynamicControlNode(ControlNode):
