@@ -118,8 +118,9 @@ def run() -> list[tuple[str, str, str]]:
     pairs = [(f"CLIK tick, {name}", name, bare, "bare") for name in ORIENTATIONS]
     pairs.append(("CLIK tick on a trajectory", "moving", bare, "bare"))
     terms = "Pinocchio calls for (33) and one 6x6 solve"
-    for name in ORIENTATIONS:
-        pairs.append((f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics"))
+    pairs += [
+        (f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics") for name in ORIENTATIONS
+    ]
     if pink:
         pairs.append(("CLIK tick", "euler_parameters", "pink solve_ik", "pink"))
     return [
