@@ -119,7 +119,8 @@ def run() -> list[tuple[str, str, str]]:
     pairs.append(("CLIK tick on a trajectory", "moving", bare, "bare"))
     terms = "Pinocchio calls for (33) and one 6x6 solve"
     pairs += [
-        (f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics") for name in ORIENTATIONS
+        (f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics")
+        for name in ORIENTATIONS
     ]
     if pink:
         pairs.append(("CLIK tick", "euler_parameters", "pink solve_ik", "pink"))

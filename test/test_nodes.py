@@ -67,11 +67,8 @@ UNSAFE: tuple[tuple[str, Any, str], ...] = (
     ("velocity_scale", 1.5, "velocity_scale: 1.5, above 1,"),
 )
 
-# Efforts that may change at once, so that the last one is the whole of what stops the arm.
-QUICK: dict[str, dict[str, Any]] = {
-    "clik": FRAMES,
-    "dynamic_control": {**FRAMES, "max_effort_rate": 1e6},
-}
+# An arm whose joints are slower than this stands [rad/s].
+AT_REST = 0.02
 
 # A joint may exceed its speed limit by what the discrete time leaves, of the limit.
 SPEED_LIMIT = 1e-3
@@ -509,7 +506,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
 ) -> None:
     peer = graph.peer
     arm = Controlled.ARMS[executable](graph, UR5)
-    process = graph.start(executable, {**QUICK[executable], "autostart": autostart})
+    process = graph.start(executable, {**FRAMES, "autostart": autostart})
     if autostart:
         arm.connect()
     else:
@@ -581,27 +578,45 @@ def test_after_the_shutdown_transition_no_command_follows_the_hold(graph: Graph)
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("executable", CONTROLLERS)
-def test_a_signal_ends_a_moving_controller_with_a_command_to_hold_and_exit_code_0(
+def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and_exit_code_0(
     graph: Graph, executable: str, number: signal.Signals
 ) -> None:
-    node = Controlled(graph, executable, QUICK[executable], namespace="/left")
+    node = Controlled(graph, executable, FRAMES, namespace="/left")
     arm = node.arm
+    commands = node.peer.listen(JointState, f"/left/{arm.topic}")
     p, R = pose(HOME)
     node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
     arm.ticks(100)
+    assert commands
     assert np.abs(arm.dq).max() > 1e-2
     node.process.signal(number)
+    positions = arm.ticks_until(lambda: node.process.exit_code is not None)
+    assert node.process.end() == 0
+    assert np.abs(arm.dq).max() < AT_REST
+
+    def stamps() -> list[Time]:
+        return [command.header.stamp for command in commands[-2:]]
+
+    # the last of all has the stamp of the last answer
+    graph.until(lambda: stamps()[0] == stamps()[1], "the command to stay")
+    arm.q = positions[ns_from_ros(stamps()[1])]
+    assert_may_stay(commands[-1], arm)
+    assert "Traceback" not in node.process.log
+
+
+def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> None:
+    node = Controlled(graph, "dynamic_control", FRAMES)
+    arm = node.arm
+    node.process.signal(signal.SIGTERM)
 
     def ended() -> bool:
-        arm.send_next()  # the robot goes on to say where it is: still moving
+        arm.dq = np.full(6, 0.1)  # whatever is commanded
+        arm.send_next()
         return node.process.exit_code is not None
 
     graph.until(ended, "the end of the process")
     assert node.process.end() == 0
-    *_, before, last = arm.commands
-    arm._obey(before)
-    assert_may_stay(last, arm)
-    assert "Traceback" not in node.process.log
+    assert_may_stay(arm.commands[-1], arm)
 
 
 # --- what a robot description lacks ----------------------------------------------------------
