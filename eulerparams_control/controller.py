@@ -107,6 +107,11 @@ class Controller:
         return self.scheme.last_command(self._q, self._dq)
 
     @property
+    def began(self) -> int | None:
+        """Stamp [ns] at which the trajectory that is followed began; None if there is none."""
+        return self._motion.began
+
+    @property
     def is_at_rest(self) -> bool:
         """Whether the arm was measured to stand still."""
         return bool((np.abs(self._dq) < _AT_REST).all())

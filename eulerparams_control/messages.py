@@ -85,6 +85,10 @@ class _JointReader:
         return picked
 
 
+BEGAN = "reference began at [ns]"
+"""Key in /diagnostics of the stamp at which a controller began to follow a trajectory."""
+
+
 class JointStateReader(_JointReader):
     """Reads the measured state of the active joints from joint_states.
 

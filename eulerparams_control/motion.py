@@ -330,6 +330,11 @@ class DesiredMotion:
         """Whether no motion was given since it began to hold."""
         return self._motion is None and self._next is None
 
+    @property
+    def began(self) -> int | None:
+        """Time [ns] at which the trajectory that is followed began; None if there is none."""
+        return self._start if isinstance(self._motion, Trajectory) else None
+
     def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         """Follow a motion from the time ``start`` [ns], or from the next sample if None.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Transform, Vector3
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -19,6 +20,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.messages import BEGAN
 
 URDF = """<robot name="rod">
 <link name="base"/><link name="tip"/>
@@ -33,6 +35,7 @@ URDF = """<robot name="rod">
 <joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="1 0 0"/></joint>
 </robot>"""
 
+DISTANCE = 0.01  # [m] of a reference that moves
 PERIOD_NS = 10_000_000
 _LATENCY_NS = 400_000  # of an effort behind the joint_states that it answers
 _START = 1_700_000_000_000_000_000
@@ -42,6 +45,7 @@ _TYPES = {
     "/joint_effort": "sensor_msgs/msg/JointState",
     "/reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "/robot_description": "std_msgs/msg/String",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
 
@@ -56,6 +60,8 @@ def write_run(
     urdf: str = URDF,
     parameters: Mapping[str, Any] | None = None,
     node: str = "",
+    lasting: float = 0.0,
+    began: int | None = None,
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
 
@@ -70,6 +76,8 @@ def write_run(
         urdf: in robot_description; "" leaves it out.
         parameters: of the node; None leaves all parameters out.
         node: their node; "" is that of the command.
+        lasting: [s] of a reference that moves the tip by ``DISTANCE``; 0 is one that rests.
+        began: when the controller says that the reference began, after the first stamp [ns].
     """
     node = node or ("/clik" if efforts is None else "/dynamic_control")
     referred = _START if efforts is None else _START + _LATENCY_NS // 2
@@ -86,7 +94,10 @@ def write_run(
             dq = 0.0 if speeds is None or command is not None else speeds[index]
             bag.write("/joint_states", _joint_state(stamp, q, dq), stamp, stamp)
             if desired and index == 0:
-                bag.write("/reference", serialize_message(_reference()), referred, referred)
+                reference = serialize_message(_reference(lasting))
+                bag.write("/reference", reference, referred, referred)
+            if began is not None and index == 20:
+                bag.write("/diagnostics", _diagnostics(_START + began), stamp, stamp)
             if command is not None:
                 dq = 0.0 if speeds is None else speeds[index]
                 bag.write("/joint_reference", _joint_state(stamp, command[index], dq), stamp, stamp)
@@ -111,9 +122,19 @@ def _stamped(message: JointState, stamp: int) -> bytes:
     return bytes(serialize_message(message))
 
 
-def _reference() -> MultiDOFJointTrajectory:
+def _reference(lasting: float) -> MultiDOFJointTrajectory:
     at_zero = Transform(translation=Vector3(x=1.0))
     message = MultiDOFJointTrajectory(joint_names=["tip"])
     message.header.frame_id = "base"
     message.points = [MultiDOFJointTrajectoryPoint(transforms=[at_zero])]
+    if lasting:
+        away = Transform(translation=Vector3(x=1.0, z=DISTANCE))
+        end = MultiDOFJointTrajectoryPoint(transforms=[away])
+        end.time_from_start.nanosec = round(lasting * 1e9)
+        message.points.append(end)
     return message
+
+
+def _diagnostics(began: int) -> bytes:
+    status = DiagnosticStatus(values=[KeyValue(key=BEGAN, value=str(began))])
+    return bytes(serialize_message(DiagnosticArray(status=[status])))

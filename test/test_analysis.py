@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from synthetic_runs import URDF, write_run
+from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.labels import labels
@@ -258,6 +258,15 @@ def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic: 
 
 def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic: Recording) -> None:
     assert dynamic.measured.orientation_error.tolist() == pytest.approx([0.0, 0.3, 0.5, 0.2])
+
+
+def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None:
+    began = 5 * PERIOD_NS
+    run = Recording.load(write_run(tmp_path / "run", [0.0] * 30, lasting=0.1, began=began))
+    for index, along in ((4, 0.0), (5, 0.0), (10, 0.5), (15, 1.0), (29, 1.0)):
+        frame = run.measured.desired[index]
+        assert frame is not None
+        assert frame.p_d == pytest.approx([1.0, 0.0, along * DISTANCE], abs=1e-12)
 
 
 @pytest.mark.parametrize(("published", "known"), [(True, 4), (False, 1)])

@@ -119,7 +119,8 @@ ORIENTATION_ERROR = Quantity(
     "Orientation error",
     "orientation error [deg]",
     "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
-    "quaternion in (27), whatever representation the controller uses.",
+    "quaternion in (27), whatever representation the controller uses. In kinematic control that of "
+    "the command, joint_reference; of the arm itself see Servo and the table.",
     "deg",
     1e-6,
     _orientation_error,
@@ -149,7 +150,8 @@ LYAPUNOV = Quantity(
     "V",
     "V_1 of (30) in kinematic control, V_2 of (42) in dynamic control, with the sign that the "
     "controller gave the mutual quaternion; of Euler parameters only. By (31), (43) it never "
-    "increases, but for what sampling, noise and limits do.",
+    "increases from an error on; what sampling, noise and limits leave of one while moving comes "
+    "on top.",
     "",
     1e-16,
     _lyapunov,

@@ -21,6 +21,7 @@ from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.bags.reader import Bag, DecodedMessage
 from eulerparams_control.errors import BagError, InvalidMessageError, SingularityError
 from eulerparams_control.messages import (
+    BEGAN,
     CommandReader,
     JointStateReader,
     motion_from_ros,
@@ -83,7 +84,8 @@ class Recording:
         commands = list(topics.messages("joint_reference"))
         efforts = list(topics.messages("joint_effort"))
         start = ns_from_ros(states[0].message.header.stamp)
-        desired = _Desired(references, commands or efforts or states, robot)
+        starts = _starts(references, list(topics.messages("diagnostics")))
+        desired = _Desired(references, commands or efforts or states, robot, starts)
         measured = _series(robot, states, start, desired)
         command = _series(robot, commands, start, desired) if commands else None
         effort = _efforts(robot, efforts, start) if efforts else None
@@ -150,6 +152,7 @@ _TYPES = {
     "joint_reference": "sensor_msgs/msg/JointState",
     "joint_effort": "sensor_msgs/msg/JointState",
     "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
 
@@ -173,35 +176,60 @@ class _Topics:
 class _Desired:
     """The desired frame at the stamps of a recording, from the references in it.
 
-    A reference counts from the first tick that was sent after it.
+    A reference counts from when the controller said that it began, else from the first tick
+    that was sent after it.
+
+    Args:
+        references, ticks: messages.
+        robot: the arm.
+        starts: [ns] by number of the reference.
     """
 
     def __init__(
-        self, references: list[DecodedMessage], ticks: list[DecodedMessage], robot: Robot
+        self,
+        references: list[DecodedMessage],
+        ticks: list[DecodedMessage],
+        robot: Robot,
+        starts: dict[int, int],
     ) -> None:
         self._frames: dict[int, DesiredFrame] = {}
         pending = list(references)
         motion: DesiredMotion | None = None
         for stamp, sent in _instants(ticks):
             while pending and _sent(pending[0]) <= sent:
-                motion = self._follow(motion, pending.pop(0).message, robot)
+                began = starts.get(len(references) - len(pending))
+                motion = self._follow(motion, pending.pop(0).message, robot, began)
             if motion is not None:
                 with contextlib.suppress(SingularityError):  # the controller held still then
                     self._frames[stamp] = motion.sample(stamp)
 
     def _follow(
-        self, motion: DesiredMotion | None, message: Any, robot: Robot
+        self, motion: DesiredMotion | None, message: Any, robot: Robot, began: int | None
     ) -> DesiredMotion | None:
         try:
             new, start = motion_from_ros(message, robot.base_frame, robot.tip_frame, _LASTING)
         except InvalidMessageError:
             return motion  # the controller refused it too
         motion = motion or DesiredMotion(new.frames[0])
-        motion.follow(new, start)
+        motion.follow(new, start if began is None else began)
         return motion
 
     def at(self, stamp: int) -> DesiredFrame | None:
         return self._frames.get(stamp)
+
+
+def _starts(
+    references: list[DecodedMessage], diagnostics: list[DecodedMessage]
+) -> dict[int, int]:
+    """Return when references began [ns], by their number, as far as a controller said it."""
+    starts: dict[int, int] = {}
+    for message in diagnostics:
+        before = sum(_sent(reference) <= _sent(message) for reference in references)
+        for status in message.message.status:
+            for value in status.values:
+                if value.key == BEGAN and before and int(value.value) not in starts.values():
+                    starts[before - 1] = int(value.value)
+    return starts
 
 
 def _sent(message: DecodedMessage) -> int:

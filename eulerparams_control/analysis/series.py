@@ -1,7 +1,7 @@
 """Motion and efforts of an arm over time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class Series:
     t: Array
     q: Array
     dq: Array
-    desired: Sequence[DesiredFrame | None]
+    desired: Sequence[DesiredFrame | None] = field(repr=False)
 
     @cached_property
     def _kinematics(self) -> _Kinematics:

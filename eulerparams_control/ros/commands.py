@@ -48,6 +48,15 @@ class CommandPublisher:
         self._fill(stamp, command)
         self._publisher.publish(self._message)
 
+    @property
+    def topic(self) -> str:
+        """The topic."""
+        return str(self._publisher.topic_name)
+
+    def count_subscribers(self) -> int:
+        """Return how many listen."""
+        return int(self._publisher.get_subscription_count())
+
     def destroy(self) -> None:
         """Take the publisher off the graph."""
         self._node.destroy_publisher(self._publisher)

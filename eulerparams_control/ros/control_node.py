@@ -7,6 +7,7 @@ default starts itself as soon as it has a robot description and a state.
 
 import time
 from abc import abstractmethod
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from eulerparams_control.controller import Controller
 from eulerparams_control.errors import ConfigurationError, EulerParamsError, InvalidMessageError
 from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.limits import JointLimits
-from eulerparams_control.messages import JointStateReader, motion_from_ros
+from eulerparams_control.messages import BEGAN, JointStateReader, motion_from_ros
 from eulerparams_control.orientation import SEPARATE
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
@@ -63,10 +64,12 @@ class ControlNode(LifecycleNode):
         self._received = 0.0  # when the last valid joint_states came, steady clock [s]
         self._commanded = False
         self._said = ("", "")
+        self._began: int | None = None
         self._health.check = self._check_age
         self.add_on_set_parameters_callback(self._keep_sim_time)
         self._reference: Subscription | None = None
         self._autostart = self._params.autostart
+        self._health.set(diagnostics.OK, "waiting for a robot description")
         self._survive_wrong_transitions()
         self._subscribe()
         self._try_start()
@@ -134,11 +137,19 @@ class ControlNode(LifecycleNode):
             if self._controller is not None and self._robot is not None:
                 self.change_scheme(self._controller.scheme, new, self._limits(new, self._robot))
                 self._controller.law_changed()
+                self._say_changed(old, new)
             elif self._robot is not None:
                 self.make_scheme(self._robot, None)  # refuses now what activation would refuse
         except ConfigurationError:
             self._params = old
             raise
+
+    def _say_changed(self, old: Any, new: Any) -> None:
+        """Log what was changed while running."""
+        changed = [name for name, value in asdict(new).items() if value != getattr(old, name)]
+        text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
+        self.get_logger().info(f"changed: {text}")
+        self._said = ("", "")  # the state names the orientation
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -301,6 +312,8 @@ class ControlNode(LifecycleNode):
             self._stamp = msg.header.stamp
             self._commands.publish(self._stamp, command)
             self._report(t)
+        if self._controller.began != self._began:
+            self._say_began(self._controller.began)
         if self._said != (self._controller.doing, self._controller.fault):
             self._say()
 
@@ -358,6 +371,13 @@ class ControlNode(LifecycleNode):
             self._lyapunov_publisher.publish(lyapunov_to_ros(*lyapunov))
         self._report_health(controller)
 
+    def _say_began(self, began: int | None) -> None:
+        """Report when a trajectory began: who analyses a recording cannot know it else."""
+        self._began = began
+        if began is not None:
+            self._health.values[BEGAN] = began
+            self._health.publish()
+
     def _say(self) -> None:
         """Report what the controller does, or why it holds still."""
         if self._controller is None:
@@ -375,6 +395,10 @@ class ControlNode(LifecycleNode):
         """Report that joint_states has stopped; without it nothing is commanded."""
         if self._controller is None or not self._received:
             return
+        if self._commands.count_subscribers() == 0:
+            self._health.complain(
+                f"nobody listens to {self._commands.topic}: does the robot take another command?"
+            )
         timeout = max(self._params.state_timeout, 0.5)
         if time.monotonic() - self._received > timeout:
             self._said = ("", "")  # what it does is said again when they are back

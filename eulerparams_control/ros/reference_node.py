@@ -180,6 +180,12 @@ class ReferenceNode(Node):
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
         enough = self._publisher.get_subscription_count() >= self._params.wait_for_subscribers
+        if self._pending and self._robot is not None and not enough:
+            self._health.complain(
+                f"waiting for {self._params.wait_for_subscribers} subscribers of reference, "
+                f"{self._publisher.get_subscription_count()} are there",
+                about="subscribers",
+            )
         if not self._pending or self._robot is None or not enough:
             return
         if self._way_points is not None:

@@ -13,6 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError
 
@@ -50,6 +51,14 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
         text = str(error).partition(", at /")[0]
         print(f"error: {text}; in the folder {Path.cwd()}", file=sys.stderr, flush=True)
+        return 1
+    if unknown := remove_ros_args(args)[1 if args is None else 0 :]:
+        print(
+            f"error: unknown argument '{unknown[0]}'; parameters are given as --ros-args -p "
+            "NAME:=VALUE or --ros-args --params-file FILE, see config/ and the README",
+            file=sys.stderr,
+            flush=True,
+        )
         return 1
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
