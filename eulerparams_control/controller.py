@@ -96,11 +96,15 @@ class Controller:
     def stop(self) -> JointCommand:
         """Return the command that holds still, and hold until the next reference."""
         command = self.scheme.hold(self._dt, self._q, self._dq)
+        self.halt()
+        return command
+
+    def halt(self) -> None:
+        """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
             self._stopped, self._asked = True, self._t or 0
             self._motion.hold(self.scheme.start_frame())
             self._tick_last = None
-        return command
 
     def last_command(self) -> JointCommand:
         """Return the command after which none will follow."""
@@ -171,7 +175,7 @@ class Controller:
             if np.array_equal(q, self._q) and np.array_equal(dq, self._dq):
                 return self._command
             self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
-            self.stop()
+            self.halt()
             return None  # there is no time to control by: the robot has to brake itself
         self._dt = self._elapsed(t, q)
         self._t, self._q, self._dq = t, q, dq

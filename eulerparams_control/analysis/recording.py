@@ -6,6 +6,7 @@
 Needs no ROS.
 """
 
+import bisect
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -222,12 +223,12 @@ def _starts(
     references: list[DecodedMessage], diagnostics: list[DecodedMessage]
 ) -> dict[int, int]:
     """Return when references began [ns], by their number, as far as a controller said it."""
-    starts: dict[int, int] = {}
+    sent, starts = sorted(map(_sent, references)), dict[int, int]()
     for message in diagnostics:
-        before = sum(_sent(reference) <= _sent(message) for reference in references)
-        for status in message.message.status:
-            for value in status.values:
-                if value.key == BEGAN and before and int(value.value) not in starts.values():
+        for value in (value for status in message.message.status for value in status.values):
+            if value.key == BEGAN and int(value.value) not in starts.values():
+                before = bisect.bisect_right(sent, _sent(message))
+                if before:
                     starts[before - 1] = int(value.value)
     return starts
 

@@ -263,7 +263,7 @@ class ControlNode(LifecycleNode):
         """Stop the arm, and return whether it stands, or nothing is heard of it."""
         if self._controller is None or not self._is_fresh():
             return True
-        self._controller.stop()
+        self._controller.halt()
         return self._controller.is_at_rest
 
     def close(self) -> None:

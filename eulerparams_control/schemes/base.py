@@ -1,10 +1,12 @@
 """What a control scheme is to the controller that runs it."""
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import Robot, RobotState
@@ -43,6 +45,13 @@ class Tick(NamedTuple):
     dp_de: Array
     x_de: Any
     saturated: bool
+
+
+def check_gains(law: object, *names: str) -> None:
+    """Raise ConfigurationError unless these gains of a law are finite and 0 or more."""
+    for name in names:
+        if not 0 <= getattr(law, name) < math.inf:
+            raise ConfigurationError(f"{name} is {getattr(law, name)}; expected >= 0")
 
 
 class Scheme(ABC):

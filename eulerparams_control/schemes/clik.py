@@ -4,7 +4,6 @@ Notation: ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of
 representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +16,7 @@ from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick, check_gains
 from eulerparams_control.schemes.blend import Blend
 
 FEEDBACKS = ("internal", "measured")
@@ -44,9 +43,7 @@ class ClikLaw:
     k_posture: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("k_Pp", "k_Po", "k_posture"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+        check_gains(self, "k_Pp", "k_Po", "k_posture")
 
     def velocity(self, state: RobotState, desired: DesiredFrame, previous: Any) -> tuple[Any, ...]:
         """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.

@@ -24,7 +24,7 @@ from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.robot import DynamicState, Robot, RobotState
 from eulerparams_control.rotations import Array, angle_between
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick, check_gains
 from eulerparams_control.schemes.blend import Blend
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
@@ -51,9 +51,7 @@ class ResolvedAcceleration:
     k_Vo: float = 40.0
 
     def __post_init__(self) -> None:
-        for name in ("k_Pp", "k_Vp", "k_Po", "k_Vo"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+        check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
 
     def acceleration(
         self, arm: RobotState, desired: DesiredFrame, previous: Any
@@ -103,9 +101,7 @@ class InverseDynamics:
     k_null: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in ("k_posture", "k_null"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
+        check_gains(self, "k_posture", "k_null")
 
     def acceleration(self, state: DynamicState, a: Array) -> Array:
         """Return ddq (n,) = J^-1 (a - dJ dq), eq. (33), refs. [16], [17].
