@@ -94,6 +94,9 @@ class BridgeParameters:
     lockstep_timeout: float = parameter(
         10.0, "without a command the run ends after", unit="s", bounds=(0.1, 3600.0)
     )
+    wait_for_subscribers: int = parameter(
+        0, "of joint_states, before the first step in lock-step", bounds=(0, 100)
+    )
 
     def simulator(self) -> SimulatorParameters:
         """Return what concerns the simulator."""
@@ -114,7 +117,7 @@ class BridgeNode(Node):
         self._reset()
         self._reader = CommandReader(self._robot.joints, p.control)
         self._delayed: deque[Callable[[], None]] = deque()
-        self._answered = False
+        self._heard = self._answered = False
         self._last_command = time.monotonic()
         self._braked = True
         self._state: SimulatorState = self._simulator.read()
@@ -172,6 +175,8 @@ class BridgeNode(Node):
     def _watch_lockstep(self) -> None:
         """Repeat the first state until it is answered; give up on a silent controller."""
         if not self._answered:
+            there = self._state_publisher.get_subscription_count()
+            self._heard = there >= self._params.wait_for_subscribers
             self._publish_state()
             return
         silence = time.monotonic() - self._last_command
@@ -236,10 +241,8 @@ class BridgeNode(Node):
 
     def _on_command(self, msg: JointState) -> None:
         lockstep = self._params.mode == "lockstep"
-        if lockstep and ns_from_ros(msg.header.stamp) != ns_from_ros(
-            self._joint_states.header.stamp
-        ):
-            return  # an answer to a repeated state
+        if lockstep and not self._is_answer(msg):
+            return
         try:
             command = self._command(msg)
         except InvalidMessageError as error:
@@ -250,6 +253,11 @@ class BridgeNode(Node):
         if lockstep:
             self._answered = True
             self._advance()
+
+    def _is_answer(self, msg: JointState) -> bool:
+        """Whether a command answers the present state, which all subscribers have got."""
+        stamp = self._joint_states.header.stamp
+        return self._heard and ns_from_ros(msg.header.stamp) == ns_from_ros(stamp)
 
     def _command(self, msg: JointState) -> Callable[[], None]:
         """Return what the command does to the simulator."""

@@ -1096,6 +1096,26 @@ def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_r
     assert "Traceback" not in process.log
 
 
+def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(graph: Graph) -> None:
+    """Who records must not miss the beginning because it was discovered late."""
+    peer = graph.peer
+    lockstep = {"mode": "lockstep", "duration": 0.05}
+    bridge = graph.start("pybullet_bridge", {**lockstep, "wait_for_subscribers": 2})
+    clik = graph.start("clik", {**FRAMES, "wait_for_subscribers": 2})
+    graph.until_said(clik, "waiting for 2 subscribers of /joint_reference, 1 are there")
+    assert "simulated" not in bridge.log
+    commands = peer.listen(JointState, "joint_reference")
+    graph.until(lambda: len(commands) >= 3, "the command, again and again")
+    assert {ns_from_ros(command.header.stamp) for command in commands} == {0}
+    assert "simulated" not in bridge.log
+    states = peer.listen(JointState, "joint_states")
+    graph.until(lambda: bridge.exit_code is not None, "the end")
+    stamps = [round(step * 1e6) for step in range(51)]
+    graph.until(lambda: ns_from_ros(states[-1].header.stamp) == stamps[-1], "the last state")
+    assert sorted({ns_from_ros(state.header.stamp) for state in states}) == stamps
+    assert sorted({ns_from_ros(command.header.stamp) for command in commands}) == stamps
+
+
 def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(graph: Graph) -> None:
     peer = graph.peer
     states = peer.listen(JointState, "joint_states")

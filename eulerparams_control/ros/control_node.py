@@ -212,7 +212,7 @@ class ControlNode(LifecycleNode):
         self._reference = self._listen(
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
         )
-        self._received, self._commanded = 0.0, False
+        self._received, self._commanded, self._heard = 0.0, False, False
         self._say()
         return TransitionCallbackReturn.SUCCESS
 
@@ -299,7 +299,7 @@ class ControlNode(LifecycleNode):
             return
         if self._controller is None:
             self._try_start()
-        if self._controller is None:
+        if self._controller is None or not self._is_heard():
             return
         try:
             command = self._controller.step(t, q, dq)
@@ -316,6 +316,19 @@ class ControlNode(LifecycleNode):
             self._say_began(self._controller.began)
         if self._said != (self._controller.doing, self._controller.fault):
             self._say()
+
+    def _is_heard(self) -> bool:
+        """Whether as many listen to the commands as have to, or had when they began."""
+        wanted = self._params.wait_for_subscribers
+        if not self._heard:
+            there = self._commands.count_subscribers()
+            self._heard = there >= wanted
+            if not self._heard:
+                self._health.complain(
+                    f"waiting for {wanted} subscribers of {self._commands.topic}, {there} are there",
+                    about="subscribers",
+                )
+        return self._heard
 
     def _on_reference(self, msg: MultiDOFJointTrajectory) -> None:
         if self._controller is None or self._robot is None:

@@ -86,6 +86,9 @@ class ControlParameters:
         0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
     )
     require_reference: bool = parameter(False, "be silent until the first reference")
+    wait_for_subscribers: int = parameter(
+        0, "of the command, before the first state is answered", bounds=(0, 100)
+    )
     state_rate: float = parameter(
         50.0, "rate of ~/pose, ~/error and ~/lyapunov at most", unit="Hz", bounds=(0.0, 10000.0)
     )
