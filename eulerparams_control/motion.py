@@ -34,6 +34,23 @@ _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
 
 
+class Placement(NamedTuple):
+    """Where a frame is, seen from another that carries it.
+
+    Attributes:
+        R: (3, 3) its orientation.
+        p: (3,) [m] its origin.
+    """
+
+    R: Array
+    p: Array
+
+    @property
+    def inverse(self) -> "Placement":
+        """Where the other is, seen from this one."""
+        return Placement(self.R.T, -self.R.T @ self.p)
+
+
 class DesiredFrame(NamedTuple):
     """The desired frame at one instant, base frame.
 
@@ -50,6 +67,19 @@ class DesiredFrame(NamedTuple):
     omega_d: Array = _ZERO
     ddp_d: Array = _ZERO
     domega_d: Array = _ZERO
+
+    def carrying(self, point: Placement) -> "DesiredFrame":
+        """Return the frame that this one carries rigidly at ``point``, with its motion."""
+        r = self.R_d @ point.p
+        turning = cross(self.omega_d, r)
+        return DesiredFrame(
+            self.p_d + r,
+            self.R_d @ point.R,
+            self.dp_d + turning,
+            self.omega_d,
+            self.ddp_d + cross(self.domega_d, r) + cross(self.omega_d, turning),
+            self.domega_d,
+        )
 
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""

@@ -14,6 +14,7 @@ import pinocchio as pin
 from eulerparams_control.errors import RobotError, UnknownNameError
 from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
+from eulerparams_control.motion import Placement
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import UrdfTree, joint_friction, joint_limits
 
@@ -109,7 +110,7 @@ class Robot:
         gravity: Sequence[float] = (0.0, 0.0, -9.81),
         tool: Tool | None = None,
     ) -> None:
-        tree = UrdfTree(urdf)
+        tree = self._tree = UrdfTree(urdf)
         self.base_frame = _frame(tree, base_frame or tree.root, "base_frame")
         self.tip_frame = _frame(tree, tip_frame, "tip_frame")
         self.joints = _active_joints(tree, self.base_frame, self.tip_frame, joints)
@@ -143,6 +144,32 @@ class Robot:
         self._R_base, self._p_base = self._base_placement()
         self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity (3,) [m/s^2] in the base frame."""
+        return np.array(self._R_base.T @ self._model.gravity.linear)
+
+    def placement(self, frame: str) -> Placement:
+        """Return where a link that is fixed to the tip is, seen from the tip.
+
+        Raises:
+            RobotError: if there is no such link, or a joint can move between it and the tip.
+        """
+        _frame(self._tree, frame, "frame")
+        between = set(self._tree.chain(self._tree.root, frame)) ^ set(
+            self._tree.chain(self._tree.root, self.tip_frame)
+        )
+        moving = sorted(j for j in between if self._tree.joints[j].get("type") != "fixed")
+        if moving:
+            raise RobotError(
+                f"the frame '{frame}' is not fixed to the tip '{self.tip_frame}': "
+                f"{', '.join(moving)} can move between them"
+            )
+        tip = self._model.frames[self._tip].placement
+        there = self._model.frames[self._model.getFrameId(frame)].placement
+        relative = tip.actInv(there)
+        return Placement(relative.rotation.copy(), relative.translation.copy())
 
     def state(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).

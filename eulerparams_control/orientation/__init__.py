@@ -8,6 +8,7 @@ from eulerparams_control.orientation import (
     rotation_vector,
 )
 from eulerparams_control.orientation.base import (
+    CompliantRotation,
     Lyapunov,
     OrientationOptions,
     OrientationRepresentation,
@@ -23,6 +24,7 @@ __all__ = [
     "SEPARATE",
     "SEQUENCES",
     "SIGNS",
+    "CompliantRotation",
     "EulerSequence",
     "Lyapunov",
     "OrientationOptions",

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.orientation.base import OrientationRepresentation
-from eulerparams_control.rotations import Array, S, angle_between, mutual_R
+from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
+from eulerparams_control.rotations import Array, EulerParameters, S, angle_between, mutual_R
 
 
 class AngleAxisDisplacement(NamedTuple):
@@ -29,7 +29,7 @@ class AngleAxisDisplacement(NamedTuple):
         return self.o_de
 
 
-class AngleAxisRepresentation(OrientationRepresentation):
+class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is sin(theta) r: zero at 180 deg too; L is singular at 90 deg."""
 
     name = "angle_axis"
@@ -74,6 +74,20 @@ class AngleAxisRepresentation(OrientationRepresentation):
         return _solve(
             L, L.T @ domega_d + dL.T @ omega_d - dL @ omega_e + k_Vo * do_de + k_Po * o_de
         )
+
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return Omega' K_o o with o = 2 eta eps, do = Omega x (refs. [9], [10]).
+
+        Omega = eta^2 I - eps eps' - eta S(eps): that of f = sin(theta), without its 0 / 0.
+        """
+        eta, eps = Q_cd
+        Omega = eta**2 * np.eye(3) - np.outer(eps, eps) - eta * S(eps)
+        mu_E: Array = Omega.T @ (K_o @ (2 * eta * eps))
+        return mu_E
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return o' K_o o / 2 with o = 2 eta eps."""
+        return 2 * Q_cd.eta**2 * float(Q_cd.eps @ K_o @ Q_cd.eps)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""

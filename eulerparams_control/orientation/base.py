@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.impedance import Impedance
 from eulerparams_control.orientation.sequences import EulerSequence
 from eulerparams_control.orientation.sign import SignRule
 from eulerparams_control.rotations import Array
@@ -38,6 +39,19 @@ class Lyapunov(NamedTuple):
     dV: float
 
 
+class CompliantRotation(NamedTuple):
+    """The rotational motion of the compliant frame, base frame.
+
+    Attributes:
+        R_c: (3, 3).
+        omega_c, domega_c: (3,) [rad/s], [rad/s^2].
+    """
+
+    R_c: Array
+    omega_c: Array
+    domega_c: Array
+
+
 @dataclass(frozen=True)
 class OrientationOptions:
     """What a user can choose about a representation; each takes what concerns it.
@@ -59,7 +73,8 @@ class OrientationRepresentation(ABC):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls.registry[cls.name] = cls
+        if "name" in cls.__dict__:  # else it is a base of some
+            cls.registry[cls.name] = cls
 
     def __init__(self, options: OrientationOptions | None = None) -> None:
         self.options = options or OrientationOptions()
@@ -131,6 +146,83 @@ class OrientationRepresentation(ABC):
             x_de: from :meth:`displacement`.
             omega_de: omega_d - omega_e (3,) [rad/s], base frame.
             k_Po, k_Vo: gains of :meth:`resolved_acceleration`.
+        """
+        return None
+
+    def impedance(self, Z: Impedance) -> Impedance:
+        """Return the rotational impedance in the coordinates of this representation.
+
+        Args:
+            Z: M_o, D_o, K_o for small turns of the compliant frame about the desired axes.
+
+        Raises:
+            ConfigurationError: if it has none in them.
+        """
+        return Z
+
+    @abstractmethod
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return the state y of the rotational impedance for two frames.
+
+        It is relative to the desired frame: the displacement and its rate.
+
+        Args:
+            R_d, R_c: (3, 3) desired and compliant orientation, base frame.
+            omega_d, omega_c: (3,) [rad/s] their angular velocities, base frame.
+
+        Raises:
+            SingularityError: if the representation has no finite rate there.
+        """
+
+    @abstractmethod
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return what the rotational impedance is driven by, interpolated between samples.
+
+        Args:
+            R_d: (3, 3) desired orientation, base frame.
+            mu: (3,) [Nm] contact moment on the end effector, base frame.
+            previous: what was returned for the sample before, or None.
+        """
+
+    @abstractmethod
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy of the rotational impedance, eqs. (55), (59).
+
+        Args:
+            y: state, from :meth:`compliance_begin`.
+            u: from :meth:`compliance_input`.
+            Z: from :meth:`impedance`.
+        """
+
+    def compliance_normalised(self, y: Array) -> Array:
+        """Return the state after a step of integration, freed of its rounding."""
+        return y
+
+    @abstractmethod
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return the compliant rotation in the base frame: the inverse of the beginning.
+
+        Args:
+            y, dy: state and its rate.
+            u: from :meth:`compliance_input`.
+            R_d: (3, 3), omega_d, domega_d: (3,) the desired frame now, base frame.
+
+        Raises:
+            SingularityError: if the representation has no finite answer there.
+        """
+
+    def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
+        """Return V_3 of the impedance, eqs. (68), (69); None: there is none for it.
+
+        Args:
+            R_cd: (3, 3) R_d' R_c.
+            x: (3,) [rad/s] R_d' (omega_c - omega_d).
+            Z: M_o, D_o, K_o.
+            mu_d: (3,) [Nm] contact moment in the desired frame; its power is in dV_3.
         """
         return None
 

@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
-from eulerparams_control.orientation.base import OrientationRepresentation
+import numpy as np
+
+from eulerparams_control.impedance import Impedance
+from eulerparams_control.orientation.base import CompliantRotation, OrientationRepresentation
 from eulerparams_control.orientation.sequences import wrap
 from eulerparams_control.rotations import Array
 
@@ -69,13 +72,54 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         sequence = self.options.sequence
         dphi_d = sequence.rates(x_de.phi_d, omega_d)  # eq. (3)
         dphi_e = sequence.rates(x_de.phi_e, omega_e)
-        # ddphi_d = T^-1 (domega_d - dT dphi_d), the derivative of (3)
-        ddphi_d = sequence.rates(x_de.phi_d, domega_d - sequence.dT(x_de.phi_d, dphi_d) @ dphi_d)
+        ddphi_d = self._accelerations(x_de.phi_d, dphi_d, domega_d)
         return (
             sequence.T(x_de.phi_e)
             @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
             + sequence.dT(x_de.phi_e, dphi_e) @ dphi_e
         )
+
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return y (6,) = (Delta phi_cd, Delta dphi_cd), phi_c - phi_d and its rate."""
+        sequence = self.options.sequence
+        phi_d, phi_c = sequence.extract(R_d), sequence.extract(R_c)
+        dphi_cd = sequence.rates(phi_c, omega_c) - sequence.rates(phi_d, omega_d)
+        return np.concatenate((wrap(phi_c - phi_d), dphi_cd))
+
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return (phi_d, mu) (6,), phi_d without jumps by a turn."""
+        phi_d = self.options.sequence.extract(R_d, None if previous is None else previous[:3])
+        if previous is not None:
+            phi_d = previous[:3] + wrap(phi_d - previous[:3])
+        return np.concatenate((phi_d, mu))
+
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy of M_o Delta ddphi_cd + D_o Delta dphi_cd + K_o Delta phi_cd = T' mu, eq. (55).
+
+        T is that of phi_c = phi_d + Delta phi_cd.
+        """
+        phi_cd, dphi_cd = y[:3], y[3:]
+        T = self.options.sequence.T(u[:3] + phi_cd)
+        ddphi_cd = Z.M_inverse @ (T.T @ u[3:] - Z.D @ dphi_cd - Z.K @ phi_cd)
+        return np.concatenate((dphi_cd, ddphi_cd))
+
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return R(phi_c), T(phi_c) dphi_c and T(phi_c) ddphi_c + dT(phi_c) dphi_c, eq. (3)."""
+        sequence, phi_d = self.options.sequence, u[:3]
+        dphi_d = sequence.rates(phi_d, omega_d)
+        phi_c, dphi_c = phi_d + y[:3], dphi_d + y[3:]
+        ddphi_c = self._accelerations(phi_d, dphi_d, domega_d) + dy[3:]
+        T, dT = sequence.T(phi_c), sequence.dT(phi_c, dphi_c)
+        return CompliantRotation(sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
+
+    def _accelerations(self, phi: Array, dphi: Array, domega: Array) -> Array:
+        """Return ddphi = T^-1 (domega - dT dphi) (3,) [rad/s^2], the derivative of (3)."""
+        sequence = self.options.sequence
+        return sequence.rates(phi, domega - sequence.dT(phi, dphi) @ dphi)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the smaller distance [rad] of the two frames to the pole of the sequence."""

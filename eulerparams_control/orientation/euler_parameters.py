@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from eulerparams_control.orientation.base import Lyapunov, OrientationRepresentation
-from eulerparams_control.rotations import Array, EulerParameters
+from eulerparams_control.orientation.base import Lyapunov
+from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
+from eulerparams_control.rotations import Array, EulerParameters, cross
 
 
 class QuaternionDisplacement(NamedTuple):
@@ -24,7 +25,7 @@ class QuaternionDisplacement(NamedTuple):
         return self.eps_de
 
 
-class EulerParametersRepresentation(OrientationRepresentation):
+class EulerParametersRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is eps_de; no orientation is singular."""
 
     name = "euler_parameters"
@@ -68,6 +69,15 @@ class EulerParametersRepresentation(OrientationRepresentation):
         """
         omega_2 = float(omega_de @ omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
+
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
+        K_eps = K_o @ Q_cd.eps
+        return 2 * (Q_cd.eta * K_eps + cross(Q_cd.eps, K_eps))
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return 2 eps' K_o eps, of eq. (68)."""
+        return 2 * float(Q_cd.eps @ K_o @ Q_cd.eps)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return inf: there is no singularity."""

@@ -2,7 +2,11 @@
 
 from typing import NamedTuple
 
-from eulerparams_control.orientation.base import OrientationRepresentation
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.impedance import Impedance
+from eulerparams_control.orientation.base import CompliantRotation, OrientationRepresentation
 from eulerparams_control.rotations import Array, cross
 
 
@@ -66,6 +70,58 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
             sequence.dT(x_de.phi_de, dphi_de) @ dphi_de
         )
         return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ x_de.phi_de)
+
+    def impedance(self, Z: Impedance) -> Impedance:
+        """Return T(0)' Z T(0): T(0) is I for XYZ only, else the stiffness would be turned.
+
+        Raises:
+            ConfigurationError: for sequences whose first and last axis are the same.
+        """
+        sequence = self.options.sequence
+        if sequence.is_proper:
+            raise ConfigurationError(
+                f"relative_euler_angles of the sequence {sequence.name} are singular where the "
+                "frames are aligned: they have no impedance; choose XYZ or another sequence of "
+                "three axes"
+            )
+        return Z.transformed(sequence.T(np.zeros(3)))
+
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return y (6,) = (phi_cd, dphi_cd) of R_d' R_c."""
+        sequence = self.options.sequence
+        phi_cd = sequence.extract(R_d.T @ R_c)
+        dphi_cd = sequence.rates(phi_cd, R_d.T @ (omega_c - omega_d))
+        return np.concatenate((phi_cd, dphi_cd))
+
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return mu^d = R_d' mu (3,)."""
+        return R_d.T @ mu
+
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
+        phi_cd, dphi_cd = y[:3], y[3:]
+        T = self.options.sequence.T(phi_cd)
+        ddphi_cd = Z.M_inverse @ (T.T @ u - Z.D @ dphi_cd - Z.K @ phi_cd)
+        return np.concatenate((dphi_cd, ddphi_cd))
+
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
+
+        x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
+        """
+        sequence, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
+        T = sequence.T(phi_cd)
+        dx = T @ dy[3:] + sequence.dT(phi_cd, dphi_cd) @ dphi_cd
+        omega_c = omega_d + R_d @ (T @ dphi_cd)
+        return CompliantRotation(
+            R_d @ sequence.R(phi_cd),
+            omega_c,
+            domega_d + R_d @ dx + cross(omega_d, omega_c),
+        )
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the distance [rad] of the mutual rotation to the pole of the sequence."""

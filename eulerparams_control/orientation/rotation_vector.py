@@ -3,11 +3,14 @@
 import math
 from typing import NamedTuple
 
-from eulerparams_control.orientation.base import OrientationRepresentation
+import numpy as np
+
+from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
 from eulerparams_control.rotations import (
     Array,
     EulerParameters,
     angle_between,
+    right_jacobian,
     rotation_vector,
 )
 
@@ -29,7 +32,7 @@ class RotationVectorDisplacement(NamedTuple):
         return self.rho_de
 
 
-class RotationVectorRepresentation(OrientationRepresentation):
+class RotationVectorRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is theta r; its law jumps where the sign of the quaternion flips."""
 
     name = "rotation_vector"
@@ -59,6 +62,21 @@ class RotationVectorRepresentation(OrientationRepresentation):
         """Return domega_d + k_Vo Delta omega_de + k_Po theta r: eq. (40) with theta r for eps."""
         return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.rho_de
 
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
+        o = rotation_vector(_short(Q_cd))
+        return np.linalg.solve(right_jacobian(-o).T, K_o @ o)
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return o' K_o o / 2 with o = theta r."""
+        o = rotation_vector(_short(Q_cd))
+        return float(o @ K_o @ o) / 2
+
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""
         return math.pi - angle_between(R_e, R_d)
+
+
+def _short(Q: EulerParameters) -> EulerParameters:
+    """Return the one of +-Q that turns by pi at most."""
+    return -Q if Q.eta < 0 else Q

@@ -324,8 +324,9 @@ class ControlNode(LifecycleNode):
             there = self._commands.count_subscribers()
             self._heard = there >= wanted
             if not self._heard:
+                topic = self._commands.topic
                 self._health.complain(
-                    f"waiting for {wanted} subscribers of {self._commands.topic}, {there} are there",
+                    f"waiting for {wanted} subscribers of {topic}, {there} are there",
                     about="subscribers",
                 )
         return self._heard

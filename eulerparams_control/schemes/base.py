@@ -20,11 +20,13 @@ class JointCommand(NamedTuple):
         q: (n,) positions [rad or m].
         dq: (n,) velocities [rad/s or m/s].
         effort: (n,) efforts [Nm or N].
+        frame: compliant frame of the tip.
     """
 
     q: Array | None = None
     dq: Array | None = None
     effort: Array | None = None
+    frame: DesiredFrame | None = None
 
 
 class Tick(NamedTuple):
@@ -37,6 +39,7 @@ class Tick(NamedTuple):
         dp_de: (3,) [m] position error, eq. (21).
         x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
+        wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
     """
 
     command: JointCommand
@@ -45,6 +48,7 @@ class Tick(NamedTuple):
     dp_de: Array
     x_de: Any
     saturated: bool
+    wrench: Array | None = None
 
 
 def check_gains(law: object, *names: str) -> None:

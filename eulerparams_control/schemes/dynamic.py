@@ -116,8 +116,12 @@ class InverseDynamics:
             ddq_0 += self.k_posture * (self.posture - q)
         return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
 
-    def effort(self, state: DynamicState, ddq: Array) -> Array:
-        """Return tau (n,) = B ddq + C dq + d + g, eq. (33), of the terms compensated here."""
+    def effort(self, state: DynamicState, ddq: Array, h: Array | None = None) -> Array:
+        """Return tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48).
+
+        Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
+        on the environment, base frame, None is nothing.
+        """
         tau: Array = state.B @ ddq
         if self.coriolis:
             tau += state.C_dq
@@ -125,6 +129,8 @@ class InverseDynamics:
             tau += self.friction.effort(state.arm.dq)
         if self.gravity:
             tau += state.g
+        if h is not None:
+            tau += state.arm.J.T @ h  # eq. (48)
         return tau
 
 
@@ -151,6 +157,28 @@ class EffortLimits:
         for name in ("rate", "error_position", "error_rotation"):
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
+
+    def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
+        """Raise FollowingError if the tip is too far from the desired frame."""
+        if self.joints is None:
+            return
+        dp_de = desired.p_d - arm.p_e
+        distance = math.sqrt(dp_de @ dp_de)
+        if distance > self.error_position:
+            raise FollowingError(
+                f"the tip is {distance:.3f} m from the desired frame; at most "
+                f"{self.error_position} m is allowed: is the arm braked or blocked? then send "
+                "the reference again, else raise max_error_position"
+            )
+        if self.error_rotation < math.pi:
+            angle = angle_between(desired.R_d, arm.R_e)
+            if angle > self.error_rotation:
+                raise FollowingError(
+                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+                    f"at most {math.degrees(self.error_rotation):.1f} deg is allowed: is the arm "
+                    "blocked, or the orientation singular? then send the reference again, else "
+                    "raise max_error_rotation"
+                )
 
 
 class DynamicControl(Scheme):
@@ -252,17 +280,33 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        self._q, self._held = q, None
-        state = self.robot.dynamic_state(q, dq)
+        return self.tick_at(dt, self.robot.dynamic_state(q, dq), desired)
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return the efforts for this instant, also against a contact, eq. (48).
+
+        Args:
+            dt: [s] after the tick before.
+            state: of the arm.
+            desired: the desired frame.
+            h: (6,) [N, Nm] what the end effector exerts on the environment; None is nothing.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+            FollowingError: if the tip is too far from the desired frame.
+        """
+        self._q, self._held = state.arm.q, None
         a, dp_de, x_de = self.law.acceleration(state.arm, desired, self._x_de)
-        self._refuse_error(desired, state.arm, dp_de)
+        self.limits.refuse_error(desired, state.arm)
         if not math.isfinite(a @ a):
             raise SingularityError("the law asks for an infinite acceleration of the tip")
         ddq = self.dynamics.acceleration(state, a)
         ddq = ddq + self._blend.offset(dt, ddq)
         if not math.isfinite(ddq @ ddq):
             raise SingularityError("the law asks for an infinite joint acceleration")
-        tau, self._saturated = self._command(state, ddq, dt, self.dynamics)
+        tau, self._saturated = self._command(state, ddq, dt, self.dynamics, h)
         self._x_de = x_de
         return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, self._saturated)
 
@@ -272,7 +316,12 @@ class DynamicControl(Scheme):
         return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
 
     def _command(
-        self, state: DynamicState, ddq: Array, dt: float, dynamics: InverseDynamics
+        self,
+        state: DynamicState,
+        ddq: Array,
+        dt: float,
+        dynamics: InverseDynamics,
+        h: Array | None = None,
     ) -> tuple[Array, bool]:
         """Return the efforts for ddq (n,) within the limits, and whether one changed them.
 
@@ -282,7 +331,7 @@ class DynamicControl(Scheme):
         joints, slowed, cut, ramped = self.limits.joints, False, False, False
         if joints is not None:
             ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt)
-        tau = dynamics.effort(state, ddq)
+        tau = dynamics.effort(state, ddq, h)
         if not np.isfinite(tau).all():
             raise SingularityError("the joints are measured at a state of infinite efforts")
         if joints is not None:
@@ -299,27 +348,6 @@ class DynamicControl(Scheme):
         if (np.abs(change) <= step).all():
             return tau, False
         return self._tau + np.minimum(np.maximum(change, -step), step), True
-
-    def _refuse_error(self, desired: DesiredFrame, arm: RobotState, dp_de: Array) -> None:
-        limits = self.limits
-        if limits.joints is None:
-            return
-        distance = math.sqrt(dp_de @ dp_de)
-        if distance > limits.error_position:
-            raise FollowingError(
-                f"the tip is {distance:.3f} m from the desired frame; at most "
-                f"{limits.error_position} m is allowed: is the arm braked or blocked? then send "
-                "the reference again, else raise max_error_position"
-            )
-        if limits.error_rotation < math.pi:
-            angle = angle_between(desired.R_d, arm.R_e)
-            if angle > limits.error_rotation:
-                raise FollowingError(
-                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
-                    f"at most {math.degrees(limits.error_rotation):.1f} deg is allowed: is the arm "
-                    "blocked, or the orientation singular? then send the reference again, else "
-                    "raise max_error_rotation"
-                )
 
 
 def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:

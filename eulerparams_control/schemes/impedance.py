@@ -1,0 +1,272 @@
+"""Impedance control with an inner motion loop, section V, Fig. 3.
+
+The contact wrench moves a compliant frame away from the desired one by the impedance equations
+(52), (55), (59); the motion loop (49), (50), (51) follows it on inverse dynamics with the wrench
+compensated, eq. (48).
+
+Notation: ``h`` (6,) [N, Nm] wrench of the end effector on the environment: minus the contact
+wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about the tip.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from eulerparams_control.compliance import ComplianceLaw, CompliantFrame
+from eulerparams_control.motion import DesiredFrame, Placement
+from eulerparams_control.orientation import Lyapunov
+from eulerparams_control.robot import DynamicState, Robot, RobotState
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.dynamic import (
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
+
+# Time [s] in which a wrench that comes back, or goes, counts again, or no more.
+_TRUST_TIME = 0.1
+
+_AT_TIP = Placement(np.eye(3), np.zeros(3))
+
+
+class MotionLoop(Protocol):
+    """What follows the compliant frame: :class:`DynamicControl`, or a robot of its own."""
+
+    robot: Robot
+
+    def reset(self, q: Array) -> None:
+        """See Scheme."""
+
+    def resume(self, q: Array) -> None:
+        """See Scheme."""
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """See Scheme."""
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """See Scheme."""
+
+    def start_frame(self) -> DesiredFrame:
+        """See Scheme."""
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """See DynamicControl."""
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """See DynamicControl."""
+
+
+class NoMotionLoop:
+    """Commands nothing: the compliant frame goes to a controller of positions (admittance).
+
+    Args:
+        robot: the arm.
+        limits: the errors at which the motion is stopped.
+    """
+
+    def __init__(self, robot: Robot, limits: EffortLimits) -> None:
+        self.robot, self._limits = robot, limits
+        self.reset(np.zeros(robot.n))
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,)."""
+        self._q = q.copy()
+
+    resume = reset
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return no command."""
+        self._q = q
+        return JointCommand()
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return no command."""
+        return JointCommand()
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the measured q."""
+        arm = self.robot.state(self._q, np.zeros_like(self._q))
+        return DesiredFrame(arm.p_e, arm.R_e)
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return no command; raises FollowingError if the arm does not follow."""
+        self._q = state.arm.q
+        self._limits.refuse_error(desired, state.arm)
+        return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """Take over the limits."""
+        self._limits = limits
+
+
+@dataclass(frozen=True)
+class ImpedanceLaw:
+    """All that the impedance is made of.
+
+    Attributes:
+        compliance: the equations of the compliant frame.
+        wrench: how the contact is made of what the sensor says.
+        centre: frame of the compliance seen from the tip.
+        inner_loop: whether the motion loop follows the compliant frame; else the impedance
+            acts on the measured frame itself, without rejecting disturbances.
+    """
+
+    compliance: ComplianceLaw
+    wrench: WrenchOptions = field(default_factory=WrenchOptions)
+    centre: Placement = _AT_TIP
+    inner_loop: bool = True
+
+
+class ImpedanceControl(Scheme):
+    """Impedance control of one arm.
+
+    Before each tick :meth:`sense` says what the force/torque sensor measures.  While nothing is
+    measured the compliant frame stands still, and the motion loop holds it.
+
+    Args:
+        motion: follows the compliant frame.
+        law: the impedance.
+    """
+
+    name = "impedance_control"
+
+    def __init__(self, motion: MotionLoop, law: ImpedanceLaw) -> None:
+        self.motion, self.law = motion, law
+        self.robot = motion.robot
+        self.chain = WrenchChain(law.wrench)
+        self._compliant = CompliantFrame(law.compliance)
+        self._sensed: SensedWrench | None = None
+        self._acceleration: Array | None = None  # of the tip, as it was commanded
+        self._x_de: Any = None
+        self.reset(np.zeros(self.robot.n))
+
+    def sense(self, wrench: SensedWrench | None) -> None:
+        """Take what the sensor measures for the ticks that follow; None: it is not known."""
+        self._sensed = wrench
+
+    def replace_law(
+        self,
+        law: ImpedanceLaw,
+        motion: ResolvedAcceleration,
+        dynamics: InverseDynamics,
+        limits: EffortLimits,
+    ) -> None:
+        """Go over to another law, without a jump of the compliant frame or of the command.
+
+        Raises:
+            ConfigurationError: if the posture or the friction has the wrong size.
+        """
+        self.motion.replace_law(motion, dynamics, limits)
+        if law.compliance.orientation != self.law.compliance.orientation:
+            self._x_de = None  # means nothing to another representation
+        self._compliant.replace_law(law.compliance)
+        self.chain.replace_options(law.wrench)
+        self.law = law
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,), the compliant frame where the tip is then."""
+        self.motion.reset(q)
+        self._forget()
+
+    def resume(self, q: Array) -> None:
+        """Begin at the measured q (n,), with the efforts as they are."""
+        self.motion.resume(q)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._compliant.reset()
+        self.chain.reset()
+        self._trust, self._w = 1.0, np.zeros(6)
+        self._acceleration, self._x_de = None, None
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return what holds the joints where they were when this began."""
+        self._forget()
+        command = self.motion.hold(dt, q, dq)
+        return command._replace(frame=self.frame_at(q))
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the command of the motion loop that may stay for good."""
+        return self.motion.last_command(q, dq)._replace(frame=self.frame_at(q))
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the measured q."""
+        return self.motion.start_frame()
+
+    def felt(self, q: Array, dq: Array, sensed: SensedWrench) -> Array:
+        """Return what the sensor feels besides the tool, (6,) in the tip frame, not tared."""
+        return self.chain.felt(sensed, self.robot.state(q, dq), None)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the efforts and the compliant frame for this instant.
+
+        Raises:
+            SingularityError: if a law has no finite answer.
+            FollowingError: if the tip is too far from the compliant frame.
+        """
+        state = self.robot.dynamic_state(q, dq)
+        arm, centre = state.arm, self.law.centre
+        self._feel(arm, dt)
+        compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
+        tick = self.motion.tick_at(dt, state, compliant, -self._w)  # h of eq. (48)
+        self._acceleration = np.concatenate((compliant.ddp_d, compliant.domega_d))
+        self._x_de = self.law.compliance.orientation.displacement(
+            desired.R_d, arm.R_e, self._x_de
+        )
+        return Tick(
+            tick.command._replace(frame=compliant),
+            arm,
+            desired,
+            desired.p_d - arm.p_e,
+            self._x_de,
+            tick.saturated,
+            self._w,
+        )
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
+        if tick.command.frame is None or tick.wrench is None:
+            return None
+        law, centre = self.law.compliance, self.law.centre
+        desired, compliant = tick.desired.carrying(centre), tick.command.frame.carrying(centre)
+        mu = at_point(tick.wrench, tick.state.R_e @ centre.p)[3:]
+        return law.orientation.lyapunov_3(
+            desired.R_d.T @ compliant.R_d,
+            desired.R_d.T @ (compliant.omega_d - desired.omega_d),
+            law.rotation,
+            desired.R_d.T @ mu,
+        )
+
+    def _feel(self, arm: RobotState, dt: float) -> None:
+        """Take the contact wrench for this tick; what is not known any more fades away."""
+        if self._sensed is None:
+            self._trust *= math.exp(-dt / _TRUST_TIME)
+            self._w = self._w * math.exp(-dt / _TRUST_TIME)
+            self.chain.reset()
+            return
+        self._trust += (1 - self._trust) * -math.expm1(-dt / _TRUST_TIME)
+        w = self.chain.contact(self._sensed, arm, self._acceleration, dt)
+        self._w = self._trust * w
+
+    def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
+        """Return the compliant frame of the centre of compliance."""
+        actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
+        if self._sensed is None:
+            return self._compliant.freeze(actual)
+        w = at_point(self._w, actual.p_d - arm.p_e)
+        if self._compliant.now is None or not self.law.inner_loop:
+            self._compliant.begin(desired, actual)
+            return self._compliant.step(0.0, desired, w)
+        return self._compliant.step(dt, desired, w)
