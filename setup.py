@@ -9,7 +9,9 @@ PACKAGE = "eulerparams_control"
 EXECUTABLES = {
     "clik": "eulerparams_control.ros.clik_node",
     "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
+    "impedance_control": "eulerparams_control.ros.impedance_control_node",
     "reference": "eulerparams_control.ros.reference_node",
+    "identify_tool": "eulerparams_control.ros.identify_tool_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "bag_recorder": "eulerparams_control.bags.recorder",
     "experiment": "eulerparams_control.experiments.main",

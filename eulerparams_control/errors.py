@@ -56,6 +56,10 @@ class SimulationError(EulerParamsError):
     """The simulator was asked for something impossible, or lost its controller."""
 
 
+class IdentificationError(EulerParamsError):
+    """The poses taken do not tell what the tool is."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the nearest known name, or ``""``."""
     by_lower = {entry.lower(): entry for entry in known}

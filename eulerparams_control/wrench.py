@@ -113,6 +113,11 @@ class WrenchChain:
         w_t = self._filtered(w_t, dt)
         return np.concatenate((arm.R_e @ w_t[:3], arm.R_e @ w_t[3:]))
 
+    @property
+    def tared(self) -> Array:
+        """What is taken for no contact (6,) _t."""
+        return self._tare
+
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
         self._tare = felt.copy()

@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
-    *("clik", "dynamic_control", "reference", "pybullet_bridge"),
+    *("clik", "dynamic_control", "impedance_control", "reference"),
+    *("pybullet_bridge", "identify_tool"),
     *("analyze", "bag_recorder", "experiment"),
 }
 PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")

@@ -1,20 +1,39 @@
 """The joint command as a message: the types that ros2_control's controllers take."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
-from eulerparams_control.ros.conversions import duration_to_ros
+from eulerparams_control.motion import Trajectory
+from eulerparams_control.ros.conversions import duration_to_ros, motion_to_ros
+from eulerparams_control.ros.qos import QOS_STREAM
 from eulerparams_control.schemes.base import JointCommand
 
 # How far ahead [s] the point of a joint_trajectory is.
 HORIZON = 0.02
+
+
+class Commands(Protocol):
+    """What publishes the commands of a scheme."""
+
+    @property
+    def topic(self) -> str:
+        """The topic of the commands."""
+
+    def publish(self, stamp: Time, command: JointCommand) -> None:
+        """Publish a command under the stamp of the joint_states that it answers."""
+
+    def count_subscribers(self) -> int:
+        """Return how many listen to the commands."""
+
+    def destroy(self) -> None:
+        """Take the publishers off the graph."""
 
 
 class CommandPublisher:
@@ -89,3 +108,48 @@ class CommandPublisher:
         values = command.effort if command.effort is not None else command.q
         if values is not None:
             self._message.data = values.tolist()
+
+
+class ComplianceCommands:
+    """Publishes the compliant frame, then the efforts that follow it.
+
+    Args:
+        node: the node that publishes.
+        base_frame, tip_frame: that the compliant frame is stated with.
+        efforts: publisher of the efforts; None: the compliant frame is the command.
+    """
+
+    def __init__(
+        self, node: Node, base_frame: str, tip_frame: str, efforts: CommandPublisher | None
+    ) -> None:
+        self._node, self._efforts = node, efforts
+        self._frames = base_frame, tip_frame
+        self._publisher = node.create_publisher(
+            MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
+        )
+
+    def publish(self, stamp: Time, command: JointCommand) -> None:
+        """Publish both under the stamp of the joint_states that they answer."""
+        if command.frame is not None:
+            msg = motion_to_ros(Trajectory([0.0], [command.frame]), *self._frames)
+            msg.header.stamp = stamp
+            self._publisher.publish(msg)
+        if self._efforts is not None:
+            self._efforts.publish(stamp, command)
+
+    @property
+    def topic(self) -> str:
+        """The topic of the efforts, or of the compliant frame."""
+        return self._efforts.topic if self._efforts else str(self._publisher.topic_name)
+
+    def count_subscribers(self) -> int:
+        """Return how many listen to it."""
+        if self._efforts is not None:
+            return self._efforts.count_subscribers()
+        return int(self._publisher.get_subscription_count())
+
+    def destroy(self) -> None:
+        """Take the publishers off the graph."""
+        self._node.destroy_publisher(self._publisher)
+        if self._efforts is not None:
+            self._efforts.destroy()

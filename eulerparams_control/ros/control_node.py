@@ -11,6 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
@@ -30,13 +31,13 @@ from eulerparams_control.messages import BEGAN, JointStateReader, motion_from_ro
 from eulerparams_control.orientation import SEPARATE
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.commands import CommandPublisher
-from eulerparams_control.ros.control_parameters import ControlParameters
+from eulerparams_control.ros.commands import Commands
+from eulerparams_control.ros.control_parameters import LATEST, ControlParameters
 from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.base import Scheme
+from eulerparams_control.schemes.base import Scheme, Tick
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
@@ -64,6 +65,9 @@ class ControlNode(LifecycleNode):
         self._received = 0.0  # when the last valid joint_states came, steady clock [s]
         self._commanded = False
         self._said = ("", "")
+        self._note = ""
+        self._unanswered: Time | None = None
+        self._reference_stamp: int | None = None
         self._began: int | None = None
         self._health.check = self._check_age
         self.add_on_set_parameters_callback(self._keep_sim_time)
@@ -88,8 +92,27 @@ class ControlNode(LifecycleNode):
         """Change a running scheme to new parameters; raises ConfigurationError."""
 
     @abstractmethod
-    def make_commands(self, joints: tuple[str, ...]) -> CommandPublisher:
+    def make_commands(self, joints: tuple[str, ...]) -> Commands:
         """Return the publisher of the scheme's commands."""
+
+    def is_complete(self, t: int) -> bool:
+        """Whether all that belongs to the state stamped t [ns] has come."""
+        return self._params.reference_pairing == LATEST or self._reference_stamp == t
+
+    def observe(self, t: int, q: Array, dq: Array) -> None:
+        """Take what else was measured for the state q, dq (n,), before it is answered."""
+
+    def refusal(self) -> str:
+        """Return why the arm must not be controlled yet; "" if it may."""
+        return ""
+
+    def values_of(self, tick: Tick) -> dict[str, str | int | float]:
+        """Return what /diagnostics shows of a tick, besides what it shows of all."""
+        return {}
+
+    def note(self, text: str) -> None:
+        """Show a warning with the state from now on; "" takes it back."""
+        self._note, self._said = text, ("", "")
 
     # --- set-up ------------------------------------------------------------------------
 
@@ -202,6 +225,8 @@ class ControlNode(LifecycleNode):
             )
             return TransitionCallbackReturn.FAILURE
         try:
+            if reason := self.refusal():
+                raise ConfigurationError(reason)
             scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
         except EulerParamsError as error:
             self._health.set(diagnostics.ERROR, f"not activated: {error}")
@@ -277,7 +302,10 @@ class ControlNode(LifecycleNode):
         if self._robot is None and self._description:
             self.trigger_configure()
         if self._robot is not None and self._measured is not None:
-            self.trigger_activate()
+            if reason := self.refusal():
+                self._health.set(diagnostics.WARN, f"not activated yet: {reason}")
+            else:
+                self.trigger_activate()
 
     # --- messages ----------------------------------------------------------------------
 
@@ -293,10 +321,24 @@ class ControlNode(LifecycleNode):
         if self._robot is None:
             return
         try:
-            self._measured = t, q, dq = self._reader.from_ros(msg)
+            self._measured = self._reader.from_ros(msg)
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
+        if self._unanswered is not None:
+            self._health.count("states dropped, waiting for what belongs to them")
+        self._unanswered = msg.header.stamp
+        self._answer()
+
+    def _answer(self) -> None:
+        """Answer the last state, once all that belongs to it is there."""
+        if self._unanswered is None or self._measured is None:
+            return
+        t, q, dq = self._measured
+        if not self.is_complete(t):
+            return
+        stamp, self._unanswered = self._unanswered, None
+        self.observe(t, q, dq)
         if self._controller is None:
             self._try_start()
         if self._controller is None or not self._is_heard():
@@ -309,7 +351,7 @@ class ControlNode(LifecycleNode):
         self._received = time.monotonic()
         if command is not None:
             self._commanded = True
-            self._stamp = msg.header.stamp
+            self._stamp = stamp
             self._commands.publish(self._stamp, command)
             self._report(t)
         if self._controller.began != self._began:
@@ -346,6 +388,9 @@ class ControlNode(LifecycleNode):
             self._say()
         except InvalidMessageError as error:
             self._reject("reference", error)
+            return
+        self._reference_stamp = start
+        self._answer()
 
     def _refuse_two_publishers(self) -> None:
         topic = self._reference.topic_name if self._reference else "reference"  # remapped
@@ -358,7 +403,7 @@ class ControlNode(LifecycleNode):
                 f"two publishers on 'reference': {', '.join(sorted(names))}; expected one"
             )
 
-    def _reject(self, topic: str, error: InvalidMessageError) -> None:
+    def _reject(self, topic: str, error: EulerParamsError) -> None:
         self._health.count(f"{topic} rejected")
         self._health.complain(f"{topic} rejected: {error}", error=True, about=topic)
 
@@ -400,10 +445,12 @@ class ControlNode(LifecycleNode):
         if fault:
             self._health.set(diagnostics.ERROR, f"holding still: {fault}")
         else:
-            level = (
-                diagnostics.WARN if self._controller.resets and "jump" in doing else diagnostics.OK
+            warns = self._note or (self._controller.resets and "jump" in doing)
+            text = f"active with {self._params.orientation}: {doing}"
+            self._health.set(
+                diagnostics.WARN if warns else diagnostics.OK,
+                f"{text}; {self._note}" if self._note else text,
             )
-            self._health.set(level, f"active with {self._params.orientation}: {doing}")
 
     def _check_age(self) -> None:
         """Report that joint_states has stopped; without it nothing is commanded."""
@@ -443,6 +490,7 @@ class ControlNode(LifecycleNode):
                 "saturated ticks": controller.saturated,
                 "restarts after a gap of joint_states": controller.resets,
             }
+            | self.values_of(tick)
         )
 
 

@@ -22,6 +22,10 @@ from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.parameters import parameter
 from eulerparams_control.rotations import Array
 
+LATEST = "latest"
+PAIRINGS = (LATEST, "stamp")
+"""Which message belongs to a state: the newest, or the one of the same stamp."""
+
 
 @dataclass(frozen=True)
 class ControlParameters:
@@ -84,6 +88,11 @@ class ControlParameters:
     )
     max_jump_rotation: float = parameter(
         0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
+    )
+    reference_pairing: str = parameter(
+        LATEST,
+        "what a state is answered with: the reference there is, or the one of its stamp",
+        choices=PAIRINGS,
     )
     require_reference: bool = parameter(False, "be silent until the first reference")
     wait_for_subscribers: int = parameter(

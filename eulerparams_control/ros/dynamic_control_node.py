@@ -80,6 +80,18 @@ class DynamicParameters(ControlParameters):
         live=True,
     )
 
+    def robot(self, urdf: str) -> Robot:
+        """Return the robot of a URDF with its tool.
+
+        Raises:
+            ConfigurationError: if the numbers of the tool or of gravity are impossible.
+            RobotError: if the URDF lacks a frame or a joint.
+        """
+        require_size("gravity", self.gravity, 3)
+        return Robot(
+            urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool()
+        )
+
     def law(self) -> ResolvedAcceleration:
         """Return the law with these parameters."""
         return ResolvedAcceleration(
@@ -114,8 +126,8 @@ class DynamicParameters(ControlParameters):
         Raises:
             ConfigurationError: if its numbers are impossible.
         """
-        _require_size("tool_com", self.tool_com, 3)
-        _require_size("tool_inertia", self.tool_inertia, 6)
+        require_size("tool_com", self.tool_com, 3)
+        require_size("tool_inertia", self.tool_inertia, 6)
         xx, xy, xz, yy, yz, zz = self.tool_inertia
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         moments = np.linalg.eigvalsh(inertia)
@@ -131,7 +143,8 @@ class DynamicParameters(ControlParameters):
         return Tool(self.tool_mass, np.array(self.tool_com), inertia)
 
 
-def _require_size(name: str, values: tuple[float, ...], size: int) -> None:
+def require_size(name: str, values: tuple[float, ...], size: int) -> None:
+    """Raise ConfigurationError unless there are ``size`` values."""
     if len(values) != size:
         raise ConfigurationError(f"{name} has {len(values)} values; expected {size}")
 
@@ -159,9 +172,8 @@ class DynamicControlNode(ControlNode):
 
     def make_robot(self, urdf: str) -> Robot:
         """Return the robot with its tool."""
-        p = self._params
-        _require_size("gravity", p.gravity, 3)
-        return Robot(urdf, p.base_frame, p.tip_frame, p.joints, p.gravity, p.tool())
+        robot: Robot = self._params.robot(urdf)
+        return robot
 
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:
         """Return dynamic control for a robot."""

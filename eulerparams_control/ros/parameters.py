@@ -52,7 +52,10 @@ def parameter(
 
 
 def declare[P](
-    node: Node, parameters: type[P], on_change: Callable[[P, P], None] | None = None
+    node: Node,
+    parameters: type[P],
+    on_change: Callable[[P, P], None] | None = None,
+    prefixes: tuple[str, ...] = (),
 ) -> P:
     """Declare the fields of ``parameters`` on ``node`` and return them filled.
 
@@ -62,13 +65,14 @@ def declare[P](
         on_change: called with (old, new) when a parameter is set while running; what
             it raises as ConfigurationError refuses the change.  Without it no
             parameter can be changed.
+        prefixes: of names that the node declares and checks itself, ``"environment."`` say.
 
     Raises:
         UnknownNameError: if an override names no parameter of the node.
         ConfigurationError: if a value has the wrong type, size, or is out of bounds.
     """
     fields = {field.name: field for field in dataclasses.fields(parameters)}  # type: ignore[arg-type]
-    _refuse_unknown(node._parameter_overrides, fields)
+    _refuse_unknown(node._parameter_overrides, fields, prefixes)
     hints = typing.get_type_hints(parameters)
     values = {}
     for name, field in fields.items():
@@ -79,11 +83,13 @@ def declare[P](
     return filled
 
 
-def _refuse_unknown(overrides: typing.Iterable[str], fields: dict[str, Any]) -> None:
+def _refuse_unknown(
+    overrides: typing.Iterable[str], fields: dict[str, Any], prefixes: tuple[str, ...]
+) -> None:
     for name in overrides:
-        if name in fields or name in _RCLPY_NAMES or name.startswith(_RCLPY_PREFIXES):
+        if name in fields or name in _RCLPY_NAMES or name.startswith(_RCLPY_PREFIXES + prefixes):
             continue
-        raise UnknownNameError("parameter", name, fields)
+        raise UnknownNameError("parameter", name, [*fields, *prefixes])
 
 
 def _declare_one(node: Node, name: str, field: Any, hint: Any) -> Any:

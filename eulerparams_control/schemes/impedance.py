@@ -138,14 +138,17 @@ class ImpedanceControl(Scheme):
     Args:
         motion: follows the compliant frame.
         law: the impedance.
+        chain: of the wrench, with its tare; None is a new one.
     """
 
     name = "impedance_control"
 
-    def __init__(self, motion: MotionLoop, law: ImpedanceLaw) -> None:
+    def __init__(
+        self, motion: MotionLoop, law: ImpedanceLaw, chain: WrenchChain | None = None
+    ) -> None:
         self.motion, self.law = motion, law
         self.robot = motion.robot
-        self.chain = WrenchChain(law.wrench)
+        self.chain = chain or WrenchChain(law.wrench)
         self._compliant = CompliantFrame(law.compliance)
         self._sensed: SensedWrench | None = None
         self._acceleration: Array | None = None  # of the tip, as it was commanded
@@ -204,10 +207,6 @@ class ImpedanceControl(Scheme):
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the measured q."""
         return self.motion.start_frame()
-
-    def felt(self, q: Array, dq: Array, sensed: SensedWrench) -> Array:
-        """Return what the sensor feels besides the tool, (6,) in the tip frame, not tared."""
-        return self.chain.felt(sensed, self.robot.state(q, dq), None)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the efforts and the compliant frame for this instant.
