@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from geometry_msgs.msg import WrenchStamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -22,11 +23,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from eulerparams_control.catalogue import load_robot
-from eulerparams_control.experiments.definition import CONTROLLERS
+from eulerparams_control.experiments.controllers import CONTROLLERS
 from eulerparams_control.experiments.processes import Nodes
 
 MESSAGES, WARM_UP, PERIOD = 4000, 1000, 1e-3
-CONTESTANTS = {"echo": "joint_reference"} | CONTROLLERS
+NODES = {name: c.command for name, c in CONTROLLERS.items() if c.executables == (name,)}
+CONTESTANTS = {"echo": "joint_reference"} | NODES
 """The nodes, and the topic on which each answers."""
 
 
@@ -55,6 +57,8 @@ class Driver(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._publishers_of, self._sent, self.times = {}, {}, {name: [] for name in CONTESTANTS}
         self._descriptions = []
+        self._wrench_message = WrenchStamped()
+        self._wrench_message.header.frame_id = robot.sensor_frame
         self._message = JointState(name=list(robot.joints), position=list(robot.home))
         self._message.velocity = [0.0] * len(robot.joints)
         for name, topic in CONTESTANTS.items():
@@ -64,6 +68,8 @@ class Driver(Node):
             self._publishers_of[name] = self.create_publisher(
                 JointState, f"{name}/joint_states", 10
             )
+            if name == "impedance_control":
+                self._wrench = self.create_publisher(WrenchStamped, f"{name}/wrench", 10)
             self.create_subscription(
                 JointState, f"{name}/{topic}", lambda msg, n=name: self._answer(n, msg), 10
             )
@@ -73,6 +79,9 @@ class Driver(Node):
         self._message.header.stamp.sec = number // 1000
         self._message.header.stamp.nanosec = number % 1000 * 1_000_000
         self._sent[name, number] = time.perf_counter()
+        if name == "impedance_control":
+            self._wrench_message.header.stamp = self._message.header.stamp
+            self._wrench.publish(self._wrench_message)
         self._publishers_of[name].publish(self._message)
 
     def _answer(self, name, msg):
@@ -103,7 +112,7 @@ def run() -> list[tuple[str, str, str]]:
         remap = ["--ros-args", "-r", "__ns:=/echo"]
         echo = subprocess.Popen([sys.executable, __file__, "--echo", *remap])
         parameters = {"tip_frame": "tool0", "state_rate": 0.0, "state_timeout": 10.0}
-        for name in CONTROLLERS:
+        for name in NODES:
             nodes.start(name, parameters, namespace=f"/{name}")
         rclpy.init()
         driver = Driver(load_robot("ur5"))
@@ -127,7 +136,7 @@ def run() -> list[tuple[str, str, str]]:
     return [
         (f"node {name}, {label} ({p[name]:.0f} us)", f"bare rclpy echo ({p['echo']:.0f} us)",
          f"{p[name] / p['echo']:.2f}")
-        for name in CONTROLLERS
+        for name in NODES
         for label, p in (("round trip p50", p50), ("round trip p99", p99))
     ]  # fmt: skip
 

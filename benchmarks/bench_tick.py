@@ -5,7 +5,9 @@ import pinocchio as pin
 from timing import side_by_side
 
 from eulerparams_control.catalogue import load_robot
+from eulerparams_control.compliance import ComplianceLaw
 from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.impedance import Impedance
 from eulerparams_control.motion import Circle, SetPoint
 from eulerparams_control.orientation import ORIENTATIONS, representation
 from eulerparams_control.robot import Robot
@@ -16,6 +18,8 @@ from eulerparams_control.schemes.dynamic import (
     InverseDynamics,
     ResolvedAcceleration,
 )
+from eulerparams_control.schemes.impedance import ImpedanceControl, ImpedanceLaw
+from eulerparams_control.wrench import SensedWrench
 
 
 def clik(robot: Robot, orientation: str) -> Clik:
@@ -28,6 +32,16 @@ def dynamic_control(robot: Robot, orientation: str) -> DynamicControl:
     law = ResolvedAcceleration(representation(orientation))
     dynamics = InverseDynamics(friction=robot.friction)
     return DynamicControl(robot, law, dynamics, EffortLimits(robot.limits, 2000.0, 0.1, 0.5))
+
+
+def impedance_control(robot: Robot, orientation: str, sensor_frame: str) -> ImpedanceControl:
+    """Return impedance control that feels a wrench."""
+    translation = Impedance(10 * np.eye(3), 300 * np.eye(3), 1000 * np.eye(3))
+    rotation = Impedance(np.eye(3), 20 * np.eye(3), 50 * np.eye(3))
+    compliance = ComplianceLaw(representation(orientation), translation, rotation)
+    scheme = ImpedanceControl(dynamic_control(robot, orientation), ImpedanceLaw(compliance))
+    scheme.sense(SensedWrench(np.ones(6), robot.placement(sensor_frame)))
+    return scheme
 
 
 def tick_call(robot: Robot, q: np.ndarray, scheme, moving: bool = False):
@@ -109,6 +123,8 @@ def run() -> list[tuple[str, str, str]]:
     calls["bare"] = bare_call(ur5.urdf, ur5.tip_frame, q)
     for name in ORIENTATIONS:
         calls[f"dynamic {name}"] = tick_call(robot, q, dynamic_control(robot, name))
+        scheme = impedance_control(robot, name, ur5.sensor_frame)
+        calls[f"impedance {name}"] = tick_call(robot, q, scheme)
     calls["bare dynamics"] = bare_dynamics_call(ur5.urdf, ur5.tip_frame, q)
     pink = pink_call(ur5.urdf, ur5.tip_frame, q)
     if pink:
@@ -120,6 +136,10 @@ def run() -> list[tuple[str, str, str]]:
     terms = "Pinocchio calls for (33) and one 6x6 solve"
     pairs += [
         (f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics")
+        for name in ORIENTATIONS
+    ]
+    pairs += [
+        (f"impedance tick, {name}", f"impedance {name}", terms, "bare dynamics")
         for name in ORIENTATIONS
     ]
     if pink:

@@ -48,7 +48,13 @@ class Placement(NamedTuple):
     @property
     def inverse(self) -> "Placement":
         """Where the other is, seen from this one."""
+        if self is AT_ORIGIN:
+            return self
         return Placement(self.R.T, -self.R.T @ self.p)
+
+
+AT_ORIGIN = Placement(np.eye(3), np.zeros(3))
+"""The placement of a frame in itself."""
 
 
 class DesiredFrame(NamedTuple):
@@ -70,6 +76,8 @@ class DesiredFrame(NamedTuple):
 
     def carrying(self, point: Placement) -> "DesiredFrame":
         """Return the frame that this one carries rigidly at ``point``, with its motion."""
+        if point is AT_ORIGIN:
+            return self
         r = self.R_d @ point.p
         turning = cross(self.omega_d, r)
         return DesiredFrame(

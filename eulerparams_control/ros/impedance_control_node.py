@@ -17,7 +17,7 @@ from eulerparams_control.errors import ConfigurationError, InvalidMessageError, 
 from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.messages import ns_from_ros, wrench_from_ros
-from eulerparams_control.motion import Placement
+from eulerparams_control.motion import AT_ORIGIN, Placement
 from eulerparams_control.robot import Robot, Tool
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
@@ -168,6 +168,8 @@ class ImpedanceParameters(DynamicParameters):
     def centre(self, robot: Robot) -> Placement:
         """Return the centre of compliance seen from the tip; raises ConfigurationError."""
         require_size("compliance_offset", self.compliance_offset, 3)
+        if self.compliance_frame in ("", robot.tip_frame) and not any(self.compliance_offset):
+            return AT_ORIGIN
         try:
             link = robot.placement(self.compliance_frame or robot.tip_frame)
         except RobotError as error:

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from eulerparams_control.compliance import ComplianceLaw, CompliantFrame
-from eulerparams_control.motion import DesiredFrame, Placement
+from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import DynamicState, Robot, RobotState
 from eulerparams_control.rotations import Array
@@ -29,8 +29,6 @@ from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions,
 
 # Time [s] in which a wrench that comes back, or goes, counts again, or no more.
 _TRUST_TIME = 0.1
-
-_AT_TIP = Placement(np.eye(3), np.zeros(3))
 
 
 class MotionLoop(Protocol):
@@ -125,7 +123,7 @@ class ImpedanceLaw:
 
     compliance: ComplianceLaw
     wrench: WrenchOptions = field(default_factory=WrenchOptions)
-    centre: Placement = _AT_TIP
+    centre: Placement = AT_ORIGIN
     inner_loop: bool = True
 
 
