@@ -213,8 +213,9 @@ class ImpedanceControlNode(ControlNode):
     parameters_type = ImpedanceParameters
 
     def __init__(self) -> None:
-        self._sensed: SensedWrench | None = None
+        self._sensed: SensedWrench | None = None  # the last valid one
         self._sensed_at = (0, 0.0)  # stamp [ns], time of receipt on the steady clock [s]
+        self._fresh: SensedWrench | None = None  # the same, while it is not too old
         self._placements: dict[str, Placement] = {}
         self._was_fresh = True
         super().__init__("impedance_control")
@@ -244,7 +245,9 @@ class ImpedanceControlNode(ControlNode):
         else:
             motion = DynamicControl(robot, p.law(), p.dynamics(robot), bounds)
         self._chain.replace_options(law.wrench)
-        return ImpedanceControl(motion, law, self._chain)
+        scheme = ImpedanceControl(motion, law, self._chain)
+        scheme.sense(self._fresh)
+        return scheme
 
     def change_scheme(
         self, scheme: Scheme, parameters: Any, limits: JointLimits | None
@@ -271,7 +274,7 @@ class ImpedanceControlNode(ControlNode):
         self._chain = WrenchChain(WrenchOptions())
         self._felt.clear()
         self._placements.clear()
-        self._sensed = None
+        self._sensed = self._fresh = None
         return super().on_configure(state)
 
     # --- the wrench --------------------------------------------------------------------
@@ -311,16 +314,16 @@ class ImpedanceControlNode(ControlNode):
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
         fresh = self._age(t) <= self._params.wrench_timeout
-        sensed = self._sensed if fresh else None
+        self._fresh = self._sensed if fresh else None
         if self._controller is not None:
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
-            scheme.sense(sensed)
+            scheme.sense(self._fresh)
             self._report_wrench(fresh)
-        if sensed is None or (np.abs(dq) > _AT_REST).any() or self._robot is None:
+        if self._fresh is None or (np.abs(dq) > _AT_REST).any() or self._robot is None:
             self._felt.clear()
             return
-        self._felt.append(self._chain.felt(sensed, self._robot.state(q, dq), None))
+        self._felt.append(self._chain.felt(self._fresh, self._robot.state(q, dq), None))
 
     def _report_wrench(self, fresh: bool) -> None:
         if fresh != self._was_fresh:
