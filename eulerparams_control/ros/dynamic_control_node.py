@@ -126,21 +126,32 @@ class DynamicParameters(ControlParameters):
         Raises:
             ConfigurationError: if its numbers are impossible.
         """
-        require_size("tool_com", self.tool_com, 3)
-        require_size("tool_inertia", self.tool_inertia, 6)
-        xx, xy, xz, yy, yz, zz = self.tool_inertia
+        return self.body("tool")
+
+    def body(self, name: str) -> Tool | None:
+        """Return the body of the parameters NAME_mass, NAME_com, NAME_inertia; None if massless.
+
+        Raises:
+            ConfigurationError: if its numbers are impossible.
+        """
+        mass, com, six = (getattr(self, f"{name}_{part}") for part in ("mass", "com", "inertia"))
+        require_size(f"{name}_com", com, 3)
+        require_size(f"{name}_inertia", six, 6)
+        xx, xy, xz, yy, yz, zz = six
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         moments = np.linalg.eigvalsh(inertia)
         if moments[-1] > (moments[0] + moments[1]) * (1 + 1e-9) or moments[0] < 0:
             raise ConfigurationError(
-                f"tool_inertia has the principal moments {moments.tolist()}; of a body none is "
+                f"{name}_inertia has the principal moments {moments.tolist()}; of a body none is "
                 "negative or larger than the sum of the two others"
             )
-        if self.tool_mass == 0:
-            if any(self.tool_inertia) or any(self.tool_com):
-                raise ConfigurationError("tool_com or tool_inertia is given, but tool_mass is 0")
+        if mass == 0:
+            if any(six) or any(com):
+                raise ConfigurationError(
+                    f"{name}_com or {name}_inertia is given, but {name}_mass is 0"
+                )
             return None
-        return Tool(self.tool_mass, np.array(self.tool_com), inertia)
+        return Tool(mass, np.array(com), inertia)
 
 
 def require_size(name: str, values: tuple[float, ...], size: int) -> None:

@@ -301,12 +301,14 @@ def _refuse_output(path: Path) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    _refuse_output(path)
+    """Write a new file; raises ConfigurationError, also if it has come to exist meanwhile."""
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except OSError as error:
-        raise ConfigurationError(f"output: cannot write {path}: {error.strerror}") from error
+        raise ConfigurationError(
+            f"output: cannot write {path}: {error.strerror}; the result is printed above"
+        ) from error
 
 
 def main(args: list[str] | None = None) -> int:

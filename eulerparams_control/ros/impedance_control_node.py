@@ -18,7 +18,7 @@ from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.messages import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion import AT_ORIGIN, Placement
-from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.control_parameters import LATEST, PAIRINGS
@@ -115,10 +115,15 @@ class ImpedanceParameters(DynamicParameters):
     sensed_com: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), "its centre of mass in the tip frame", unit="m"
     )
+    sensed_inertia: tuple[float, ...] = parameter(
+        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
+    )
     compensate_tool_weight: bool = parameter(
         True, "whether the sensor feels the weight of the tool, which is then taken out"
     )
-    compensate_tool_inertia: bool = parameter(False, "whether its inertia is taken out, too")
+    compensate_tool_inertia: bool = parameter(
+        True, "whether its inertia is taken out, too; else it counts twice, in (33) and in (48)"
+    )
     force_dead_band: float = parameter(
         0.0, "by which forces are shortened", unit="N", bounds=(0.0, 1e4), live=True
     )
@@ -181,7 +186,7 @@ class ImpedanceParameters(DynamicParameters):
         gravity = tuple(robot.gravity.tolist())
         return WrenchOptions(
             self.wrench_sign,
-            self._sensed_tool() if self.compensate_tool_weight else None,
+            (self.body("sensed") or self.tool()) if self.compensate_tool_weight else None,
             gravity,
             self.compensate_tool_inertia,
             self.wrench_bias,
@@ -189,13 +194,6 @@ class ImpedanceParameters(DynamicParameters):
             self.torque_dead_band,
             self.wrench_cutoff,
         )
-
-    def _sensed_tool(self) -> Tool | None:
-        """Return what the sensor carries; None if it has no mass."""
-        require_size("sensed_com", self.sensed_com, 3)
-        if self.sensed_mass == 0:
-            return self.tool()
-        return Tool(self.sensed_mass, np.array(self.sensed_com), np.zeros((3, 3)))
 
     def impedance_law(self, robot: Robot) -> ImpedanceLaw:
         """Return all that the impedance is made of; raises ConfigurationError."""

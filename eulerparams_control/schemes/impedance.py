@@ -56,6 +56,9 @@ class MotionLoop(Protocol):
     ) -> Tick:
         """See DynamicControl."""
 
+    def acceleration(self, state: DynamicState, desired: DesiredFrame) -> Array:
+        """See DynamicControl."""
+
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
     ) -> None:
@@ -101,6 +104,10 @@ class NoMotionLoop:
         self._q = state.arm.q
         self._limits.refuse_error(desired, state.arm)
         return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
+
+    def acceleration(self, state: DynamicState, desired: DesiredFrame) -> Array:
+        """Return the acceleration (6,) of the compliant frame."""
+        return np.concatenate((desired.ddp_d, desired.domega_d))
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -218,7 +225,7 @@ class ImpedanceControl(Scheme):
         self._feel(arm, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, state, compliant, -self._w)  # h of eq. (48)
-        self._acceleration = np.concatenate((compliant.ddp_d, compliant.domega_d))
+        self._acceleration = self.motion.acceleration(state, compliant)
         self._x_de = self.law.compliance.orientation.displacement(
             desired.R_d, arm.R_e, self._x_de
         )
