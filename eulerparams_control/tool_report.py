@@ -109,8 +109,19 @@ class ToolReport(NamedTuple):
             "/**/impedance_control:\n"
             "  ros__parameters:\n"
             f"    wrench_sign: {self.wrench_sign}\n"
-            f"    wrench_bias: {_list(found.bias)}"
-            f"  # [N, Nm] in {mount.frame}: measured = true + bias\n"
+            f"    # [N, Nm] in the sensor frame {mount.frame}: measured = true + bias\n"
+            f"    wrench_bias: {_list(found.bias)}\n"
+            f"{self._sensed()}"
+        )
+
+    def _sensed(self) -> str:
+        """Return as parameters all that the sensor feels, where that is more than the tool."""
+        if self.mount.carried.mass == 0:
+            return ""
+        com = self.mount.in_tip(self.found.com)
+        return (
+            f"    sensed_mass: {_digits(self.found.mass)}  # [kg] with what the URDF has\n"
+            f"    sensed_com: {_list(com)}  # [m] in the tip frame {self.mount.tip_frame}\n"
         )
 
 
@@ -119,7 +130,7 @@ def _rows(values: Array, std: Array, digits: int) -> tuple[str, str]:
 
 
 def _line(values: Array, digits: int) -> str:
-    return " ".join(f"{value:.{digits}f}" for value in values)
+    return " ".join(f"{round(value, digits) + 0.0:.{digits}f}" for value in values.tolist())
 
 
 def _worst(residual: Array) -> str:

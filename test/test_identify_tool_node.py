@@ -1,0 +1,476 @@
+"""The node ``identify_tool`` as its users run it: a real process that talks over DDS.
+
+The arm is ``pybullet_bridge``, or is played by the test, whose stamps go as fast as the node
+follows.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import WrenchStamped
+from ros_processes import HOME, ROOT, UR5, Array, Graph, Process, values
+from samples import generator
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
+from eulerparams_control.rotations import cross
+
+CONFIG = ROOT / "config"
+
+# The tool and the bias, 5 N and 0.3 Nm, of these tests, in the sensor frame.
+MASS, COM = 1.2, np.array([0.01, -0.02, 0.06])
+BIAS = np.array([3.0, -2.0, 12.0**0.5, 0.2, -0.1, 0.2])
+SIMULATED = {
+    "tool_mass": MASS,
+    "tool_com": COM.tolist(),
+    "tool_inertia": [2e-3, 0.0, 0.0, 2e-3, 0.0, 1e-3],
+    "wrench_bias": BIAS.tolist(),
+    "noise_force": 0.1,
+    "noise_torque": 0.005,
+    "seed": 7,
+}
+
+# Joint positions [rad] in which gravity differs by 40 deg or more in the sensor.
+OFFSETS = ((0.0, 0.0), (0.9, 0.0), (0.0, 1.2), (-0.9, 0.0), (0.0, -1.2), (0.9, 1.2))
+POSES = [HOME + [0, 0, 0, first, 0, third] for first, third in OFFSETS]
+
+# A pose of the test takes 30 of its stamps.
+QUICK = {"settle_time": 0.1, "averaging_time": 0.2, "timeout": 0.0}
+
+# Without noise; the result is printed with six decimals.
+PRINTED = 2e-6
+
+
+class Found:
+    """What a process has printed, or written."""
+
+    def __init__(self, text: str) -> None:
+        sections = yaml.safe_load(text[text.index("# found by") :].partition("\n\n")[0])
+        tool, bias = (
+            sections[name]["ros__parameters"] for name in ("/**", "/**/impedance_control")
+        )
+        self.mass = float(tool["tool_mass"])
+        self.com, self.bias = np.array(tool["tool_com"]), np.array(bias["wrench_bias"])
+        self.sign = bias["wrench_sign"]
+
+    def assert_within_the_bars(self) -> None:
+        """Assert mass and bias to 1 %, the centre of mass to 2 mm."""
+        assert self.mass == pytest.approx(MASS, rel=0.01)
+        assert np.linalg.norm(self.com - COM) < 0.002
+        for part in (slice(3), slice(3, 6)):
+            error = np.linalg.norm(self.bias[part] - BIAS[part])
+            assert error < 0.01 * np.linalg.norm(BIAS[part])
+
+    def assert_exact(self, com: Array = COM) -> None:
+        assert self.mass == pytest.approx(MASS, abs=PRINTED)
+        np.testing.assert_allclose(self.com, com, rtol=0, atol=PRINTED)
+        np.testing.assert_allclose(self.bias, BIAS, rtol=0, atol=PRINTED)
+
+
+class Rig:
+    """An arm with its sensor, played by the test: a state and a wrench every 10 ms of stamps."""
+
+    def __init__(self, graph: Graph, *, frame: str = "tool0", **parameters: Any) -> None:
+        self.graph, self.frame = graph, frame
+        self.sensor = Robot(UR5.urdf, "", frame)
+        peer = graph.peer
+        self._description = peer.publisher(String, "robot_description", latched=True)
+        self._description.publish(String(data=UR5.urdf))
+        self.states = peer.publisher(JointState, "joint_states")
+        self.wrenches = peer.publisher(WrenchStamped, "wrench")
+        self.process = graph.start("identify_tool", {**QUICK, **parameters})
+        self.t = 1_000_000_000
+        self.has_velocities = True
+        self.extra, self.sign = np.zeros(6), 1.0
+        self.gravity = parameters.get("gravity", [0.0, 0.0, -9.81])
+        graph.until(
+            lambda: self.states.get_subscription_count() * self.wrenches.get_subscription_count(),
+            "subscribers of joint_states and wrench",
+        )
+        graph.until_said(self.process, "waiting for the first wrench")
+
+    def wrench(self, q: Array) -> WrenchStamped:
+        """Return what the sensor measures at q (n,), at the present stamp."""
+        R = self.sensor.state(q, 0 * q).R_e
+        force = MASS * R.T @ self.gravity
+        true = np.concatenate((force, cross(COM, force)))
+        msg = WrenchStamped()
+        msg.header.frame_id = self.frame
+        wrench_to_ros(self.sign * (true + BIAS + self.extra), stamp_to_ros(self.t), msg)
+        return msg
+
+    def state(self, q: Array) -> JointState:
+        msg = JointState(name=list(UR5.joints), position=q.tolist())
+        msg.velocity = [0.0] * len(q) if self.has_velocities else []
+        msg.header.stamp = stamp_to_ros(self.t)
+        return msg
+
+    def tick(self, q: Array) -> None:
+        """Send the state and the wrench of the next stamp."""
+        self.t += 10_000_000
+        self.wrenches.publish(self.wrench(q))
+        self.states.publish(self.state(q))
+
+    def until(self, condition: Callable[[], Any], q: Array, what: str) -> None:
+        """Let the arm rest at q (n,) until something has happened."""
+
+        def happened() -> Any:
+            for _ in range(3):  # fewer than the queues of the node hold
+                self.tick(q)
+            return condition()
+
+        self.graph.until(happened, what)
+
+    def until_said(self, words: str, q: Array = HOME) -> None:
+        self.until(lambda: words in self.process.log, q, f"'{words}' in the log")
+
+    def take(self, poses: Sequence[Array], first: int = 1) -> None:
+        """Let the arm rest in poses until they are taken."""
+        for number, q in enumerate(poses, first):
+            self.until_said(f"pose {number} of ", q)
+
+    def status(self, condition: Callable[[Any], Any]) -> Any:
+        """Let the arm rest until a status meets a condition; return it."""
+        return self.graph.peer.status("identify_tool", condition, lambda: self.tick(HOME))
+
+    def end(self) -> int:
+        self.graph.until(lambda: self.process.exit_code is not None, "the end of identify_tool")
+        return self.process.end()
+
+
+def assert_failed(process: Process, *words: str) -> None:
+    """Assert that a process ends with exit code 1 and one line that has some words."""
+    assert process.end() == 1
+    assert "Traceback" not in process.stderr
+    (error,) = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
+    for word in words:
+        assert word in error
+
+
+# --- with the simulated robot ----------------------------------------------------------------
+
+
+def test_the_simulated_tool_and_bias_are_found_as_the_arm_goes_through_six_poses(
+    graph: Graph, tmp_path: Path
+) -> None:
+    output = tmp_path / "tool.yaml"
+    graph.start("pybullet_bridge", {**SIMULATED, "command_timeout": 60.0, "rate": 500.0})
+    process = graph.start("identify_tool", {"output": str(output)})
+    commands = graph.peer.publisher(JointState, "joint_reference")
+    graph.until(commands.get_subscription_count, "a subscriber of joint_reference")
+    for number, q in enumerate(POSES, 1):
+        commands.publish(JointState(name=list(UR5.joints), position=q.tolist()))
+        graph.until_said(process, f"pose {number} of 6 taken")
+    assert process.end() == 0
+    Found(process.stdout).assert_within_the_bars()
+    Found(output.read_text()).assert_within_the_bars()
+    assert "warning" not in process.log
+
+
+def test_the_shipped_motion_takes_clik_through_six_poses(graph: Graph) -> None:
+    """The files of the README; in lock-step, so that it takes less time."""
+    lockstep = {"mode": "lockstep", "rate": 200.0, "wait_for_subscribers": 2}
+    clik = {"use_sim_time": True, "require_reference": True}
+    process = graph.start("identify_tool", files=(CONFIG / "identify_tool.yaml",))
+    graph.start("clik", clik, files=(CONFIG / "clik.yaml",))
+    graph.start("reference", files=(CONFIG / "identify_tool_motion.yaml",))
+    bridge = (CONFIG / "pybullet_bridge.yaml",)
+    graph.start("pybullet_bridge", {**SIMULATED, **lockstep}, files=bridge)
+    graph.until(lambda: process.exit_code is not None, "the end of identify_tool")
+    assert process.end() == 0
+    assert "pose 6 of 6 taken" in process.log
+    assert "warning" not in process.log.lower()
+    Found(process.stdout).assert_within_the_bars()
+
+
+# --- what is found ---------------------------------------------------------------------------
+
+
+def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(
+    graph: Graph, tmp_path: Path
+) -> None:
+    output = tmp_path / "tool.yaml"
+    rig = Rig(graph, output=str(output))
+    rig.take(POSES)
+    assert rig.end() == 0
+    Found(rig.process.stdout).assert_exact()
+    Found(output.read_text()).assert_exact()
+    assert "The tool and the sensor, from 6 poses" in rig.process.stdout
+    for node in ("dynamic_control", "impedance_control"):
+        graph.start(node, files=(CONFIG / f"{node}.yaml", output))
+        mass, com = graph.peer.get_parameters(f"/{node}", "tool_mass", "tool_com")
+        assert mass == pytest.approx(MASS, abs=PRINTED)
+        np.testing.assert_allclose(com, COM, rtol=0, atol=PRINTED)
+    (bias,) = graph.peer.get_parameters("/impedance_control", "wrench_bias")
+    np.testing.assert_allclose(bias, BIAS, rtol=0, atol=PRINTED)
+
+
+def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the_tip_frame(
+    graph: Graph,
+) -> None:
+    rig = Rig(graph, frame="wrist_3_link", poses=3)
+    rig.take(POSES[:3])
+    assert rig.end() == 0
+    q, still = HOME, np.zeros(6)
+    wrist, tool0 = (Robot(UR5.urdf, "", name).state(q, still) for name in (rig.frame, "tool0"))
+    com = tool0.R_e.T @ (wrist.p_e + wrist.R_e @ COM - tool0.p_e)
+    assert np.linalg.norm(com - COM) > 0.05
+    Found(rig.process.stdout).assert_exact(com)
+
+
+def test_an_arm_on_a_wall_has_its_own_gravity(graph: Graph) -> None:
+    rig = Rig(graph, poses=3, gravity=[5.0, 0.0, -8.4])
+    rig.take(POSES[:3])
+    assert rig.end() == 0
+    Found(rig.process.stdout).assert_exact()
+
+
+def test_velocities_in_joint_states_are_not_needed(graph: Graph) -> None:
+    rig = Rig(graph, poses=3)
+    rig.has_velocities = False
+    rig.take(POSES[:3])
+    assert rig.end() == 0
+    Found(rig.process.stdout).assert_exact()
+
+
+def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(graph: Graph) -> None:
+    rig = Rig(graph, poses=3)
+    rig.sign = -1.0
+    rig.take(POSES[:3])
+    rig.end()
+    assert_failed(rig.process, "negative, -1.2 kg", "set wrench_sign: -1")
+    rig.process = graph.start("identify_tool", {**QUICK, "poses": 3, "wrench_sign": -1})
+    rig.take(POSES[:3])
+    assert rig.end() == 0
+    found = Found(rig.process.stdout)
+    found.assert_exact()
+    assert found.sign == -1
+
+
+def test_a_tool_that_touches_something_in_a_pose_is_warned_of(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.take(POSES[:3])
+    rig.extra = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    rig.take(POSES[3:4], first=4)
+    rig.extra = np.zeros(6)
+    rig.take(POSES[4:], first=5)
+    assert rig.end() == 0
+    text = " ".join(rig.process.stdout.split())
+    assert "warning: pose 4 leaves" in text
+    assert "of force unexplained" in text
+
+
+# --- when a pose is taken --------------------------------------------------------------------
+
+
+def test_poses_that_are_too_similar_are_not_enough(graph: Graph) -> None:
+    rig = Rig(graph, poses=3)
+    in_a_row = [HOME + [0, 0, 0, angle, 0, 0] for angle in (0.0, 0.4, 0.8)]
+    rig.take(in_a_row)
+    words = "the poses are too similar, one more is needed: tilt about another axis"
+    graph.until_said(rig.process, words)
+    rig.take(POSES[2:3], first=4)
+    assert rig.end() == 0
+    Found(rig.process.stdout).assert_exact()
+
+
+def test_how_long_and_how_far_apart_is_as_the_parameters_say(graph: Graph) -> None:
+    rig = Rig(graph, averaging_time=0.3, min_angle=1.2)
+    rig.take(POSES[:1])
+    rig.until_said("gravity 52 deg from where it was in pose 1; expected 69 deg", POSES[1])
+    (samples,) = re.findall(r"taken: (\d+) wrenches", rig.process.log)
+    assert 20 < int(samples) <= 31  # every 10 ms; some may be lost on the way
+
+
+def test_no_pose_is_taken_twice_and_none_while_the_arm_moves(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.take(POSES[:1])
+    rig.until_said(
+        "sensor sees gravity 0 deg from where it was in pose 1", HOME + [1, 0, 0, 0, 0, 0]
+    )
+    rig.extra = np.full(6, 100.0)
+    for _ in range(15):
+        rig.tick(POSES[1])
+        graph.peer.spin_once()
+    rig.extra = np.zeros(6)
+    rig.until_said("the arm moved too early, the pose was dropped: let it rest", POSES[2])
+    rig.take(POSES[2:], first=2)
+    graph.until_said(rig.process, "pose 5 of 6")
+    assert rig.process.stop() == 0
+    Found(rig.process.stdout).assert_exact()
+
+
+def with_nan(msg: WrenchStamped) -> None:
+    msg.wrench.force.x = math.nan
+
+
+def in_another_frame(msg: WrenchStamped) -> None:
+    msg.header.frame_id, msg.wrench.force.x = "base_link", 1000.0
+
+
+def stale(msg: WrenchStamped) -> None:
+    msg.header.stamp, msg.wrench.force.x = stamp_to_ros(1), 1000.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (with_nan, "the wrench has a non-finite value: [nan, "),
+        (in_another_frame, "the wrench is in the frame 'base_link'; expected 'tool0'"),
+        (stale, "behind joint_states, before the arm came to rest; are their clocks the same?"),
+    ],
+)
+def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
+    graph: Graph, spoil: Callable[[WrenchStamped], None], words: str
+) -> None:
+    rig = Rig(graph, poses=3)
+    rig.until_said("the sensor is at tool0")
+    for number, q in enumerate(POSES[:3], 1):
+
+        def taken(number: int = number, q: Array = q) -> bool:
+            bad = rig.wrench(q)
+            spoil(bad)
+            rig.wrenches.publish(bad)
+            return f"pose {number} of " in rig.process.log
+
+        rig.until(taken, q, f"pose {number}")
+        if number == 2:
+            rejected = values(graph.peer.status("identify_tool"))["wrench rejected"]
+            assert int(rejected) > 0
+    assert rig.end() == 0
+    Found(rig.process.stdout).assert_exact()
+    assert "wrench rejected: " in rig.process.log
+    assert words in rig.process.log
+
+
+@pytest.mark.parametrize("frame", ["tol0", ""])
+def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(
+    graph: Graph, frame: str
+) -> None:
+    rig = Rig(graph)
+    rig.frame = frame
+    rig.until_said(f"its frame is no link of the robot description: unknown frame '{frame}'")
+    assert "known: base" in rig.process.log
+    assert ", tool0, " in rig.process.log
+    rig.frame = "tool0"
+    rig.take(POSES[:1])
+
+
+def test_joint_states_that_cannot_be_used_are_counted(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.until_said("the sensor is at tool0")
+    msg = rig.state(HOME)
+    msg.position[2] = math.nan
+    rig.states.publish(msg)
+    status = graph.peer.status("identify_tool", lambda s: "joint_states rejected" in values(s))
+    assert values(status)["joint_states rejected"] == "1"
+    rig.take(POSES[:1])
+    assert "joint_states rejected: joint_states has a non-finite position" in rig.process.log
+
+
+# --- the end ---------------------------------------------------------------------------------
+
+
+def test_sigint_computes_from_the_poses_there_are_if_they_are_enough(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.take(POSES[:3])
+    assert rig.process.stop() == 0
+    Found(rig.process.stdout).assert_exact()
+    assert "from 3 poses" in rig.process.stdout
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_sigint_with_too_few_poses_is_an_error_that_says_how_many(graph: Graph, count: int) -> None:
+    rig = Rig(graph)
+    rig.take(POSES[:count])
+    rig.process.stop()
+    assert_failed(rig.process, f"too few poses, {count}; expected at least 3")
+    assert rig.process.stdout == ""
+
+
+def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(graph: Graph) -> None:
+    rig = Rig(graph, timeout=5.0)
+    rig.until(lambda: rig.process.exit_code is not None, HOME, "the end")
+    assert rig.process.log.count(" taken: ") == 1
+    assert_failed(
+        rig.process, "gave up after 5 s with 1 of 6 poses, waiting for another orientation"
+    )
+
+
+def test_without_a_robot_it_says_what_is_missing(graph: Graph) -> None:
+    process = graph.start("identify_tool", {"timeout": 4.0})
+    graph.until_said(process, "no joint_states within 2 s")
+    graph.until_said(process, "no wrench within 2 s")
+    assert_failed(process, "with 0 of 6 poses, waiting for the topic robot_description")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"wrench_sign": 0}, "'wrench_sign' is 0; expected 1 or -1"),
+        ({"gravity": [0.0, 0.0]}, "'gravity' is [0.0, 0.0]; expected 3 numbers"),
+        ({"gravity": [0.0, 0.0, 0.0]}, "expected 3 numbers, not all 0"),
+        ({"poses": 2}, "'poses' is 2; expected between 3 and"),
+        ({"output": "there/is/none.yaml"}, "there is no folder there/is for none.yaml"),
+        ({"pose": 3}, "unknown parameter 'pose' (did you mean 'poses'?)"),
+        (
+            {"robot_description": UR5.urdf, "tip_frame": "tool1"},
+            "tip_frame: unknown frame 'tool1' (did you mean 'tool0'?)",
+        ),
+        ({"robot_description": "<robot/>"}, "expected one root link"),
+    ],
+)
+def test_what_is_impossible_is_refused_at_the_start(
+    graph: Graph, parameters: dict[str, Any], words: str
+) -> None:
+    assert_failed(graph.start("identify_tool", parameters), words)
+
+
+def test_a_file_is_never_overwritten(graph: Graph, tmp_path: Path) -> None:
+    output = tmp_path / "tool.yaml"
+    rig = Rig(graph, poses=3, output=str(output))
+    output.write_text("mine")
+    assert_failed(
+        graph.start("identify_tool", {"output": str(output)}),
+        f"output: {output} exists; name another file, or remove it",
+    )
+    rig.take(POSES[:3])
+    rig.end()
+    assert_failed(rig.process, f"output: cannot write {output}: File exists; the result is printed")
+    assert output.read_text() == "mine"
+    Found(rig.process.stdout).assert_exact()  # what was measured is not lost
+
+
+def test_a_tip_that_moves_against_the_sensor_is_refused(graph: Graph) -> None:
+    rig = Rig(graph)
+    msg = rig.wrench(HOME)
+    msg.header.frame_id = "forearm_link"
+
+    def ended() -> bool:
+        rig.wrenches.publish(msg)
+        return rig.process.exit_code is not None
+
+    graph.until(ended, "the end")
+    assert_failed(rig.process, "wrist_3_joint moves between the sensor at 'forearm_link' and")
+
+
+def test_noise_does_not_hide_the_standstill(graph: Graph) -> None:
+    rig = Rig(graph, poses=3)
+    noise = generator(80)
+    for number, q in enumerate(POSES[:3], 1):
+
+        def taken(number: int = number, q: Array = q) -> bool:
+            rig.tick(q + noise.normal(scale=1e-4, size=6))
+            return f"pose {number} of " in rig.process.log
+
+        graph.until(taken, f"pose {number}")
+    assert rig.end() == 0
+    assert Found(rig.process.stdout).mass == pytest.approx(MASS, rel=1e-3)
