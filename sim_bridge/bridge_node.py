@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -28,10 +29,15 @@ from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
-from sim_bridge.parameters import CONTROLS, SimulatorParameters
+from sim_bridge.environment import Environment, nest, read_environment
+from sim_bridge.environment.keys import NO_TURN
+from sim_bridge.parameters import CONTROLS, NO_SHAPE, TOOL_SHAPES, SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
 
 MODES = ("realtime", "lockstep")
+
+# Of the parameters environment.NAME.KEY, any number of them.
+_ENVIRONMENT = "environment."
 
 # Until the first command arrives in lock-step, the first state is repeated at this period [s].
 _REPEAT_PERIOD = 0.05
@@ -66,6 +72,19 @@ class BridgeParameters:
     tool_inertia: tuple[float, ...] = parameter(
         (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
     )
+    tool_shape: str = parameter(
+        NO_SHAPE, "of the tool, which touches what is around it", choices=TOOL_SHAPES
+    )
+    tool_size: tuple[float, ...] = parameter(
+        (), "radius of a sphere; x, y, z; radius, length of a cylinder or a capsule", unit="m"
+    )
+    tool_position: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "of the shape in the sensor frame", unit="m"
+    )
+    tool_orientation: tuple[float, ...] = parameter(
+        NO_TURN, "of the shape in the sensor frame, x, y, z, w"
+    )
+    collide_links: bool = parameter(False, "let the links touch what is around them too")
     friction_viscous: tuple[float, ...] = parameter(
         (), "one, or one a joint; empty: damping of the URDF", unit="Nm s/rad"
     )
@@ -87,6 +106,9 @@ class BridgeParameters:
     noise_torque: float = parameter(0.0, "standard deviation", unit="Nm", bounds=(0.0, 1000.0))
     wrench_bias: tuple[float, ...] = parameter((0.0,) * 6, "of the sensor", unit="N, Nm")
     seed: int = parameter(0, "of the noise", bounds=(0, 2**31 - 1))
+    disturbance_effort: tuple[float, ...] = parameter(
+        (), "on the joints, which do not report it; one, or one a joint; empty: none", unit="Nm"
+    )
     command_delay: int = parameter(0, "steps until a command acts", bounds=(0, 1000))
     command_timeout: float = parameter(
         0.1, "without commands the robot brakes after", unit="s", bounds=(0.001, 60.0)
@@ -98,10 +120,31 @@ class BridgeParameters:
         0, "of joint_states, before the first step in lock-step", bounds=(0, 100)
     )
 
-    def simulator(self) -> SimulatorParameters:
-        """Return what concerns the simulator."""
+    def simulator(self, environment: Environment | None = None) -> SimulatorParameters:
+        """Return what concerns the simulator, with what is around the robot."""
         names = SimulatorParameters.__dataclass_fields__.keys() & self.__dataclass_fields__.keys()
-        return SimulatorParameters(**{name: getattr(self, name) for name in names})
+        values = {name: getattr(self, name) for name in names}
+        return SimulatorParameters(**values, environment=environment or {})
+
+
+def declare_environment(node: Node) -> Environment:
+    """Return what the parameters ``environment.NAME.KEY`` of a node describe, and declare them.
+
+    Raises:
+        ConfigurationError: if one is impossible or missing; names it.
+    """
+    given = {
+        name.removeprefix(_ENVIRONMENT): override.value
+        for name, override in node._parameter_overrides.items()
+        if name.startswith(_ENVIRONMENT)
+    }
+    environment = read_environment(nest(given))
+    fixed = ParameterDescriptor(read_only=True, dynamic_typing=True)
+    for name, thing in environment.items():
+        for key, value in thing.keys.items():
+            default = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(f"{_ENVIRONMENT}{name}.{key}", default, fixed)
+    return environment
 
 
 class BridgeNode(Node):
@@ -111,9 +154,10 @@ class BridgeNode(Node):
         super().__init__("pybullet_bridge")
         self.done = False
         self._health = diagnostics.Health(self)
-        p = self._params = declare(self, BridgeParameters)
+        p = self._params = declare(self, BridgeParameters, prefixes=(_ENVIRONMENT,))
+        environment = declare_environment(self)
         self._robot = load_robot(p.urdf or p.robot)
-        self._simulator = Simulator(self._robot, p.simulator())
+        self._simulator = Simulator(self._robot, p.simulator(environment))
         self._reset()
         self._reader = CommandReader(self._robot.joints, p.control)
         self._delayed: deque[Callable[[], None]] = deque()

@@ -1,4 +1,4 @@
-"""The only user of PyBullet: one robot on a client of its own.
+"""The only user of PyBullet: one robot, and the solids around it, on a client of its own.
 
 Joint vectors are (n,) in the order of ``robot.joints``: rad, rad/s, Nm (m, m/s, N if
 prismatic).  The root link stands at the origin of the world.
@@ -17,8 +17,9 @@ import pybullet
 from eulerparams_control.catalogue import RobotDescription
 from eulerparams_control.errors import RobotError, SimulationError
 from eulerparams_control.rotations import Array
+from sim_bridge.environment import SensorMotion
 from sim_bridge.parameters import SimulatorParameters
-from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, simulation_urdf
+from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, Placed, simulation_urdf, solid_urdf
 
 # The joint motors are coupled and solved by iteration.  At PyBullet's defaults, 50 and 1e-7,
 # joint speeds are wrong by up to 0.5 rad/s and a braked arm sinks; these leave 5e-8 rad/s.
@@ -26,6 +27,13 @@ _SOLVER_ITERATIONS = 1000
 _SOLVER_RESIDUAL = 1e-16
 
 _ORIGIN = (0.0, 0.0, 0.0)
+
+# Without it a cylinder is a prism of 32 sides, a millimetre too large.
+_FLAGS = pybullet.URDF_USE_IMPLICIT_CYLINDER
+
+# PyBullet takes the stiffnesses of two bodies in series, their damping in sum, and their
+# friction as a product: these leave those of the other body.
+_NEUTRAL = {"contactStiffness": NO_LIMIT**2, "contactDamping": 0.0, "lateralFriction": 1.0}
 
 
 class Sample(NamedTuple):
@@ -63,10 +71,14 @@ class Engine:
     """
 
     def __init__(self, robot: RobotDescription, parameters: SimulatorParameters) -> None:
-        shapes = ["collision"] * (parameters.collisions or parameters.gui)
+        shapes = ["collision"] * (parameters.collide_links or parameters.gui)
         shapes += ["visual"] * parameters.gui
         model = simulation_urdf(
-            robot, parameters.tool, stops=parameters.enforce_limits, shapes=shapes
+            robot,
+            parameters.tool,
+            stops=parameters.enforce_limits,
+            shapes=shapes,
+            touching=parameters.tool_contact,
         )
         self.client = _connect(parameters)
         self.body = _load(self.client, model.text)
@@ -77,6 +89,9 @@ class Engine:
         self.sensor_link = links[SENSOR_LINK]
         self._rank = np.argsort(np.argsort(self._arm))
         self._sensed = [*self._arm, self.sensor_link]
+        self._links = [-1, *links.values()]
+        moved = _moved(self.client, self.body, self._arm)
+        self._touching = moved if parameters.collide_links else {self.sensor_link}
         pybullet.enableJointForceTorqueSensor(self.body, self.sensor_link, True, self.client)
 
     def place(self, q: Array, dq: Array | None = None) -> None:
@@ -133,15 +148,12 @@ class Engine:
         M = pybullet.calculateMassMatrix(self.body, in_tree.tolist(), physicsClientId=self.client)
         return np.array(M)[np.ix_(self._rank, self._rank)]
 
-    def sensor_motion(self) -> tuple[Array, Array]:
-        """Return the orientation of the sensor frame, (3, 3), and its (v, omega), (2, 3).
-
-        Both in world axes, m/s and rad/s.
-        """
+    def sensor_motion(self) -> SensorMotion:
+        """Return how the sensor frame lies and moves."""
         state = self._sensor_state()
-        # The frame of the centre of mass, here the same; that of the link is in float32.
+        # Pose of the centre of mass, here the same; that of the link is in float32.
         R = np.array(pybullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-        return R, np.array(state[6:8])
+        return SensorMotion(np.array(state[0]), R, np.array(state[6]), np.array(state[7]))
 
     def _sensor_state(self) -> Sequence[Sequence[float]]:
         """Return PyBullet's state of the sensor link, brought up to date with the joints.
@@ -157,6 +169,38 @@ class Engine:
             physicsClientId=self.client,
         )
         return state
+
+    def add_solid(self, solid: Placed) -> int:
+        """Put a solid into the world that the robot touches; return PyBullet's body of it."""
+        body = _load(self.client, solid_urdf(solid))
+        for link in self._links:
+            if link in self._touching:
+                pybullet.changeDynamics(self.body, link, **_NEUTRAL, physicsClientId=self.client)
+            else:
+                pybullet.setCollisionFilterPair(
+                    self.body, body, link, -1, False, physicsClientId=self.client
+                )
+        return body
+
+    def set_contact(self, body: int, stiffness: float, damping: float, friction: float) -> None:
+        """Set stiffness [N/m], damping [Ns/m] and friction of each point that touches a solid."""
+        pybullet.changeDynamics(
+            body,
+            -1,
+            contactStiffness=stiffness,
+            contactDamping=damping,
+            lateralFriction=friction,
+            physicsClientId=self.client,
+        )
+
+    def find_contacts(self) -> None:
+        """Find the contacts of the present state, as the next step will."""
+        pybullet.performCollisionDetection(physicsClientId=self.client)
+
+    def depths(self, body: int) -> list[float]:
+        """Return how deep each point of the robot near a solid is in it, m; outside it < 0."""
+        points = pybullet.getContactPoints(self.body, body, physicsClientId=self.client)
+        return [-point[8] for point in points or ()]
 
     def close(self) -> None:
         """End the client."""
@@ -175,6 +219,7 @@ def _connect(parameters: SimulatorParameters) -> int:
         numSolverIterations=_SOLVER_ITERATIONS,
         solverResidualThreshold=_SOLVER_RESIDUAL,
         enableFileCaching=False,
+        contactSlop=0.0,
         physicsClientId=client,
     )
     pybullet.setGravity(*parameters.gravity, physicsClientId=client)
@@ -185,8 +230,9 @@ def _load(client: int, text: str) -> int:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
         path.write_text(text, encoding="utf-8")
+        options = {"useFixedBase": True, "flags": _FLAGS, "physicsClientId": client}
         try:
-            return int(pybullet.loadURDF(str(path), useFixedBase=True, physicsClientId=client))
+            return int(pybullet.loadURDF(str(path), **options))
         except pybullet.error as error:
             raise RobotError(f"PyBullet cannot load the robot: {error}") from error
 
@@ -197,6 +243,15 @@ def _indices(client: int, body: int) -> tuple[dict[str, int], dict[str, int]]:
     infos = [pybullet.getJointInfo(body, index, client) for index in range(count)]
     joints = {info[1].decode(): info[0] for info in infos}
     return joints, {info[12].decode(): info[0] for info in infos}
+
+
+def _moved(client: int, body: int, arm: Sequence[int]) -> set[int]:
+    """Return the links that the joints of the arm move; parents come before their children."""
+    moved = set[int]()
+    for index in range(pybullet.getNumJoints(body, client)):
+        if index in arm or pybullet.getJointInfo(body, index, client)[16] in moved:
+            moved.add(index)
+    return moved
 
 
 def _make_exact(client: int, body: int, links: dict[str, int], moments: dict[str, Array]) -> None:

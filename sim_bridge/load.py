@@ -3,6 +3,7 @@
 import numpy as np
 
 from eulerparams_control.rotations import Array, S
+from sim_bridge.environment import SensorMotion
 from sim_bridge.urdf import Body
 
 
@@ -34,13 +35,13 @@ class Load:
         """Start at rest."""
         self._momentum = np.zeros((2, 3))
 
-    def wrench(self, R: Array, twist: Array) -> Array:
+    def wrench(self, sensor: SensorMotion) -> Array:
         """Return force and moment (6,) on the sensor, in its axes about its origin.
 
         Args:
-            R: orientation of the sensor frame after the step, (3, 3).
-            twist: its velocity and angular velocity, world axes; (2, 3), m/s and rad/s.
+            sensor: how it lies and moves after the step.
         """
+        R, twist = sensor.R, np.array([sensor.v, sensor.omega])
         momentum = self._inertia.dot(twist.dot(R).ravel()).reshape(2, 3).dot(R.T)
         force = (self._momentum - momentum) / self._dt
         self._momentum = momentum

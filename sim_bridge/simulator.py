@@ -22,11 +22,13 @@ from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import MOVING, UrdfTree, joint_friction, joint_limits
+from sim_bridge.contacts import Contacts
 from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
+from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
 from sim_bridge.load import Load
-from sim_bridge.parameters import SimulatorParameters
+from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
@@ -60,6 +62,7 @@ class Simulator:
 
     It stands braked until the first command, and holds a command until the next one.
     Its dynamics, and unless a parameter says otherwise its friction, are those of the URDF.
+    What it touches has no friction while it is braked.
 
     Args:
         robot: the arm; its other moving joints are locked at zero.
@@ -68,10 +71,11 @@ class Simulator:
     Attributes:
         robot, parameters: as given.
         joint_names: all moving joints, those of the arm first.
-        engine: what moves the robot, for an environment to add to.
+        engine: what moves the robot; where there are solids, another one after each reset.
+        contacts: the solids.
 
     Raises:
-        ConfigurationError: if a friction is neither one number nor n.
+        ConfigurationError: if a friction or the disturbance is neither one number nor n.
         RobotError: if the robot cannot be simulated.
         SimulationError: if PyBullet cannot be started.
     """
@@ -85,6 +89,11 @@ class Simulator:
         self._limits = _limits(arm, parameters.enforce_limits)
         self._friction = _friction(arm, parameters)
         self._has_friction = not self._friction.is_none
+        self._disturbance = _each("disturbance_effort", parameters.disturbance_effort, np.zeros(n))
+        self._is_disturbed = bool(self._disturbance.any())
+        things = read_environment(parameters.environment)
+        self._forces = [thing for thing in things.values() if isinstance(thing, Force)]
+        self._solids = {name: thing for name, thing in things.items() if isinstance(thing, Solid)}
         self._dt = 1.0 / parameters.rate
         self._encoders = Encoders(
             parameters.encoder_resolution, parameters.velocity_cutoff, self._dt
@@ -96,10 +105,10 @@ class Simulator:
         self._reference: tuple[Array, Array] | None = None  # q_ref, dq_ref: the servo is on
         self._effort: Array | None = None  # torque control is on
         self._external: list[float] | None = None
-        self._is_broken = False
-        self.engine = Engine(robot, parameters)
+        self._start_engine()
         gravity = np.array(parameters.gravity, dtype=float)
         self._load = Load(self.engine.load, gravity, self._dt)
+        self._needs_motion = self.engine.load.mass > 0.0 or bool(self._forces)
         self._is_stiff = self._has_friction and is_stiff(
             self._friction, map(self.engine.inertia, self._configurations()), self._dt
         )
@@ -119,15 +128,20 @@ class Simulator:
                 raise SimulationError(
                     f"q0 of joint '{name}', {value}, is outside {lower} ... {upper}"
                 )
-        if self._is_broken:  # what is not a number once stays in PyBullet's motors
+        # What is not a number once stays in PyBullet's motors, and contacts in its memory.
+        if self._is_broken or (self._solids and self._is_used):
             self.engine.close()
-            self.engine, self._is_broken = Engine(self.robot, self.parameters), False
+            self._start_engine()
         self._random = np.random.default_rng(self.parameters.seed)
         self._external = None
         self._count = 0
         self.engine.place(q)
+        self._q: Array = q
+        self._dq: Array = self._zero
+        if self._needs_motion:
+            self._motion = self.engine.sensor_motion()
         self.brake()
-        self.engine.step()  # the brakes take the weight
+        self._advance()  # the brakes take the weight
         self.engine.place(q)
         self._load.reset()
         self._encoders.reset()
@@ -155,6 +169,7 @@ class Simulator:
         """
         self._require("position")
         q, dq = self._vector("q_ref", q_ref), self._vector("dq_ref", dq_ref)
+        self.contacts.rub(True)
         self._reference = _clip(q, self._limits.lower, self._limits.upper), dq
 
     def command_effort(self, tau: ArrayLike) -> None:
@@ -165,6 +180,7 @@ class Simulator:
         """
         self._require("torque")
         effort = self._vector("tau", tau)
+        self.contacts.rub(True)
         if self._effort is None:
             self.engine.drive(self._zero, self._zero)
         self._effort = _clip(effort, -self._limits.effort, self._limits.effort)
@@ -172,6 +188,7 @@ class Simulator:
     def brake(self) -> None:
         """Stop the joints with their full effort, until the next command."""
         self._reference = self._effort = None
+        self.contacts.rub(False)
         self.engine.drive(self._zero, self._limits.effort)
 
     def set_external_wrench(self, wrench: ArrayLike | None) -> None:
@@ -190,15 +207,7 @@ class Simulator:
         """
         if self._reference is not None:
             self._servo(*self._reference)
-        effort = self._effort
-        if self._has_friction:
-            lost = self._friction.effort(self._dq)
-            effort = (self._zero if effort is None else effort) - lost
-        if effort is not None:
-            self.engine.exert(effort)
-        if self._external is not None:
-            self.engine.push(self._external)
-        self.engine.step()
+        self._advance()
         self._count += 1
         if self._is_stiff and self._effort is not None:
             self._soften()
@@ -212,6 +221,39 @@ class Simulator:
         dq = dq_ref + self.parameters.servo_bandwidth * (q_ref - self._q)
         limit = self._limits.velocity
         self.engine.drive(_clip(dq, -limit, limit), self._limits.effort)
+
+    def _start_engine(self) -> None:
+        self._is_broken = self._is_used = False
+        self.engine = Engine(self.robot, self.parameters)
+        p = self.parameters
+        single = p.tool_shape in (NO_SHAPE, "sphere") and not p.collide_links
+        self.contacts = Contacts(self.engine, self._solids, single=single)
+
+    def _advance(self) -> None:
+        """Let PyBullet step under what acts on the joints and on the tool."""
+        self._is_used = True
+        effort = self._effort
+        if self._has_friction:
+            lost = self._friction.effort(self._dq)
+            effort = (self._zero if effort is None else effort) - lost
+        if self._is_disturbed:
+            effort = self._disturbance + (self._zero if effort is None else effort)
+        if effort is not None:
+            self.engine.exert(effort)
+        if (push := self._push()) is not None:
+            self.engine.push(push)
+        self.contacts.prepare()
+        self.engine.step()
+
+    def _push(self) -> list[float] | None:
+        """Return the wrench (6) on the tool of what does not touch it; None is none."""
+        if not self._forces:
+            return self._external
+        acting = total_wrench(self._forces, self._count / self.parameters.rate, self._motion)
+        if self._external is not None:
+            acting += self._external
+        pushed: list[float] = acting.tolist()
+        return pushed
 
     def _configurations(self) -> Array:
         """Return configurations all over the limits, (_CONFIGURATIONS, n); the same always."""
@@ -235,12 +277,13 @@ class Simulator:
         """
         sample = self.engine.sample()
         self._check(sample)
-        self._q: Array = np.array(sample.q)
-        self._dq: Array = np.array(sample.dq)
+        self._q, self._dq = np.array(sample.q), np.array(sample.dq)
         tau = np.array(sample.motors) if self._effort is None else self._effort
         wrench = self._bias - np.array(sample.reaction)
+        if self._needs_motion:
+            self._motion = self.engine.sensor_motion()
         if self.engine.load.mass > 0.0:
-            wrench += self._load.wrench(*self.engine.sensor_motion())
+            wrench += self._load.wrench(self._motion)
             self._check(sample._replace(reaction=wrench.tolist()))
         q, dq = self._q, self._dq
         if self._is_noisy:

@@ -14,7 +14,7 @@ So the text is edited before it is loaded:
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,8 +78,35 @@ class SimulationUrdf(NamedTuple):
     moments: dict[str, Array]
 
 
+class Placed(NamedTuple):
+    """A shape in a frame.
+
+    Attributes:
+        geometry: the ``<geometry>``.
+        position: m; 3.
+        R: orientation, (3, 3).
+    """
+
+    geometry: ET.Element
+    position: Sequence[float]
+    R: Array
+
+    def attach(self, link: ET.Element) -> None:
+        """Let it be seen and touched as a part of a link, in whose frame it is."""
+        for part in ("visual", "collision"):
+            element = ET.SubElement(link, part)
+            rpy = _text(_rpy(self.R))
+            ET.SubElement(element, "origin", xyz=_text(self.position), rpy=rpy)
+            element.append(self.geometry)
+
+
 def simulation_urdf(
-    robot: RobotDescription, tool: Body, *, stops: bool, shapes: Iterable[str]
+    robot: RobotDescription,
+    tool: Body,
+    *,
+    stops: bool,
+    shapes: Iterable[str],
+    touching: Placed | None = None,
 ) -> SimulationUrdf:
     """Return the URDF of the robot with its sensor and its tool, as PyBullet must see it.
 
@@ -88,6 +115,7 @@ def simulation_urdf(
         tool: fixed to the sensor, in the sensor frame.
         stops: whether the joints end at their limits.
         shapes: which of "visual" and "collision" the links keep.
+        touching: the shape of the tool in the sensor frame; None cannot be touched.
 
     Raises:
         RobotError: if a joint type is not supported, a joint of the arm moves beyond
@@ -105,7 +133,22 @@ def simulation_urdf(
     _insert_sensor(tree, robot.sensor_frame)
     load, moments = _lump(tree.element, tree.root, tool)
     _prune(tree.element)
+    if touching is not None:
+        touching.attach(_link(tree.element, SENSOR_LINK))
     return SimulationUrdf(ET.tostring(tree.element, encoding="unicode"), load, moments)
+
+
+def solid_urdf(solid: Placed) -> str:
+    """Return the URDF of a solid in the frame of its only link."""
+    robot = ET.Element("robot", name="solid")
+    link = ET.SubElement(robot, "link", name="solid")
+    _write_body(link, Body(0.0, np.zeros(3), np.zeros((3, 3))))
+    solid.attach(link)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _link(root: ET.Element, name: str) -> ET.Element:
+    return next(link for link in root.findall("link") if link.get("name") == name)
 
 
 def _simplify_joint(joint: ET.Element, *, active: bool, stops: bool) -> None:

@@ -404,7 +404,7 @@ def test_the_sensor_carries_all_that_is_distal_to_it(frame: str, height: float) 
 
 def test_a_contact_beyond_the_sensor_is_read_as_the_contact_forces() -> None:
     flange = dataclasses.replace(robot("panda"), sensor_frame="panda_link8")
-    sim = Simulator(flange, SimulatorParameters(collisions=True))
+    sim = Simulator(flange, SimulatorParameters(collide_links=True))
     engine, model = sim.engine, Model(flange)
     free = sim.read()
     hand = pybullet.getLinkState(engine.body, engine.sensor_link, physicsClientId=engine.client)
@@ -770,8 +770,9 @@ def test_whatever_is_not_finite_after_a_step_is_refused(
 def test_a_tool_whose_motion_is_not_finite_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     sim = simulator("ur5", **TOOL)
     sim.reset()
-    R, twist = sim.engine.sensor_motion()
-    monkeypatch.setattr(sim.engine, "sensor_motion", lambda: (R, twist + np.nan))
+    motion = sim.engine.sensor_motion()
+    torn = motion._replace(v=motion.v + np.nan)
+    monkeypatch.setattr(sim.engine, "sensor_motion", lambda: torn)
     with pytest.raises(SimulationError, match=r"after step 1: .* sensor \[nan"):
         sim.step()
     assert np.isfinite(sim.read().wrench).all()
@@ -1136,4 +1137,4 @@ def test_a_mesh_that_is_missing_matters_only_where_it_is_needed() -> None:
     broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace("</link>", f"{mesh}</link>", 1))
     Simulator(broken, SimulatorParameters()).close()
     with pytest.raises(RobotError, match=r"mesh 'package://no/such\.stl' was not found"):
-        Simulator(broken, SimulatorParameters(collisions=True))
+        Simulator(broken, SimulatorParameters(collide_links=True))

@@ -1,0 +1,112 @@
+"""What is around the robot: named things, each of a kind that its key ``shape`` names."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from sim_bridge.environment.keys import checked
+
+_KEYS_OF = "environment.NAME.KEY, of every NAME the key shape and those of that shape"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thing:
+    """One thing of the environment; a subclass with a ``shape`` is a kind of its own.
+
+    Poses are in the frame of the world, which is that of the robot's root link; its axes are
+    the base axes.
+
+    Raises:
+        ConfigurationError: if a value is impossible; names the key.
+    """
+
+    shape: ClassVar[str]
+    kinds: ClassVar[dict[str, type["Thing"]]] = {}
+
+    def __init_subclass__(cls, shape: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if shape:
+            cls.shape = shape
+            Thing.kinds[shape] = cls
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = checked(field.name, getattr(self, field.name), field.metadata)
+            object.__setattr__(self, field.name, value)
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """All keys with their values, as YAML would give them."""
+        return {"shape": self.shape, **dataclasses.asdict(self)}
+
+
+Environment = dict[str, Thing]
+"""The things by their names."""
+
+
+def read_environment(given: Mapping[str, Thing | Mapping[str, Any]]) -> Environment:
+    """Return the things that a mapping (of YAML, say) describes; those made already stay.
+
+    Raises:
+        ConfigurationError: if a thing is impossible; names ``environment.NAME.KEY``.
+    """
+    if not isinstance(given, Mapping):
+        raise ConfigurationError(f"environment is {given!r}; expected {_KEYS_OF}")
+    return {str(name): _read(f"environment.{name}", value) for name, value in given.items()}
+
+
+def nest(parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the keys and values of each thing, of parameters that are called ``NAME.KEY``.
+
+    Raises:
+        ConfigurationError: if one is called otherwise.
+    """
+    things: dict[str, dict[str, Any]] = {}
+    for path, value in parameters.items():
+        name, _, key = path.rpartition(".")
+        if not name:
+            raise ConfigurationError(f"environment.{path} is {value!r}; expected {_KEYS_OF}")
+        things.setdefault(name, {})[key] = value
+    return things
+
+
+def _read(name: str, given: Thing | Mapping[str, Any]) -> Thing:
+    if isinstance(given, Thing):
+        return given
+    if not isinstance(given, Mapping):
+        raise ConfigurationError(f"{name} is {given!r}; expected {_KEYS_OF}")
+    kind = _kind(name, given)
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    for key in given:
+        if key not in ("shape", *fields):
+            raise UnknownNameError(f"key of the {kind.shape}", f"{name}.{key}", _full(name, fields))
+    for key, field in fields.items():
+        if key not in given and field.default is dataclasses.MISSING:
+            raise ConfigurationError(f"{name}.{key} is missing; a {kind.shape} needs it")
+    values = {
+        key: checked(f"{name}.{key}", value, fields[key].metadata)
+        for key, value in given.items()
+        if key != "shape"
+    }
+    try:
+        return kind(**values)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{name}: {error}") from error
+
+
+def _kind(name: str, given: Mapping[str, Any]) -> type[Thing]:
+    if "shape" not in given:
+        raise ConfigurationError(
+            f"{name}.shape is missing; expected one of {', '.join(sorted(Thing.kinds))}; "
+            f"found {', '.join(given) or 'no keys'}"
+        )
+    shape = str(given["shape"])
+    if shape not in Thing.kinds:
+        raise UnknownNameError(f"value of {name}.shape:", shape, Thing.kinds)
+    return Thing.kinds[shape]
+
+
+def _full(name: str, fields: Mapping[str, Any]) -> list[str]:
+    return [f"{name}.{key}" for key in ("shape", *fields)]

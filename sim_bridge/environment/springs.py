@@ -1,0 +1,82 @@
+"""Springs from an anchor in the world to the tool, which pull and push alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eulerparams_control.rotations import Array, cross, log
+from sim_bridge.environment.forces import Force, SensorMotion, at_point
+from sim_bridge.environment.keys import NO_TURN, ORIGIN, quaternion, rotation, vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring(Force, shape="spring"):
+    """A translational spring from ``position`` to the point p of the tool.
+
+    f = K (position - p) - D dp, with K = U diag(stiffness) U', D = U diag(damping) U' and U
+    the rotation matrix of ``orientation``.
+
+    Attributes:
+        position: of the anchor, m; (3,).
+        orientation: of the axes of stiffness and damping, x, y, z, w.
+        stiffness: one number or 3, N/m.
+        damping: one number or 3, Ns/m.
+        point: p in the sensor frame, m; (3,).
+    """
+
+    position: tuple[float, ...] = vector("m")
+    orientation: tuple[float, ...] = quaternion(default=NO_TURN)
+    stiffness: tuple[float, ...] = vector("N/m", one_for_all=True, least=0.0)
+    damping: tuple[float, ...] = vector("Ns/m", one_for_all=True, least=0.0, default=0.0)
+    point: tuple[float, ...] = vector("m", default=ORIGIN)
+
+    def exerted(self, t: float, sensor: SensorMotion) -> tuple[Array, Array]:
+        """Return the force, and its moment about the sensor's origin."""
+        anchor, point, K, D = self._constants
+        arm = sensor.R.dot(point)
+        dp = sensor.v + cross(sensor.omega, arm)
+        return at_point(K.dot(anchor - sensor.p - arm) - D.dot(dp), arm)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, Array, Array, Array]:
+        K, D = (_along(self.orientation, values) for values in (self.stiffness, self.damping))
+        return np.array(self.position), np.array(self.point), K, D
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorsionSpring(Force, shape="torsion_spring"):
+    """A rotational spring that turns the sensor frame to ``orientation``.
+
+    mu = K x - D omega, with x the rotation vector of R_a R' (base axes, angle from 0 to pi), R_a
+    the rotation matrix of ``orientation``, R that of the sensor frame, and K, D as of a
+    :class:`Spring`.  At the angle pi the moment changes its sign.
+
+    Attributes:
+        orientation: of the sensor frame at rest, and of the axes of stiffness and damping,
+            x, y, z, w.
+        stiffness: one number or 3, Nm/rad.
+        damping: one number or 3, Nms/rad.
+    """
+
+    orientation: tuple[float, ...] = quaternion()
+    stiffness: tuple[float, ...] = vector("Nm/rad", one_for_all=True, least=0.0)
+    damping: tuple[float, ...] = vector("Nms/rad", one_for_all=True, least=0.0, default=0.0)
+
+    def exerted(self, t: float, sensor: SensorMotion) -> tuple[Array, Array]:
+        """Return no force, and the moment."""
+        R_a, K, D = self._constants
+        x = log(R_a.dot(sensor.R.T))
+        return np.zeros(3), K.dot(x) - D.dot(sensor.omega)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, Array, Array]:
+        K, D = (_along(self.orientation, values) for values in (self.stiffness, self.damping))
+        return rotation(self.orientation), K, D
+
+
+def _along(orientation: Sequence[float], values: Sequence[float]) -> Array:
+    """Return U diag(values) U', (3, 3)."""
+    U = rotation(orientation)
+    return U @ np.diag(values) @ U.T
