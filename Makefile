@@ -5,6 +5,8 @@ VENV := .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
 OUT ?= out
+PAPER := e3 e4 e6 e7 e8 e9 e10 e11 e12 e13 e14 e15 e16 e17 e18 e19 e20 e21 robots encoders turning \
+	press_slide peg hand_guiding admittance contact_stiffness robots_contact
 
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -28,7 +30,7 @@ bench: $(READY)
 
 paper: $(READY)
 	@rm -rf $(OUT)/paper
-	@$(VENV)/bin/experiment e3 e4 e6 e7 e8 e9 e10 e11 e12 e13 e14 e21 robots encoders --out $(OUT)/paper
+	@$(VENV)/bin/experiment $(PAPER) --out $(OUT)/paper
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

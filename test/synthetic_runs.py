@@ -4,6 +4,8 @@ A hinge turns a rod of 1 m about the base's y axis: R = R_y(q), p = (cos q, 0, -
 So the angle to the desired frame at q = 0 is |q|, the distance to it 2 sin(|q| / 2), and
 the angle to the pole of XYZ 90 deg - |q|.  A second joint, which rests, rolls the rod about
 itself.  The columns of J are orthogonal, of norm sqrt(2) and 1: its singular values.
+
+The sensor is 0.2 m before the tip, turned by 90 deg about the rod: its y is the tip's z.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +14,7 @@ from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Transform, Vector3
+from geometry_msgs.msg import Transform, Vector3, WrenchStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -21,6 +23,8 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.messages import BEGAN
+from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.ros.conversions import motion_to_ros
 
 URDF = """<robot name="rod">
 <link name="base"/><link name="tip"/>
@@ -33,6 +37,9 @@ URDF = """<robot name="rod">
 <link name="rod"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="1 0 0"/></joint>
+<link name="sensor"/>
+<joint name="mount" type="fixed"><parent link="rod"/><child link="sensor"/>
+<origin xyz="0.8 0 0" rpy="1.5707963267948966 0 0"/></joint>
 </robot>"""
 
 DISTANCE = 0.01  # [m] of a reference that moves
@@ -46,6 +53,8 @@ _TYPES = {
     "/reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "/robot_description": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
 }
 
 
@@ -62,6 +71,9 @@ def write_run(
     node: str = "",
     lasting: float = 0.0,
     began: int | None = None,
+    wrenches: Sequence[Sequence[float]] | None = None,
+    sensor: str = "tip",
+    compliant: Sequence[DesiredFrame] | None = None,
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
 
@@ -78,6 +90,9 @@ def write_run(
         node: their node; "" is that of the command.
         lasting: [s] of a reference that moves the tip by ``DISTANCE``; 0 is one that rests.
         began: when the controller says that the reference began, after the first stamp [ns].
+        wrenches: force and moment (6,) in wrench, before joint_states; None leaves it out.
+        sensor: the frame that they are in.
+        compliant: the frames in compliant_frame; None leaves it out.
     """
     node = node or ("/clik" if efforts is None else "/dynamic_control")
     referred = _START if efforts is None else _START + _LATENCY_NS // 2
@@ -92,12 +107,17 @@ def write_run(
         for index, q in enumerate(measured):
             stamp = _START + index * PERIOD_NS
             dq = 0.0 if speeds is None or command is not None else speeds[index]
+            if wrenches is not None:
+                bag.write("/wrench", _wrench(stamp, wrenches[index], sensor), stamp, stamp)
             bag.write("/joint_states", _joint_state(stamp, q, dq), stamp, stamp)
             if desired and index == 0:
                 reference = serialize_message(_reference(lasting))
                 bag.write("/reference", reference, referred, referred)
             if began is not None and index == 20:
                 bag.write("/diagnostics", _diagnostics(_START + began), stamp, stamp)
+            if compliant is not None:
+                data = _compliant(stamp, compliant[index])
+                bag.write("/compliant_frame", data, stamp, stamp)
             if command is not None:
                 dq = 0.0 if speeds is None else speeds[index]
                 bag.write("/joint_reference", _joint_state(stamp, command[index], dq), stamp, stamp)
@@ -117,7 +137,20 @@ def _joint_effort(stamp: int, tau: float) -> bytes:
     return _stamped(JointState(name=["roll", "gripper", "hinge"], effort=[0.5, 99.0, tau]), stamp)
 
 
-def _stamped(message: JointState, stamp: int) -> bytes:
+def _wrench(stamp: int, wrench: Sequence[float], sensor: str) -> bytes:
+    message = WrenchStamped()
+    message.header.frame_id = sensor
+    values = list(map(float, wrench))
+    for part, (x, y, z) in (("force", values[:3]), ("torque", values[3:])):
+        setattr(message.wrench, part, Vector3(x=x, y=y, z=z))
+    return _stamped(message, stamp)
+
+
+def _compliant(stamp: int, frame: DesiredFrame) -> bytes:
+    return _stamped(motion_to_ros(Trajectory([0.0], [frame]), "base", "tip"), stamp)
+
+
+def _stamped(message: Any, stamp: int) -> bytes:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
     return bytes(serialize_message(message))
 

@@ -19,7 +19,7 @@ from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.scale import axis
+from eulerparams_control.analysis.scale import axis, symmetric_axis
 from eulerparams_control.analysis.sentence import describe, fill, placeholders
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.text import number, quantity
@@ -351,8 +351,11 @@ def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path: Path) -> 
     ("options", "words"),
     [
         ({"parameters": GAINS | {"orientation": "euler_angles"}}, "no Lyapunov function for euler"),
-        ({}, "no parameters of a node clik or dynamic_control were recorded"),
-        ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik or dynamic"),
+        (
+            {},
+            "no parameters of a node clik, dynamic_control or impedance_control were recorded",
+        ),
+        ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik, dynamic_contr"),
         ({"parameters": GAINS, "desired": False}, "no desired frame was recorded"),
         ({"parameters": {"orientation": "euler_parameters"}}, "do not give V: 'k_Po'"),
         ({"parameters": GAINS | {"orientation": "eluer"}}, "do not give V: unknown orientation"),
@@ -389,6 +392,8 @@ def test_every_number_of_a_run_that_diverged_is_computed_without_a_warning(
         "period_growth": {"period": 0.01},
         "growth_rate": {"low": 7.0, "high": 10.0},
         "posture_cost": {"posture": [0.0, 0.0]},
+        "force_ripple": {"window": 1.0},
+        "escape_rate": {"low": 1.0, "high": 2.0},
     }
     found = {name: measure(name, run, **options.get(name, {})) for name in METRICS}
     assert found["peak_joint_speed"] == found["peak_effort"] == size
@@ -528,6 +533,16 @@ def test_an_axis_does_not_enlarge_rounding_nor_reach_to_the_end_of_a_divergence(
 def test_an_axis_is_logarithmic_where_it_is_asked_for() -> None:
     assert axis([np.array([1.0, 2.0])], 1e-6, logarithmic=True)["type"] == "log"
     assert axis([np.zeros(3)], 1e-6, logarithmic=True)["type"] == "linear"
+
+
+def test_an_axis_of_components_has_zero_in_its_middle() -> None:
+    runs = [np.array([[1.0, -4.0, np.nan]]), np.array([[2.0, np.inf, 0.0]])]
+    shown = symmetric_axis(runs, 1e-6)
+    assert shown["type"] == "linear"
+    assert shown["range"] == pytest.approx([-4.4, 4.4])
+    assert symmetric_axis([np.full(3, 1e-12)], 1.0)["range"] == pytest.approx([-1.1, 1.1])
+    assert symmetric_axis([np.array([1e300, 1.0])], 1.0)["range"][1] < 1e13
+    assert symmetric_axis([np.full(2, np.nan)], 1.0)["range"] == pytest.approx([-1.1, 1.1])
 
 
 def test_an_axis_ends_where_values_are_rounding_and_survives_any_values() -> None:

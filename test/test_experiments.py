@@ -27,6 +27,7 @@ from eulerparams_control.errors import (
     EulerParamsError,
     UnknownNameError,
 )
+from eulerparams_control.experiments.controllers import CONTROLLERS
 from eulerparams_control.experiments.criteria import judge, write_summary
 from eulerparams_control.experiments.definition import Criterion, load_experiment
 from eulerparams_control.experiments.processes import Nodes
@@ -142,6 +143,109 @@ def test_a_variant_runs_the_nodes_that_its_controller_takes(tmp_path: Path) -> N
     assert dynamic["dynamic_control"]["tip_frame"] == "tool0"
 
 
+def test_a_variant_changes_of_groups_only_what_it_names(tmp_path: Path) -> None:
+    plane = {"shape": "plane", "position": [0.0, 0.0, 0.1], "stiffness": 1e3}
+    wall = {"shape": "spring", "stiffness": [0.0, 0.0, 2e4]}
+    nodes = GOOD["nodes"] | {
+        "pybullet_bridge": NOISE | {"environment": {"plane": plane, "wall": wall}}
+    }
+    variants = {
+        "soft": {},
+        "stiff": {"pybullet_bridge": {"environment": {"plane": {"stiffness": 1e5}}, "seed": 2}},
+        "moved": {"pybullet_bridge": {"environment": {"plane": {"position": [0.0, 0.0, 0.2]}}}},
+        "pushed": {"pybullet_bridge": {"environment": {"hand": {"shape": "push"}}}},
+    }
+    found = load_experiment(str(write(tmp_path, changed(nodes=nodes, variants=variants)))).variants
+    bridge = {name: variant.nodes["pybullet_bridge"] for name, variant in found.items()}
+    assert bridge["soft"] == NOISE | {"environment": {"plane": plane, "wall": wall}}
+    assert bridge["stiff"] == {
+        "noise_position": 1e-4,
+        "seed": 2,
+        "environment": {"plane": plane | {"stiffness": 1e5}, "wall": wall},
+    }
+    assert bridge["moved"]["environment"]["plane"] == plane | {"position": [0.0, 0.0, 0.2]}
+    assert bridge["pushed"]["environment"] == {
+        "plane": plane,
+        "wall": wall,
+        "hand": {"shape": "push"},
+    }
+    parameters = node_parameters(found["stiff"])["pybullet_bridge"]
+    assert parameters["environment"] == bridge["stiff"]["environment"]
+
+
+ONE_NODE = {"use_sim_time": True, "require_reference": True, "wait_for_subscribers": 2}
+
+
+@pytest.mark.parametrize(
+    ("controller", "command", "control", "records", "own"),
+    [
+        ("clik", "joint_reference", "position", (), {"clik": {}}),
+        ("dynamic_control", "joint_effort", "torque", (), {"dynamic_control": {}}),
+        (
+            "impedance_control",
+            "joint_effort",
+            "torque",
+            ("compliant_frame",),
+            {"impedance_control": {"wrench_pairing": "stamp"}},
+        ),
+        (
+            "admittance",
+            "joint_reference",
+            "position",
+            ("compliant_frame",),
+            {
+                "impedance_control": {"wrench_pairing": "stamp", "command_type": "none"},
+                "clik": {"reference_pairing": "stamp"},
+            },
+        ),
+    ],
+)
+def test_a_controller_says_its_nodes_and_what_they_need_in_lock_step(
+    tmp_path: Path,
+    controller: str,
+    command: str,
+    control: str,
+    records: tuple[str, ...],
+    own: dict[str, dict[str, Any]],
+) -> None:
+    content = changed(controller=controller, nodes={"reference": T1}, variants={"only": {}})
+    variant = load_experiment(str(write(tmp_path, content))).variants["only"]
+    found = CONTROLLERS[controller]
+    assert found.answers == (*records, command)
+    parameters = node_parameters(variant)
+    frames = {"base_frame": "base_link", "tip_frame": "tool0"}
+    for node, values in own.items():
+        assert parameters.pop(node) == frames | ONE_NODE | values
+    assert parameters.keys() == {"reference", "pybullet_bridge"}
+    assert parameters["pybullet_bridge"]["control"] == control
+    # of joint_states: the controller's nodes, reference and the recorder
+    assert parameters["pybullet_bridge"]["wait_for_subscribers"] == len(own) + 2
+    assert parameters["reference"]["wait_for_subscribers"] == 2
+
+
+def test_with_admittance_clik_follows_the_compliant_frame() -> None:
+    remaps = {node.executable: node.remaps for node in CONTROLLERS["admittance"].nodes}
+    assert remaps == {"impedance_control": {}, "clik": {"reference": "compliant_frame"}}
+    others = [c for name, c in CONTROLLERS.items() if name != "admittance"]
+    assert not any(node.remaps for controller in others for node in controller.nodes)
+
+
+def test_a_file_may_say_otherwise_what_a_node_needs(tmp_path: Path) -> None:
+    nodes = {"reference": T1, "impedance_control": {"wrench_pairing": "latest", "K_o": [1.0] * 3}}
+    content = changed(controller="admittance", nodes=nodes, variants={"only": {}})
+    variant = load_experiment(str(write(tmp_path, content))).variants["only"]
+    parameters = node_parameters(variant)["impedance_control"]
+    assert parameters["wrench_pairing"] == "latest"
+    assert parameters["K_o"] == [1.0] * 3
+    assert parameters["command_type"] == "none"
+
+
+def test_the_page_begins_with_the_picture_that_the_file_names(tmp_path: Path) -> None:
+    assert load_experiment(str(write(tmp_path, GOOD))).picture == "orientation_error"
+    content = changed(picture="moment")
+    assert load_experiment(str(write(tmp_path, content))).picture == "moment"
+
+
 def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: Path) -> None:
     criteria = [
         {
@@ -153,6 +257,8 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         {"metric": "growth_rate", "above": 0, "options": {"low": 1, "high": 2}},
         {"metric": "servo_lag", "ratio": ["first", "second"], "above": 0},
         {"metric": "peak_effort", "spread": ["second"] * 2, "below": 1, "options": {"after": 3}},
+        {"metric": "peak_force", "difference": ["first", "second"], "below": 1,
+         "options": {"after": 4}},
     ]
     content = changed(summary="{growth_rate.first}", criteria=criteria)
     found = load_experiment(str(write(tmp_path, content)))
@@ -160,6 +266,8 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
     assert found.options("growth_rate", "second") == {"low": 1, "high": 2}
     assert found.options("peak_effort", "second") == {"after": 3}
     assert found.options("peak_effort", "angles") == {}
+    assert found.options("peak_force", "second") == {"after": 4}
+    assert found.options("peak_force", "angles") == {}
     assert found.options("peak_joint_speed", "first") == {}
 
 
@@ -195,6 +303,15 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
             changed(variants={"a": {"dynamic_control": {"k_Po": 1.0}}}),
             "variant a: parameters of dynamic_control, but its controller is clik",
         ),
+        (
+            changed(variants={"a": {"controller": "admittance", "dynamic_control": {}}}),
+            "variant a: parameters of dynamic_control, but its controller is admittance",
+        ),
+        (
+            changed(controller="impedance_control", variants={"a": {"clik": {"k_Po": 1.0}}}),
+            "variant a: parameters of clik, but its controller is impedance_control",
+        ),
+        (changed(picture="momet"), "unknown picture 'momet' (did you mean 'moment'?); known: disp"),
         (changed(may_diverge="no"), "the experiment: may_diverge: expected true or false"),
         (changed(start_at_reference=1), "start_at_reference: expected true or false"),
         (changed(start_turn=[0.0, 1.0]), "start_turn: expected [x, y, z] in rad"),
@@ -210,8 +327,14 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (criterion(spread=["first", "third"]), "unknown variant in a criterion 'third'"),
         (
             criterion(spread=["first", "second"], ratio=["first", "second"]),
-            "expected one of 'variants', 'ratio' and 'spread'",
+            "expected one of 'variants', 'ratio', 'difference' and 'spread'",
         ),
+        (
+            criterion(difference=["first", "second"], variants=["first"]),
+            "expected one of 'variants', 'ratio', 'difference' and 'spread'",
+        ),
+        (criterion(difference=["first"]), "difference: expected two variants"),
+        (criterion(difference=["first", "third"]), "unknown variant in a criterion 'third'"),
         (changed(equations="(28)"), "equations: expected a list"),
         (changed(criteria={"metric": "x"}), "criteria: expected a list"),
         (changed(criteria=[{"below": 1}]), "a criterion needs a metric"),
@@ -244,7 +367,9 @@ def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
 def test_an_experiment_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError) as refusal:
         load_experiment("demmo")
-    assert "unknown experiment 'demmo' (did you mean 'demo'?); known: demo, " in str(refusal.value)
+    said = str(refusal.value)
+    assert said.startswith("unknown experiment 'demmo' (did you mean 'demo'?); known: ")
+    assert set(config_names("experiments")) == set(said.rsplit("known: ")[1].split(", "))
     with pytest.raises(ConfigurationError, match=r"nowhere\.yaml.*No such file"):
         load_experiment(str(tmp_path / "nowhere.yaml"))
 
@@ -307,6 +432,19 @@ def test_a_turned_start_keeps_the_position_and_turns_in_the_tool_frame(tmp_path:
     )
     np.testing.assert_allclose(turned.p_e, straight.p_e, atol=REST)
     np.testing.assert_allclose(turned.R_e, straight.R_e @ exp(turn), atol=REST)
+
+
+@pytest.mark.parametrize("controller", ["impedance_control", "admittance"])
+def test_no_node_of_a_compliant_arm_takes_a_turned_start_for_a_fault(
+    tmp_path: Path, controller: str
+) -> None:
+    changes: dict[str, Any] = {"controller": controller, "nodes": {"reference": T1}}
+    _, parameters = started(tmp_path, start_turn=[0.0, 0.0, 3.0], **changes)
+    for node in CONTROLLERS[controller].executables:
+        assert parameters[node]["max_jump_rotation"] == math.pi
+        assert ("max_error_rotation" in parameters[node]) == (node == "impedance_control")
+    _, parameters = started(tmp_path, **changes)
+    assert "max_error_rotation" not in parameters["impedance_control"]
 
 
 def test_dynamic_control_takes_a_turned_start_for_no_fault(tmp_path: Path) -> None:
@@ -387,6 +525,20 @@ def test_a_spread_is_that_of_its_variants_over_their_mean(
     assert judge(experiment, runs) == []
 
 
+@pytest.mark.parametrize("speeds", [(1.0, 1.5), (1.5, 1.0)])
+def test_a_difference_has_no_sign_and_the_unit_of_its_metric(
+    tmp_path: Path, speeds: tuple[float, float]
+) -> None:
+    content = criterion(difference=["first", "second"], below=0.6)
+    experiment = load_experiment(str(write(tmp_path, content)))
+    runs = recordings(tmp_path, **dict(zip(("first", "second"), speeds, strict=True)))
+    (verdict,) = judge(experiment, runs)
+    assert verdict.measured == pytest.approx(0.5)
+    assert (verdict.variant, verdict.unit, verdict.met) == ("first - second", "rad/s", True)
+    del runs["second"]
+    assert judge(experiment, runs) == []
+
+
 def test_a_ratio_to_nothing_is_infinite(tmp_path: Path) -> None:
     content = criterion(ratio=["first", "second"], above=5, below=None)
     experiment = load_experiment(str(write(tmp_path, content)))
@@ -424,8 +576,10 @@ def test_a_run_has_diverged_if_its_logs_say_so(
     tmp_path: Path, bridge: str, controller: str, expected: bool
 ) -> None:
     (tmp_path / "pybullet_bridge.log").write_text(bridge)
+    (tmp_path / "impedance_control.log").write_text("[INFO] [impedance_control]: active")
     (tmp_path / "clik.log").write_text(controller)
     assert has_diverged(Nodes(tmp_path), "clik") is expected
+    assert has_diverged(Nodes(tmp_path), "admittance") is expected
 
 
 # --- whole runs ------------------------------------------------------------------------------
@@ -618,6 +772,75 @@ def test_a_run_that_diverges_without_leave_is_an_error(tmp_path: Path) -> None:
     assert "the node pybullet_bridge died with exit code 1" in process.stdout
     assert "not finite after step" in process.stdout
     assert nodes_of(tmp_path) == []
+
+
+# The tip goes 10 mm away from a spring that holds it back.
+PULLED: dict[str, Any] = {
+    "reference": T1 | {"orientations": T1["orientations"][:3] * 2},
+    "pybullet_bridge": {
+        "seed": 1,
+        "noise_force": 0.1,
+        "environment": {
+            "spring": {"shape": "spring", "position": T1["positions"][:3], "stiffness": 1e3}
+        },
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def compliant(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
+    """The folder of runs with an impedance, two of each controller that has one."""
+    folder = tmp_path_factory.mktemp("compliant")
+    content = changed(
+        nodes=PULLED,
+        picture="force",
+        variants={
+            "first": {"controller": "impedance_control"},
+            "second": {"controller": "impedance_control"},
+            "third": {"controller": "admittance"},
+            "fourth": {"controller": "admittance"},
+        },
+        criteria=[
+            {"metric": "peak_force", "difference": ["first", "third"], "below": 1.0},
+            {"metric": "peak_position_error", "below": 0.5, "options": {"against": "compliant"}},
+        ],
+    )
+    process = run(folder, str(write(folder, content)))
+    assert process.end() == 0, process.log
+    return folder / "out/short", process
+
+
+@pytest.mark.parametrize("names", [("first", "second"), ("third", "fourth")])
+@pytest.mark.parametrize("topic", ["/compliant_frame", "command", "/joint_states", "/wrench"])
+def test_two_runs_with_an_impedance_are_the_same_to_the_bit(
+    compliant: tuple[Path, Process], names: tuple[str, str], topic: str
+) -> None:
+    if topic == "command":
+        topic = "/joint_effort" if names[0] == "first" else "/joint_reference"
+    first, second = (raw(compliant[0] / name, topic) for name in names)
+    assert sorted(first) == list(range(0, STEPS * 1_000_000, 1_000_000))
+    assert first == second
+
+
+@pytest.mark.parametrize("name", ["first", "third"])
+def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(
+    compliant: tuple[Path, Process], name: str
+) -> None:
+    folder, _ = compliant
+    found = Recording.load(folder / name)
+    assert found.compliant is not None
+    assert found.wrench is not None
+    assert len(found.compliant.t) == len(found.wrench.t) == STEPS
+    assert found.wrench.f[-1, 2] < -1.0  # N: it is held back
+    assert found.compliant.p_cd_d[-1] @ found.compliant.p_cd_d[-1] > 1e-3**2
+    assert found.lyapunov is not None
+    assert found.parameters["/impedance_control"]["wrench_pairing"] == "stamp"
+    environment = found.parameters["/pybullet_bridge"]["environment"]
+    assert environment["spring"]["shape"] == "spring"
+    assert (found.command is None) == (found.effort is not None) == (name == "first")
+    assert ("/clik" in found.parameters) == (name == "third")
+    page = (folder / "report.html").read_text()
+    assert page.index("<h3>Contact force</h3>") < page.index("<h3>Orientation error</h3>")
 
 
 def test_a_name_that_does_not_exist_gives_one_line_and_exit_code_2(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ import pytest
 from plotly.offline import get_plotlyjs
 from synthetic_runs import URDF, write_run
 
-from eulerparams_control.analysis.figures import Panel
 from eulerparams_control.analysis.page import figures_json, write_page
+from eulerparams_control.analysis.plots import Panel
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.experiments.criteria import Verdict
 from eulerparams_control.robot import Robot
@@ -288,10 +288,28 @@ def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path:
     ]
 
 
+def test_parameters_in_groups_are_compared_one_by_one(tmp_path: Path) -> None:
+    plane = {"shape": "plane", "stiffness": 1e3}
+    runs = [
+        Recording.load(
+            write_run(tmp_path / name, [0.1], parameters={"environment": {"plane": keys}})
+        )
+        for name, keys in (("soft", plane), ("stiff", plane | {"stiffness": 1e5}))
+    ]
+    text = page_of(tmp_path, runs, "", "")
+    differing = re.findall(r'<tr class="differs"><th>(.*?)</th>(.*?)</tr>', text)
+    assert [(name, re.findall(r"<td.*?>(.*?)</td>", cells)) for name, cells in differing] == [
+        ("/clik environment.plane.stiffness", ["1000", "100000"])
+    ]
+    folded = text[text.index("<details>") : text.index("</details>")]
+    assert "<th>/clik environment.plane.shape</th>" in folded
+
+
 def test_joints_of_different_robots_are_named_each(tmp_path: Path) -> None:
-    runs = [dynamic(tmp_path / name, [3.0, 3.0]) for name in ("one", "other", "shorter")]
+    runs = [dynamic(tmp_path / name, [3.0, 3.0]) for name in ("one", "other")]
     runs[1] = replace(runs[1], robot=Robot(URDF.replace("hinge", "elbow"), "base", "tip"))
-    runs[2] = replace(runs[2], robot=Robot(URDF, "base", "tip", ["hinge"]))
+    rigid = URDF.replace('name="roll" type="revolute"', 'name="roll" type="fixed"')
+    runs.append(dynamic(tmp_path / "shorter", [3.0, 3.0], urdf=rigid))
     joints = figure_of(page_of(tmp_path, runs, "", ""), "Speed of each joint")
     titles = [note["text"] for note in joints["layout"]["annotations"]]
     assert titles == ["hinge / elbow", "roll"]

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 from plotly.offline import get_plotlyjs
 
-from eulerparams_control.analysis.figures import Panel, Panels, panels
+from eulerparams_control.analysis.figures import Panels, panels, picture
 from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.page_assets import SCRIPT, STYLE
 from eulerparams_control.analysis.page_tables import criteria, numbers, parameters, run_names
+from eulerparams_control.analysis.plots import Panel
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.sentence import describe
 from eulerparams_control.errors import ConfigurationError
@@ -52,7 +53,8 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
-_NUMBER = re.compile(r"(\d\S*(?: (?:deg|mm|rad/s|Nm|1/s|s)\b)?)")
+_UNITS = "deg|mm/s|mm|rad/s|Nm/rad|Nm|N/m|N|1/s|s"
+_NUMBER = re.compile(rf"(\d\S*(?: (?:{_UNITS})\b)?)")
 
 
 def write_page(
@@ -61,6 +63,7 @@ def write_page(
     claim: str,
     sentence: str,
     verdicts: Sequence["Verdict"] = (),
+    first: str = "orientation_error",
 ) -> None:
     """Write the page of some runs.
 
@@ -70,11 +73,13 @@ def write_page(
         claim: what they are to show; "" if nothing.
         sentence: what they show, with numbers; "" describes them.
         verdicts: on the criteria; () if there are none.
+        first: name of the quantity whose picture matters most.
 
     Raises:
+        UnknownNameError: if there is no such quantity.
         ConfigurationError: if the file cannot be written.
     """
-    drawn = panels(recordings)
+    drawn = panels(recordings, picture(first))
     sentence = sentence or describe(recordings)
     text = _PAGE.format(
         policy=_POLICY,
@@ -84,7 +89,7 @@ def write_page(
         claim=_claim(claim, verdicts),
         warnings="\n".join(_warnings(recordings)),
         body=_body(drawn, recordings, verdicts),
-        figures=figures_json(drawn.over_time + drawn.joints),
+        figures=figures_json(drawn.over_time + drawn.vectors + drawn.joints),
         plotly=get_plotlyjs(),
         script=SCRIPT,
     )
@@ -121,6 +126,8 @@ def _warnings(recordings: Sequence[Recording]) -> Iterator[str]:
         if recording.diverged is not None:
             t = f"{recording.diverged:.3f}"
             yield _warning(f"{name} diverged at {t} s: its curves and numbers end there.")
+        if recording.sensed is not None and recording.why_no_wrench:
+            yield _warning(f"{name}: {recording.why_no_wrench}.")
 
 
 def _warning(text: str) -> str:
@@ -136,6 +143,7 @@ def _body(drawn: Panels, recordings: Sequence[Recording], verdicts: Sequence["Ve
         "<h2>Over time</h2>",
         _key(recordings),
         f'<div class="plots">{"".join(map(_figure, others))}</div>',
+        *map(_figure, drawn.vectors),
         "<h2>Numbers</h2>",
         numbers(recordings),
         *map(_figure, drawn.joints),

@@ -1,6 +1,6 @@
 """The tables of the page: criteria, numbers, parameters."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
@@ -91,20 +91,28 @@ def _nodes(recordings: Sequence[Recording]) -> list[str]:
 
 def _parameters(recordings: Sequence[Recording]) -> dict[str, list[str]]:
     """Return the value of each parameter in each run as text, by node and name."""
-    names = {
-        (node, name): None
+    found = [
+        {node: dict(_flat(values)) for node, values in recording.parameters.items()}
         for recording in recordings
-        for node, values in recording.parameters.items()
-        for name in values
-        if name not in _DULL
-    }
+    ]
+    names = {(node, name) for run in found for node, values in run.items() for name in values}
     return {
         f"{node} {name}": [
-            _shown(r.parameters[node].get(name)) if node in r.parameters else _NO_NODE
-            for r in recordings
+            _shown(run[node].get(name)) if node in run else _NO_NODE for run in found
         ]
         for node, name in sorted(names, key=str)
     }
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the parameters of a node by their full names, but for those that say nothing."""
+    for name, value in values.items():
+        if not prefix and name in _DULL:
+            continue
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _shown(value: Any) -> str:

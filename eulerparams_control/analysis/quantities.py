@@ -1,60 +1,20 @@
 """What is plotted over time: each quantity with its unit, its meaning and its equation."""
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 
+from eulerparams_control.analysis.contact_quantities import (
+    COMPLIANT_DISPLACEMENT,
+    COMPLIANT_TURN,
+    FORCE,
+    MOMENT,
+    MOTION_LOOP_ORIENTATION,
+    MOTION_LOOP_POSITION,
+)
+from eulerparams_control.analysis.quantity import JointQuantity, Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.rotations import Array
 
 _EMPTY = np.zeros(0)
-
-
-class Quantity(NamedTuple):
-    """A quantity of a run over time.
-
-    Attributes:
-        title: of the plot.
-        label: of its axis, with the unit; {sequence} stands for the Euler angles.
-        caption: what it means, and the equation it belongs to.
-        unit: for single values.
-        floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
-        of: returns instants [s] and values; both empty if nothing was recorded.
-        limits: returns (n,) limits of the URDF to draw; None has none.
-        logarithmic: whether the axis is logarithmic in any case.
-    """
-
-    title: str
-    label: str
-    caption: str
-    unit: str
-    floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
-    limits: Callable[[Recording], Array] | None = None
-    logarithmic: bool = False
-
-
-class JointQuantity(NamedTuple):
-    """A quantity of each joint over time.
-
-    Attributes:
-        title: of the plots.
-        label: of their axes, with the unit.
-        caption: what it means.
-        unit: for single values.
-        floor: values below are rounding, not motion.
-        of: returns instants (N,) [s] and values (N, n); both empty if nothing was recorded.
-        limits: returns (n,) limits of the URDF to draw.
-    """
-
-    title: str
-    label: str
-    caption: str
-    unit: str
-    floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
-    limits: Callable[[Recording], Array]
 
 
 def _orientation_error(recording: Recording) -> tuple[Array, Array]:
@@ -116,6 +76,7 @@ def _known(recording: Recording, error: Array) -> tuple[Array, Array]:
 
 
 ORIENTATION_ERROR = Quantity(
+    "orientation_error",
     "Orientation error",
     "orientation error [deg]",
     "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
@@ -126,6 +87,7 @@ ORIENTATION_ERROR = Quantity(
     _orientation_error,
 )
 JOINT_SPEED = Quantity(
+    "joint_speed",
     "Joint speed",
     "largest |dq| [rad/s]",
     "Speed of the fastest joint: what (23), (28) ask for in kinematic control, what (38), (40) "
@@ -136,6 +98,7 @@ JOINT_SPEED = Quantity(
     _velocity_limits,
 )
 EFFORT = Quantity(
+    "effort",
     "Effort",
     "largest |tau| [Nm]",
     "Largest commanded effort of a joint: (33), with the acceleration that (38) or (40) asks for. "
@@ -146,18 +109,20 @@ EFFORT = Quantity(
     _effort_limits,
 )
 LYAPUNOV = Quantity(
+    "lyapunov",
     "Lyapunov function",
     "V",
     "V_1 of (30) in kinematic control, V_2 of (42) in dynamic control, with the sign that the "
-    "controller gave the mutual quaternion; of Euler parameters only. By (31), (43) it never "
-    "increases from an error on; what sampling, noise and limits leave of one while moving comes "
-    "on top.",
+    "controller gave the mutual quaternion, V_3 of (68) of the impedance; of Euler parameters "
+    "only. By (31), (43), (69) it never increases from an error on without a contact moment; what "
+    "sampling, noise and limits leave of one while moving comes on top.",
     "",
     1e-16,
     _lyapunov,
     logarithmic=True,
 )
 POLE_DISTANCE = Quantity(
+    "pole_distance",
     "Distance to the representation singularity",
     "angle to the pole of {sequence} [deg]",
     "Angle of the tip to the nearest pole of the Euler angles, where T of (3) is singular and "
@@ -167,6 +132,7 @@ POLE_DISTANCE = Quantity(
     _pole_distance,
 )
 SINGULAR_VALUE = Quantity(
+    "singular_value",
     "Distance to the kinematic singularities",
     "smallest singular value of J",
     "Smallest singular value of the geometric Jacobian of (20): 0 where the arm itself is "
@@ -176,6 +142,7 @@ SINGULAR_VALUE = Quantity(
     _smallest_singular_value,
 )
 POSITION_ERROR = Quantity(
+    "position_error",
     "Position error",
     "position error [mm]",
     "Distance between the desired and the actual origin of the tip.",
@@ -184,6 +151,7 @@ POSITION_ERROR = Quantity(
     _position_error,
 )
 SERVO_LAG = Quantity(
+    "servo_lag",
     "Servo",
     "command - measured [deg]",
     "Largest angle of a joint between joint_reference and joint_states of the same stamp: how "
@@ -214,6 +182,12 @@ JOINT_EFFORTS = JointQuantity(
 
 QUANTITIES = (
     ORIENTATION_ERROR,
+    FORCE,
+    MOMENT,
+    COMPLIANT_DISPLACEMENT,
+    COMPLIANT_TURN,
+    MOTION_LOOP_POSITION,
+    MOTION_LOOP_ORIENTATION,
     JOINT_SPEED,
     EFFORT,
     POLE_DISTANCE,
@@ -222,7 +196,7 @@ QUANTITIES = (
     LYAPUNOV,
     SERVO_LAG,
 )
-"""In the order of the page; the first is the picture that matters."""
+"""In the order of the page; the first is the picture that matters, unless another is named."""
 
 JOINT_QUANTITIES = (JOINT_SPEEDS, JOINT_EFFORTS)
 """In the order of the page."""

@@ -17,8 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.impedance_run import ImpedanceRun, impedance_run
+from eulerparams_control.analysis.impedances import impedance_node
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
-from eulerparams_control.analysis.series import Efforts, Series
+from eulerparams_control.analysis.series import Efforts, Frames, Series
+from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.bags.reader import Bag, DecodedMessage
 from eulerparams_control.errors import BagError, InvalidMessageError, SingularityError
 from eulerparams_control.messages import (
@@ -27,6 +31,7 @@ from eulerparams_control.messages import (
     JointStateReader,
     motion_from_ros,
     ns_from_ros,
+    wrench_from_ros,
 )
 from eulerparams_control.motion import DesiredFrame, DesiredMotion
 from eulerparams_control.orientation import EulerSequence
@@ -50,6 +55,8 @@ class Recording:
         warning: what is wrong with the bag; "" if nothing.
         diverged: [s] when the simulation ended because the arm left all numbers, or its
             controller gave up; None if it did not.
+        sensed: from wrench; None if there is none.
+        compliant: from compliant_frame; None if there is none.
     """
 
     path: Path
@@ -60,6 +67,8 @@ class Recording:
     parameters: dict[str, dict[str, Any]]
     warning: str
     diverged: float | None = None
+    sensed: SensorSeries | None = None
+    compliant: CompliantMotion | None = None
 
     @classmethod
     def load(cls, path: str | PathLike[str], urdf: str = "", tip_frame: str = "") -> "Recording":
@@ -78,7 +87,8 @@ class Recording:
         topics = _Topics(bag)
         references = list(topics.messages("reference"))
         base, tip = _frames(references, bag, tip_frame)
-        robot = Robot(urdf or bag.robot_description(), base, tip)
+        parameters = _parameters(bag)
+        robot = _robot(urdf or bag.robot_description(), base, tip, parameters)
         states = list(topics.messages("joint_states"))
         if not states:
             raise BagError(f"{path}: no joint_states; found {', '.join(bag.topics) or 'nothing'}")
@@ -90,7 +100,19 @@ class Recording:
         measured = _series(robot, states, start, desired)
         command = _series(robot, commands, start, desired) if commands else None
         effort = _efforts(robot, efforts, start) if efforts else None
-        return cls(Path(path), robot, measured, command, effort, _parameters(bag), bag.warning)
+        sensed = _sensed(list(topics.messages("wrench")), start)
+        compliant = _compliant(robot, list(topics.messages("compliant_frame")), start, desired)
+        return cls(
+            Path(path),
+            robot,
+            measured,
+            command,
+            effort,
+            parameters,
+            bag.warning,
+            sensed=sensed,
+            compliant=compliant,
+        )
 
     @property
     def name(self) -> str:
@@ -114,8 +136,46 @@ class Recording:
         return self.command or self.measured
 
     @cached_property
+    def wrench(self) -> Wrenches | None:
+        """The contact wrench at the tip; None where ``why_no_wrench`` says."""
+        return None if isinstance(self._wrench, str) else self._wrench
+
+    @property
+    def why_no_wrench(self) -> str:
+        """Why there is no ``wrench``; "" if there is."""
+        return self._wrench if isinstance(self._wrench, str) else ""
+
+    @cached_property
+    def _wrench(self) -> Wrenches | str:
+        if self.sensed is None:
+            return "no wrench was recorded"
+        try:
+            return at_the_tip(self.sensed, self.measured, self.parameters)
+        except BagError as error:
+            return str(error)
+
+    @property
+    def contact(self) -> Wrenches | None:
+        """The wrench, where anything was felt or an impedance answers it; else None."""
+        wrench = self.wrench
+        if wrench is None or (self.compliant is None and not wrench.is_felt):
+            return None
+        return wrench
+
+    @cached_property
+    def impedance(self) -> ImpedanceRun | None:
+        """What the impedance equations relate; None without a compliant frame."""
+        if self.compliant is None:
+            return None
+        return impedance_run(self.compliant, self.wrench, self.measured, self.parameters)
+
+    def compliant_frames(self, series: Series) -> Frames:
+        """Return the compliant frame at each instant of a series, None where there is none."""
+        return [None] * len(series.t) if self.compliant is None else self.compliant.at(series.t)
+
+    @cached_property
     def lyapunov(self) -> LyapunovSeries | None:
-        """V of the controller that ran, (30) or (42); None where ``why_no_lyapunov`` says."""
+        """V of the controller that ran, (30), (42) or (68); None where ``why_no_lyapunov`` says."""
         return None if isinstance(self._lyapunov, str) else self._lyapunov
 
     @property
@@ -126,7 +186,7 @@ class Recording:
     @cached_property
     def _lyapunov(self) -> LyapunovSeries | str:
         try:
-            return lyapunov_series(self.leading, self.parameters)
+            return lyapunov_series(self.leading, self.parameters, self.impedance)
         except BagError as error:
             return str(error)
 
@@ -153,6 +213,8 @@ _TYPES = {
     "joint_reference": "sensor_msgs/msg/JointState",
     "joint_effort": "sensor_msgs/msg/JointState",
     "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
     "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 
@@ -262,16 +324,54 @@ def _efforts(robot: Robot, messages: list[DecodedMessage], start: int) -> Effort
     return Efforts(_times(stamps, start), np.array(rows))
 
 
+def _sensed(messages: list[DecodedMessage], start: int) -> SensorSeries | None:
+    """Return what the sensor said in messages; None if there are none that are valid."""
+
+    def read(message: Any) -> tuple[Array, str]:
+        frame = str(message.header.frame_id)
+        return wrench_from_ros(message, frame), frame
+
+    stamps, rows = _valid(messages, read)
+    if not rows:
+        return None
+    w, frames = zip(*rows, strict=True)
+    return SensorSeries(_times(stamps, start), np.array(w), list(frames))
+
+
+def _compliant(
+    robot: Robot, messages: list[DecodedMessage], start: int, desired: _Desired
+) -> CompliantMotion | None:
+    """Return the compliant frames of messages; None if there are none that are valid."""
+
+    def read(message: Any) -> DesiredFrame:
+        motion, _ = motion_from_ros(message, robot.base_frame, robot.tip_frame, _LASTING)
+        return motion.frames[0]
+
+    stamps, frames = _valid(messages, read)
+    if not frames:
+        return None
+    beside = [desired.at(stamp) for stamp in stamps]
+    return CompliantMotion(_times(stamps, start), tuple(frames), beside)
+
+
 def _rows[T](
     robot: Robot, messages: list[DecodedMessage], read: Callable[[Any], T]
+) -> tuple[list[int], list[T]]:
+    """Return stamps and contents of messages about joints; raise BagError if none is valid."""
+    stamps, rows = _valid(messages, read)
+    if not rows:
+        raise BagError(f"no valid message with the joints {', '.join(robot.joints)}")
+    return stamps, rows
+
+
+def _valid[T](
+    messages: list[DecodedMessage], read: Callable[[Any], T]
 ) -> tuple[list[int], list[T]]:
     """Return stamps and contents, each stamp once, messages that are not valid left out."""
     rows: dict[int, T] = {}
     for message in messages:
         with contextlib.suppress(InvalidMessageError):
             rows.setdefault(ns_from_ros(message.message.header.stamp), read(message.message))
-    if not rows:
-        raise BagError(f"no valid message with the joints {', '.join(robot.joints)}")
     stamps = sorted(rows)
     return stamps, [rows[stamp] for stamp in stamps]
 
@@ -291,6 +391,14 @@ def _frames(references: list[DecodedMessage], bag: Bag, tip_frame: str) -> tuple
     if not tip_frame:
         raise BagError(f"{bag.path}: nothing in it names the tip frame; give it with --tip-frame")
     return "", tip_frame
+
+
+def _robot(
+    urdf: str, base: str, tip: str, parameters: dict[str, dict[str, Any]]
+) -> Robot:
+    """Return the arm, with the gravity that the controller was told."""
+    told = (impedance_node(parameters) or {}).get("gravity") or ()
+    return Robot(urdf, base, tip, gravity=told) if len(told) == 3 else Robot(urdf, base, tip)
 
 
 def _parameters(bag: Bag) -> dict[str, dict[str, Any]]:

@@ -41,6 +41,18 @@ def axis(
     return _logarithmic(min(max(bottom, floor), top / _SPAN), top, labels)
 
 
+def symmetric_axis(runs: Sequence[Array], floor: float) -> dict[str, Any]:
+    """Return a linear axis about 0 that shows all runs; those that are not finite do not count.
+
+    Args:
+        runs: the values of each run, of any shape and sign.
+        floor: what is smaller is rounding: it is not enlarged.
+    """
+    largest = [float(np.abs(run[np.isfinite(run)]).max(initial=0.0)) for run in runs]
+    top = _MARGIN * min(max(*largest, floor), _HIGHEST)
+    return {"type": "linear", "range": [-top, top]}
+
+
 def _logarithmic(bottom: float, top: float, labels: int) -> dict[str, Any]:
     """Return an axis with one label a decade, or fewer if there are many."""
     low, high = np.log10(bottom) - 0.1, np.log10(top) + 0.2

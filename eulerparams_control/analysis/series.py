@@ -9,8 +9,11 @@ import numpy as np
 
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.robot import Robot
+from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array, angle_between
+
+type Frames = Sequence[DesiredFrame | None]
+"""Frames at instants, or None where there is none."""
 
 
 class Efforts(NamedTuple):
@@ -55,7 +58,7 @@ class Series:
     t: Array
     q: Array
     dq: Array
-    desired: Sequence[DesiredFrame | None] = field(repr=False)
+    desired: Frames = field(repr=False)
 
     @cached_property
     def _kinematics(self) -> _Kinematics:
@@ -74,16 +77,35 @@ class Series:
         """(N, 3) [rad/s] angular velocity of the tip; not finite where dq is beyond all numbers."""
         return self._kinematics.omega_e
 
+    def state(self, index: int) -> RobotState:
+        """Return the kinematics of the arm at one instant."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+            return self.robot.state(self.q[index], self.dq[index])
+
+    @property
+    def p_e(self) -> Array:
+        """(N, 3) [m] origin of the tip."""
+        return self._kinematics.p_e
+
     @cached_property
     def position_error(self) -> Array:
         """(N,) [m] distance of the tip from the desired one; NaN where there is none."""
-        pairs = zip(self.desired, self._kinematics.p_e, strict=True)
-        return np.array([np.nan if d is None else np.linalg.norm(d.p_d - p) for d, p in pairs])
+        return self.distance_to(self.desired)
 
     @cached_property
     def orientation_error(self) -> Array:
         """(N,) [rad] angle of the tip from the desired one; NaN where there is none."""
-        pairs = zip(self.desired, self.R_e, strict=True)
+        return self.angle_to(self.desired)
+
+    def distance_to(self, frames: Frames) -> Array:
+        """Return (N,) [m] the distance of the tip from N frames; NaN where there is none."""
+        pairs = zip(frames, self.p_e, strict=True)
+        with np.errstate(over="ignore"):  # a run that diverged
+            return np.array([np.nan if d is None else np.linalg.norm(d.p_d - p) for d, p in pairs])
+
+    def angle_to(self, frames: Frames) -> Array:
+        """Return (N,) [rad] the angle of the tip from N frames; NaN where there is none."""
+        pairs = zip(frames, self.R_e, strict=True)
         return np.array([np.nan if d is None else angle_between(d.R_d, R) for d, R in pairs])
 
     @cached_property

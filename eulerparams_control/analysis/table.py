@@ -1,7 +1,8 @@
 """The numbers of runs side by side: a row a number, a column a run."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from rich.table import Table
@@ -33,22 +34,34 @@ class _Number(NamedTuple):
 
     title: str
     metric: str
-    of: str = ""
+    options: Mapping[str, str] = MappingProxyType({})
     needs: str = ""
+
+
+_MEASURED = {"of": "measured"}
+_COMPLIANT = {"against": "compliant"}
 
 
 _NUMBERS = (
     _Number("diverged at", "divergence_time", needs="diverged"),
     _Number("orientation error, peak", "peak_orientation_error"),
     _Number("orientation error, end", "final_orientation_error"),
-    _Number("  measured, peak", "peak_orientation_error", "measured", "command"),
-    _Number("  measured, end", "final_orientation_error", "measured", "command"),
+    _Number("  measured, peak", "peak_orientation_error", _MEASURED, "command"),
+    _Number("  measured, end", "final_orientation_error", _MEASURED, "command"),
     _Number("position error, peak", "peak_position_error"),
     _Number("position error, end", "final_position_error"),
-    _Number("  measured, peak", "peak_position_error", "measured", "command"),
-    _Number("  measured, end", "final_position_error", "measured", "command"),
+    _Number("  measured, peak", "peak_position_error", _MEASURED, "command"),
+    _Number("  measured, end", "final_position_error", _MEASURED, "command"),
+    _Number("force, peak", "peak_force", needs="contact"),
+    _Number("force, end", "final_force", needs="contact"),
+    _Number("moment, peak", "peak_moment", needs="contact"),
+    _Number("moment, end", "final_moment", needs="contact"),
+    _Number("compliant frame, end", "final_displacement", needs="compliant"),
+    _Number("compliant frame, end", "final_turn", needs="compliant"),
+    _Number("motion loop, peak", "peak_position_error", _COMPLIANT, "compliant"),
+    _Number("motion loop, peak", "peak_orientation_error", _COMPLIANT, "compliant"),
     _Number("joint speed, peak", "peak_joint_speed"),
-    _Number("  measured, peak", "peak_joint_speed", "measured", "command"),
+    _Number("  measured, peak", "peak_joint_speed", _MEASURED, "command"),
     _Number("effort, peak", "peak_effort", needs="effort"),
     _Number("time at an effort limit", "saturated_time", needs="effort"),
     _Number("closest to pole of", "closest_approach"),
@@ -105,8 +118,7 @@ def _title(row: _Number, recordings: Sequence[Recording]) -> str:
 def _value(row: _Number, recording: Recording) -> str:
     if not _has(recording, row.needs):
         return MISSING
-    options = {"of": row.of} if row.of else {}
     try:
-        return number(get_metric(row.metric).compute(recording, **options))
+        return number(get_metric(row.metric).compute(recording, **row.options))
     except BagError:
         return MISSING

@@ -53,17 +53,23 @@ def _verdicts(
     def measured(variant: str) -> float:
         return measure(criterion.metric, recordings[variant], **criterion.options)
 
-    together = criterion.ratio or criterion.spread
+    together = criterion.together
     if together:
         if set(together) <= recordings.keys():
-            values = list(map(measured, together))
-            value = quotient(*values) if criterion.ratio else spread(values)
-            name = (" / " if criterion.ratio else ", ").join(together)
-            yield _verdict(criterion, name, value, "", text)
+            value, unit = _joined(criterion, list(map(measured, together)), metric.unit)
+            sign = " / " if criterion.ratio else " - " if criterion.difference else ", "
+            yield _verdict(criterion, sign.join(together), value, unit, text)
         return
     for variant in criterion.variants or experiment.variants:
         if variant in recordings:
             yield _verdict(criterion, variant, measured(variant), metric.unit, text)
+
+
+def _joined(criterion: Criterion, values: list[float], unit: str) -> tuple[float, str]:
+    """Return what the values of several variants are together, and its unit."""
+    if criterion.difference:
+        return abs(values[0] - values[1]), unit
+    return (quotient(*values) if criterion.ratio else spread(values)), ""
 
 
 def spread(values: Sequence[float]) -> float:

@@ -2,9 +2,10 @@
 
     claim: one sentence
     equations: ["(28)"]
+    picture: orientation_error    # that the page begins with
     robot: ur5
     duration: 5.0                 # [s] of simulated time
-    controller: clik              # or dynamic_control
+    controller: clik              # or dynamic_control, impedance_control, admittance
     start_at_reference: true      # begin with zero error at the first way-point
     start_turn: [0.0, 0.0, 0.5]   # but turned by this rotation vector, tool frame [rad]
     may_diverge: false            # whether a run may end early, beyond all numbers
@@ -12,11 +13,14 @@
       clik: {k_Po: 100.0}
     variants:                     # what each run changes: of the nodes, or of the keys above
       euler_angles: {clik: {orientation: euler_angles}}
+      stiff: {pybullet_bridge: {environment: {plane: {stiffness: 1.0e+5}}}}  # nothing else of it
       dynamic: {controller: dynamic_control, duration: 2.0}
     criteria:
       - {metric: peak_orientation_error, below: 1.0e-3, predicted: 2.0e-4}
 
-``nodes`` may have parameters of controllers that a variant does not use.
+``nodes`` may have parameters of controllers that a variant does not use.  The controller
+``admittance`` is for arms that take positions: the node impedance_control, whose compliant frame
+the node clik follows.
 """
 
 import copy
@@ -28,16 +32,19 @@ from typing import Any
 
 import yaml
 
+from eulerparams_control.analysis.figures import picture
 from eulerparams_control.analysis.metrics import get_metric
 from eulerparams_control.analysis.sentence import placeholders
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.experiments.controllers import CONTROLLERS
 from eulerparams_control.resources import config_file
 
 Parameters = dict[str, dict[str, Any]]
 
-CONTROLLERS = {"clik": "joint_reference", "dynamic_control": "joint_effort"}
-"""The controllers, and the topic of the command of each."""
-NODES = ("pybullet_bridge", *CONTROLLERS, "reference")
+CONTROL_NODES = tuple(
+    dict.fromkeys(name for controller in CONTROLLERS.values() for name in controller.executables)
+)
+NODES = ("pybullet_bridge", *CONTROL_NODES, "reference")
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,7 @@ class Criterion:
         metric: name in ``METRICS``.
         variants: that have to meet it, each one by itself; () is all.
         ratio: instead, two variants whose metrics are divided, the first by the second.
+        difference: instead, two variants whose metrics are subtracted, without the sign.
         spread: instead, variants of whose metrics (max - min) / mean is taken.
         above, below: the bounds; None is none.
         predicted: what theory or a prototype gives, as text; "" if nothing.
@@ -58,12 +66,18 @@ class Criterion:
     metric: str
     variants: tuple[str, ...] = ()
     ratio: tuple[str, ...] = ()
+    difference: tuple[str, ...] = ()
     spread: tuple[str, ...] = ()
     above: float | None = None
     below: float | None = None
     predicted: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     text: str = ""
+
+    @property
+    def together(self) -> tuple[str, ...]:
+        """The variants whose metrics are judged together; () if each is by itself."""
+        return self.ratio or self.difference or self.spread
 
 
 @dataclass(frozen=True)
@@ -74,7 +88,7 @@ class Variant:
         nodes: parameters of the nodes.
         duration: [s] of simulated time.
         robot: name or path.
-        controller: executable of the controller.
+        controller: its name.
         start_at_reference: whether q starts at the first way-point instead of home.
         start_turn: (3,) rotation vector [rad], tool frame, by which the tip is turned there.
         may_diverge: whether the run may end early, beyond all numbers.
@@ -100,6 +114,7 @@ class Experiment:
         variants: its runs, by name.
         criteria: what has to hold.
         summary: one sentence with numbers; see ``analysis.sentence.fill``.
+        picture: name of the quantity that the page begins with.
     """
 
     name: str
@@ -108,20 +123,23 @@ class Experiment:
     variants: dict[str, Variant]
     criteria: tuple[Criterion, ...]
     summary: str = ""
+    picture: str = "orientation_error"
 
     def options(self, metric: str, variant: str) -> dict[str, Any]:
         """Return the options of the first criterion on a metric of a variant; {} if none is."""
         for criterion in self.criteria:
-            named = criterion.variants or criterion.ratio or criterion.spread
+            named = criterion.variants or criterion.together
             if criterion.metric == metric and (variant in named or not named):
                 return criterion.options
         return {}
 
 
+_TOGETHER = ("ratio", "difference", "spread")
+
 _RUN_KEYS = tuple(field.name for field in fields(Variant) if field.name != "nodes")
 """What an experiment says of all its runs, and a variant may say otherwise."""
 
-_KEYS = ("claim", "equations", *_RUN_KEYS, "nodes", "variants", "criteria", "summary")
+_KEYS = ("claim", "equations", *_RUN_KEYS, "nodes", "variants", "criteria", "summary", "picture")
 
 
 def load_experiment(name_or_path: str) -> Experiment:
@@ -159,6 +177,7 @@ def _experiment(name: str, content: Any) -> Experiment:
         variants=variants,
         criteria=tuple(_criterion(c, variants) for c in content.get("criteria") or ()),
         summary=str(content.get("summary", "")).strip(),
+        picture=picture(str(content.get("picture", Experiment.picture))).name,
     )
     for metric, *names in placeholders(experiment.summary):
         for variant in filter(None, names):
@@ -188,20 +207,27 @@ def _variant(where: str, common: dict[str, Any], nodes: Parameters, changes: Any
     for key in changes:
         _known(f"node or key in {where}", key, (*NODES, *_RUN_KEYS))
     own = {key: value for key, value in changes.items() if key in _RUN_KEYS}
-    merged = copy.deepcopy(nodes)
     parameters = _parameters(where, {key: changes[key] for key in changes if key not in own})
-    for node, values in parameters.items():
-        merged.setdefault(node, {}).update(values)
+    merged = _merged(nodes, parameters)
     run = {"start_turn": [0.0, 0.0, 0.0], **common, **own}
     _check_run(where, run)
     run |= {"duration": float(run["duration"]), "start_turn": tuple(map(float, run["start_turn"]))}
     variant = Variant(merged, **run)
     for node in parameters:
         _require(
-            node not in CONTROLLERS or node == variant.controller,
+            node not in CONTROL_NODES or node in CONTROLLERS[variant.controller].executables,
             f"{where}: parameters of {node}, but its controller is {variant.controller}",
         )
     return variant
+
+
+def _merged(common: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return a copy of ``common`` with changes; of groups in groups only what they name."""
+    merged = copy.deepcopy(common)
+    for name, value in changes.items():
+        is_group = isinstance(value, dict) and isinstance(merged.get(name), dict)
+        merged[name] = _merged(merged[name], value) if is_group else copy.deepcopy(value)
+    return merged
 
 
 def _check_run(where: str, run: dict[str, Any]) -> None:
@@ -237,16 +263,17 @@ def _criterion(content: Any, variants: dict[str, Variant]) -> Criterion:
         _known("key of a criterion", key, Criterion.__dataclass_fields__)
     _check_options(str(content["metric"]), content.get("options") or {})
     values = dict(content)
-    for key in ("variants", "ratio", "spread"):
+    for key in ("variants", *_TOGETHER):
         _require(isinstance(values.get(key, []), list), f"{key}: expected a list")
         values[key] = tuple(values.get(key, ()))
         for variant in values[key]:
             _known("variant in a criterion", variant, variants)
     criterion = Criterion(**{**values, "predicted": str(values.get("predicted", ""))})
-    _require(len(criterion.ratio) in (0, 2), "ratio: expected two variants")
+    for key in ("ratio", "difference"):
+        _require(len(values[key]) in (0, 2), f"{key}: expected two variants")
     _require(len(criterion.spread) != 1, "spread: expected two variants or more")
-    kinds = sum(map(bool, (criterion.variants, criterion.ratio, criterion.spread)))
-    _require(kinds <= 1, "expected one of 'variants', 'ratio' and 'spread'")
+    kinds = sum(bool(values[key]) for key in ("variants", *_TOGETHER))
+    _require(kinds <= 1, "expected one of 'variants', 'ratio', 'difference' and 'spread'")
     bounds = [bound for bound in (criterion.above, criterion.below) if bound is not None]
     _require(bool(bounds) and all(map(_is_number, bounds)), "expected 'above' or 'below', a number")
     return criterion

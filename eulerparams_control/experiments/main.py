@@ -85,7 +85,8 @@ def _run(experiment: Experiment, folder: Path, names: list[str], console: Consol
         write_summary(folder / "summary.json", experiment, recordings, verdicts)
         sentence = _sentence(experiment, recordings)
         page = folder / "report.html"
-        write_page(page, list(recordings.values()), experiment.claim, sentence, verdicts)
+        shown, picture = list(recordings.values()), experiment.picture
+        write_page(page, shown, experiment.claim, sentence, verdicts, picture)
     console.print(_table(verdicts))
     for variant, t in diverged(recordings):
         console.print(f"{variant} diverged at {t:.3f} s", style="yellow", highlight=False)

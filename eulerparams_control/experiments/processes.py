@@ -6,9 +6,10 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import yaml
@@ -81,14 +82,24 @@ class Nodes:
     ) -> None:
         self.stop(*reversed(list(self.processes)))
 
-    def start(self, executable: str, parameters: dict[str, Any], namespace: str = "/") -> None:
-        """Start a node with its parameters."""
+    def start(
+        self,
+        executable: str,
+        parameters: dict[str, Any],
+        namespace: str = "/",
+        remaps: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Start a node with its parameters, and with other names for some of its topics."""
         file = self._folder / f"{executable}.yaml"
-        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), encoding="utf-8")
-        command = [sys.executable, "-m", module_of(executable)]
+        content = {"/**": {"ros__parameters": _uniform(parameters)}}
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        command = [sys.executable, "-m", module_of(executable), "--ros-args"]
+        command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
+        for topic, other in remaps.items():
+            command += ["-r", f"{topic}:={other}"]
         with open(self._log(executable), "wb") as log:
             self.processes[executable] = subprocess.Popen(
-                [*command, "--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}"],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -159,3 +170,12 @@ class Nodes:
             if errors and name != but:
                 text += f"\n{name} said:\n  {errors[-1]}"
         return text
+
+
+def _uniform(value: Any) -> Any:
+    """Return parameters in which no list mixes integers with floats: ROS reads none that does."""
+    if isinstance(value, Mapping):
+        return {key: _uniform(entry) for key, entry in value.items()}
+    if isinstance(value, list) and any(isinstance(entry, float) for entry in value):
+        return [float(entry) if type(entry) is int else entry for entry in value]
+    return value

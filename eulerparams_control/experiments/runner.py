@@ -12,12 +12,8 @@ import numpy as np
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.experiments.definition import (
-    CONTROLLERS,
-    Experiment,
-    Parameters,
-    Variant,
-)
+from eulerparams_control.experiments.controllers import CONTROLLERS
+from eulerparams_control.experiments.definition import Experiment, Parameters, Variant
 from eulerparams_control.experiments.processes import Nodes
 from eulerparams_control.messages import ns_from_ros
 from eulerparams_control.motion import DesiredFrame
@@ -28,9 +24,6 @@ from eulerparams_control.way_points import parse_way_points
 
 _START_TIMEOUT = 60.0  # [s] for the recorder to find all topics: processes start slowly under load
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
-
-_CONTROLS = {"joint_reference": "position", "joint_effort": "torque"}
-"""What the bridge takes a command for, by its topic."""
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
 
@@ -72,17 +65,18 @@ def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Pr
     bag = folder / variant
     if bag.exists():
         raise BagError(f"{bag} exists; remove it, or choose another --out")
-    controller = settings.controller
+    controller = CONTROLLERS[settings.controller]
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
-    topics = [CONTROLLERS[controller], "robot_description", "wrench", "joint_states", "reference"]
+    topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
     parameters = node_parameters(settings)
     parameters["bag_recorder"] = {"output": str(bag), "topics": topics}
+    remaps = {node.executable: node.remaps for node in controller.nodes}
     with Nodes(folder / "logs" / variant) as nodes:
-        for name in ("bag_recorder", controller, "pybullet_bridge", "reference"):
-            nodes.start(name, parameters[name])
+        for name in ("bag_recorder", *controller.executables, "pybullet_bridge", "reference"):
+            nodes.start(name, parameters[name], remaps=remaps.get(name, {}))
         nodes.wait_for("bag_recorder", "recording ", _START_TIMEOUT)
         diverged = _follow(nodes, settings, progress)
-        nodes.stop("reference", controller, "bag_recorder")
+        nodes.stop("reference", *controller.executables, "bag_recorder")
     rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
     end = _check_complete(bag, settings, rate, diverged)
     return Run(bag, end, end if diverged else None)
@@ -102,7 +96,8 @@ def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
 def has_diverged(nodes: Nodes, controller: str) -> bool:
     """Return whether the arm left all numbers, or the controller fell silent after a fault."""
     said = nodes.log("pybullet_bridge")
-    return bool(_BEYOND.search(said)) or (_SILENCE in said and "[ERROR]" in nodes.log(controller))
+    faults = ("[ERROR]" in nodes.log(name) for name in CONTROLLERS[controller].executables)
+    return bool(_BEYOND.search(said)) or (_SILENCE in said and any(faults))
 
 
 def _wait(nodes: Nodes, progress: Progress) -> None:
@@ -122,35 +117,34 @@ def _wait(nodes: Nodes, progress: Progress) -> None:
 
 def node_parameters(settings: Variant) -> Parameters:
     """Return the parameters of all nodes for a run: those of its file, and the rest."""
-    given, controller = settings.nodes, settings.controller
+    given, controller = settings.nodes, CONTROLLERS[settings.controller]
     robot = load_robot(settings.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    source = "urdf" if settings.robot.endswith(".urdf") else "robot"
-    bridge = {
-        "mode": "lockstep",
-        "control": _CONTROLS[CONTROLLERS[controller]],
-        "duration": settings.duration,
-        source: settings.robot,
-    }
     parameters: Parameters = {
-        controller: frames | _controller_parameters(settings) | given.get(controller, {}),
-        "reference": frames | {"wait_for_subscribers": 2} | given.get("reference", {}),
-        "pybullet_bridge": bridge | given.get("pybullet_bridge", {}),
+        node.executable: frames | node.parameters(is_turned=any(settings.start_turn))
+        for node in controller.nodes
     }
+    followers = {"wait_for_subscribers": controller.followers + 1}  # and the recorder
+    parameters["reference"] = frames | followers
+    parameters["pybullet_bridge"] = _bridge_parameters(settings)
+    parameters = {node: values | given.get(node, {}) for node, values in parameters.items()}
     if settings.start_at_reference:
         q_0 = _start(robot, parameters["reference"], np.array(settings.start_turn))
         parameters["pybullet_bridge"]["initial_positions"] = q_0
     return parameters
 
 
-def _controller_parameters(settings: Variant) -> dict[str, Any]:
-    """Return what a controller needs in lock-step; a start off the reference is no fault then."""
-    parameters: dict[str, Any] = {"use_sim_time": True, "require_reference": True}
-    if any(settings.start_turn):
-        parameters["max_jump_rotation"] = math.pi
-        if settings.controller == "dynamic_control":
-            parameters["max_error_rotation"] = math.pi
-    return parameters
+def _bridge_parameters(settings: Variant) -> dict[str, Any]:
+    """Return what the bridge needs in lock-step; it waits for all that listen to the arm."""
+    controller = CONTROLLERS[settings.controller]
+    source = "urdf" if settings.robot.endswith(".urdf") else "robot"
+    return {
+        "mode": "lockstep",
+        "control": controller.control,
+        "duration": settings.duration,
+        "wait_for_subscribers": len(controller.nodes) + 2,  # reference and the recorder, too
+        source: settings.robot,
+    }
 
 
 def _start(robot: RobotDescription, reference: dict[str, Any], turn: Array) -> list[float]:
@@ -177,23 +171,25 @@ def _simulated(log: str) -> float:
 
 
 def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -> float:
-    """Return the last stamp [s]; raise BagError unless each state and its command are there.
+    """Return the last stamp [s]; raise BagError unless each state and its answers are there.
 
-    A run that diverged ends where it did, and its last state may have no command.
+    A run that diverged ends where it did, and its last state may have no answer.
     """
-    states, commands = (
-        {ns_from_ros(m.message.header.stamp) for m in Bag(bag).messages([topic])}
-        for topic in ("/joint_states", f"/{CONTROLLERS[settings.controller]}")
-    )
+    states = _stamps(bag, "/joint_states")
     end = max(states, default=0) / 1e9 if diverged else settings.duration
     expected = round(end * rate) + 1
-    for topic, found, least in (
-        ("/joint_states", states, expected),
-        (f"/{CONTROLLERS[settings.controller]}", commands, expected - diverged),
-    ):
-        if not least <= len(found) <= expected:
-            raise BagError(f"{bag}: {topic} has {len(found)} stamps; expected {expected}")
+    answers = CONTROLLERS[settings.controller].answers
+    found = {"/joint_states": states} | {f"/{name}": _stamps(bag, f"/{name}") for name in answers}
+    for topic, stamps in found.items():
+        least = expected - (diverged and topic != "/joint_states")
+        if not least <= len(stamps) <= expected:
+            raise BagError(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
     return end
+
+
+def _stamps(bag: Path, topic: str) -> set[int]:
+    """Return the stamps [ns] of a topic of a bag."""
+    return {ns_from_ros(m.message.header.stamp) for m in Bag(bag).messages([topic])}
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:

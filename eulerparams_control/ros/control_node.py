@@ -27,7 +27,7 @@ from eulerparams_control.controller import Controller
 from eulerparams_control.errors import ConfigurationError, EulerParamsError, InvalidMessageError
 from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.limits import JointLimits
-from eulerparams_control.messages import BEGAN, JointStateReader, motion_from_ros
+from eulerparams_control.messages import BEGAN, JointStateReader, motion_from_ros, ns_from_ros
 from eulerparams_control.orientation import SEPARATE
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
@@ -335,14 +335,13 @@ class ControlNode(LifecycleNode):
         if self._unanswered is None or self._measured is None:
             return
         t, q, dq = self._measured
-        if not self.is_complete(t):
+        if self._controller is None:  # nothing listens yet to what belongs to the state
+            self.observe(t, q, dq)
+            self._try_start()
+        if self._controller is None or not self._is_heard() or not self.is_complete(t):
             return
         stamp, self._unanswered = self._unanswered, None
         self.observe(t, q, dq)
-        if self._controller is None:
-            self._try_start()
-        if self._controller is None or not self._is_heard():
-            return
         try:
             command = self._controller.step(t, q, dq)
         except InvalidMessageError as error:
@@ -389,7 +388,7 @@ class ControlNode(LifecycleNode):
         except InvalidMessageError as error:
             self._reject("reference", error)
             return
-        self._reference_stamp = start
+        self._reference_stamp = ns_from_ros(msg.header.stamp)
         self._answer()
 
     def _refuse_two_publishers(self) -> None:

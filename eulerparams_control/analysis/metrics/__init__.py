@@ -8,9 +8,18 @@ recorded raises BagError.  Options that many have:
     (joint_states), or the ``leading`` of them, which is the default: the command if there
     is one, as with kinematic control, else the measured motion, as with dynamic control.
 ``after``, ``before``  [s] the time that it looks at, both ends included.
+``against``  what an error is measured from: the ``desired`` frame or the ``compliant`` one.
+``axis``, ``frame``, ``window``  of vectors: see ``contact``.
 """
 
-from eulerparams_control.analysis.metrics import efforts, errors, motion, stability
+from eulerparams_control.analysis.metrics import (
+    compliance,
+    contact,
+    efforts,
+    errors,
+    motion,
+    stability,
+)
 from eulerparams_control.analysis.metrics.base import (
     METRICS,
     Metric,
@@ -22,6 +31,8 @@ from eulerparams_control.analysis.metrics.base import (
 __all__ = [
     "METRICS",
     "Metric",
+    "compliance",
+    "contact",
     "efforts",
     "errors",
     "get_metric",

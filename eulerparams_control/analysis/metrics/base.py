@@ -35,7 +35,8 @@ def metric(unit: str) -> Callable[[Callable[..., float]], Callable[..., float]]:
 
     def register(function: Callable[..., float]) -> Callable[..., float]:
         description = (function.__doc__ or "").split("\n")[0].rstrip(".")
-        METRICS[function.__name__] = Metric(function, unit, description)
+        quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
+        METRICS[function.__name__] = Metric(quiet(function), unit, description)
         return function
 
     return register

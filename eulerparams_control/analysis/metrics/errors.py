@@ -1,4 +1,8 @@
-"""Errors of position and orientation."""
+"""Errors of position and orientation.
+
+They are those of the tip from the ``desired`` frame, or with ``against: compliant`` from the
+compliant frame: what the motion loop of an impedance leaves.
+"""
 
 import math
 
@@ -6,7 +10,8 @@ import numpy as np
 
 from eulerparams_control.analysis.metrics.base import metric, quotient, series_of, within
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.errors import BagError
+from eulerparams_control.analysis.series import Frames, Series
+from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.rotations import Array
 
 
@@ -18,58 +23,91 @@ def _known(t: Array, error: Array, after: float, before: float) -> tuple[Array, 
     return t[known], error[known]
 
 
+def _frames(recording: Recording, series: Series, against: str) -> Frames:
+    """Return the frames that a motion is compared with."""
+    if against == "desired":
+        return series.desired
+    if against != "compliant":
+        raise UnknownNameError("frame", against, ("desired", "compliant"))
+    if recording.compliant is None:
+        raise BagError(f"{recording.path} has no compliant_frame")
+    return recording.compliant.at(series.t)
+
+
 def _orientation(
-    recording: Recording, of: str, after: float = 0.0, before: float = math.inf
+    recording: Recording,
+    of: str,
+    after: float = 0.0,
+    before: float = math.inf,
+    against: str = "desired",
 ) -> tuple[Array, Array]:
     """Return instants [s] and orientation errors [deg]."""
     series = series_of(recording, of)
-    return _known(series.t, np.degrees(series.orientation_error), after, before)
+    frames = _frames(recording, series, against)
+    error = series.orientation_error if frames is series.desired else series.angle_to(frames)
+    return _known(series.t, np.degrees(error), after, before)
 
 
-def _position(recording: Recording, of: str, after: float, before: float) -> Array:
+def _position(
+    recording: Recording, of: str, after: float, before: float, against: str
+) -> Array:
     """Return position errors [mm]."""
     series = series_of(recording, of)
-    return _known(series.t, 1e3 * series.position_error, after, before)[1]
+    frames = _frames(recording, series, against)
+    error = series.position_error if frames is series.desired else series.distance_to(frames)
+    return _known(series.t, 1e3 * error, after, before)[1]
 
 
 @metric("deg")
 def peak_orientation_error(
-    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+    recording: Recording,
+    of: str = "leading",
+    after: float = 0.0,
+    before: float = math.inf,
+    against: str = "desired",
 ) -> float:
     """Largest orientation error."""
-    return float(_orientation(recording, of, after, before)[1].max())
+    return float(_orientation(recording, of, after, before, against)[1].max())
 
 
 @metric("deg")
 def final_orientation_error(
-    recording: Recording, of: str = "leading", before: float = math.inf
+    recording: Recording, of: str = "leading", before: float = math.inf, against: str = "desired"
 ) -> float:
     """Orientation error at the end."""
-    return float(_orientation(recording, of, before=before)[1][-1])
+    return float(_orientation(recording, of, before=before, against=against)[1][-1])
 
 
 @metric("deg")
 def rms_orientation_error(
-    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+    recording: Recording,
+    of: str = "leading",
+    after: float = 0.0,
+    before: float = math.inf,
+    against: str = "desired",
 ) -> float:
     """Root mean square of the orientation error."""
-    return math.sqrt(np.mean(_orientation(recording, of, after, before)[1] ** 2))
+    return math.sqrt(np.mean(_orientation(recording, of, after, before, against)[1] ** 2))
 
 
 @metric("mm")
 def peak_position_error(
-    recording: Recording, of: str = "leading", after: float = 0.0, before: float = math.inf
+    recording: Recording,
+    of: str = "leading",
+    after: float = 0.0,
+    before: float = math.inf,
+    against: str = "desired",
 ) -> float:
     """Largest position error."""
-    return float(_position(recording, of, after, before).max())
+    return float(_position(recording, of, after, before, against).max())
 
 
 @metric("mm")
 def final_position_error(
-    recording: Recording, of: str = "leading", before: float = math.inf
+    recording: Recording, of: str = "leading", before: float = math.inf, against: str = "desired"
 ) -> float:
     """Position error at the end."""
-    return float(_position(recording, of, 0.0, before)[-1])
+    return float(_position(recording, of, 0.0, before, against)[-1])
 
 
 @metric("s")

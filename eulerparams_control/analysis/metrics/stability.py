@@ -8,6 +8,7 @@ from eulerparams_control.analysis.lyapunov import LyapunovSeries
 from eulerparams_control.analysis.metrics.base import metric, quotient, series_of
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
+from eulerparams_control.rotations import Array
 
 
 def _lyapunov(recording: Recording) -> LyapunovSeries:
@@ -50,20 +51,30 @@ def energy_balance(recording: Recording) -> float:
 def growth_rate(recording: Recording, low: float, high: float, of: str = "leading") -> float:
     """Rate at which the orientation error grows.
 
-    The slope of its logarithm by least squares, where the error first passes from ``low`` to
-    ``high`` [deg].
+    Where it first passes from ``low`` to ``high`` [deg].
     """
     series = series_of(recording, of)
     known = np.isfinite(series.orientation_error)
     t, angle = series.t[known], np.degrees(series.orientation_error[known])
+    try:
+        return growth(t, angle, low, high)
+    except BagError as error:
+        raise BagError(f"{recording.path}: the orientation error {error}") from error
+
+
+def growth(t: Array, angle: Array, low: float, high: float) -> float:
+    """Return the rate [1/s] at which an angle (N,) grows where it first passes a range.
+
+    The slope of its logarithm by least squares.  ``low`` and ``high`` are in its unit.
+
+    Raises:
+        BagError: if it has fewer than two samples on a way from one to the other.
+    """
     below, above = np.flatnonzero(angle <= low), np.flatnonzero(angle >= high)
     ends = above[above > below[0]] if len(below) else below
     passing = slice(below[below < ends[0]][-1] + 1, ends[0]) if len(ends) else slice(0, 0)
     if len(t[passing]) < 2:
-        raise BagError(
-            f"{recording.path}: the orientation error has fewer than two samples on a way from "
-            f"{low:g} to {high:g} deg"
-        )
+        raise BagError(f"has fewer than two samples on a way from {low:g} to {high:g} deg")
     return float(np.polyfit(t[passing], np.log(angle[passing]), 1)[0])
 
 

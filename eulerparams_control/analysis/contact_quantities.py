@@ -1,0 +1,142 @@
+"""What is plotted of contact and compliance: the wrench, the compliant frame, the motion loop."""
+
+import numpy as np
+
+from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.rotations import Array
+
+_NOTHING = np.zeros(0), np.zeros((0, 3))
+
+
+def _f(recording: Recording) -> tuple[Array, Array]:
+    contact = recording.contact
+    return _NOTHING if contact is None else (contact.t, contact.f)
+
+
+def _mu(recording: Recording) -> tuple[Array, Array]:
+    contact = recording.contact
+    return _NOTHING if contact is None else (contact.t, contact.mu)
+
+
+def _p_cd_d(recording: Recording) -> tuple[Array, Array]:
+    compliant = recording.compliant
+    return _NOTHING if compliant is None else _known(compliant.t, 1e3 * compliant.p_cd_d)
+
+
+def _rho_cd_d(recording: Recording) -> tuple[Array, Array]:
+    compliant = recording.compliant
+    return _NOTHING if compliant is None else _known(compliant.t, np.degrees(compliant.rho_cd_d))
+
+
+def _force(recording: Recording) -> tuple[Array, Array]:
+    return _norm(*_f(recording))
+
+
+def _moment(recording: Recording) -> tuple[Array, Array]:
+    return _norm(*_mu(recording))
+
+
+def _displacement(recording: Recording) -> tuple[Array, Array]:
+    return _norm(*_p_cd_d(recording))
+
+
+def _turn(recording: Recording) -> tuple[Array, Array]:
+    return _norm(*_rho_cd_d(recording))
+
+
+def _loop_position(recording: Recording) -> tuple[Array, Array]:
+    leading, frames = recording.leading, recording.compliant_frames(recording.leading)
+    return _known(leading.t, 1e3 * leading.distance_to(frames))
+
+
+def _loop_orientation(recording: Recording) -> tuple[Array, Array]:
+    leading, frames = recording.leading, recording.compliant_frames(recording.leading)
+    return _known(leading.t, np.degrees(leading.angle_to(frames)))
+
+
+def _norm(t: Array, v: Array) -> tuple[Array, Array]:
+    with np.errstate(over="ignore"):  # a run that diverged
+        return t, np.linalg.norm(v, axis=1)
+
+
+def _known(t: Array, values: Array) -> tuple[Array, Array]:
+    """Return values over time; empty if none is known."""
+    some = slice(None) if np.isfinite(values).any() else slice(0, 0)
+    return t[some], values[some]
+
+
+_WRENCH = (
+    "what the environment exerts on the tool at the origin of the tip, in base axes: f, mu of "
+    "(52), (55), (59), from the sensor, without the weight of the tool that the controller knows"
+)
+
+FORCE = Quantity(
+    "force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, _force
+)
+MOMENT = Quantity(
+    "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _moment
+)
+COMPLIANT_DISPLACEMENT = Quantity(
+    "displacement",
+    "Displacement of the compliant frame",
+    "|p_c - p_d| [mm]",
+    "Distance between the compliant and the desired origin: what the contact force makes of the "
+    "translational impedance (52).",
+    "mm",
+    1e-6,
+    _displacement,
+)
+COMPLIANT_TURN = Quantity(
+    "turn",
+    "Turn of the compliant frame",
+    "angle of R_d' R_c [deg]",
+    "Angle of the compliant frame relative to the desired one: what the contact moment makes of "
+    "the rotational impedance (55), (59).",
+    "deg",
+    1e-6,
+    _turn,
+)
+MOTION_LOOP_POSITION = Quantity(
+    "motion_loop_position",
+    "Position error of the motion loop",
+    "|p_c - p_e| [mm]",
+    "Distance between the compliant and the actual origin of the tip: what the inner motion loop "
+    "(49) of Fig. 3 leaves. The position error above is that to the desired frame.",
+    "mm",
+    1e-6,
+    _loop_position,
+)
+MOTION_LOOP_ORIENTATION = Quantity(
+    "motion_loop_orientation",
+    "Orientation error of the motion loop",
+    "angle of R_e' R_c [deg]",
+    "Angle between the compliant and the actual frame: what the inner motion loop (50), (51) of "
+    "Fig. 3 leaves. The orientation error above is that to the desired frame.",
+    "deg",
+    1e-6,
+    _loop_orientation,
+)
+
+VECTORS = (
+    VectorQuantity("Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f),
+    VectorQuantity("Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu),
+    VectorQuantity(
+        "Displacement of the compliant frame, desired axes",
+        "displacement [mm]",
+        "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
+        "mm",
+        1e-6,
+        _p_cd_d,
+    ),
+    VectorQuantity(
+        "Turn of the compliant frame, desired axes",
+        "turn [deg]",
+        "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
+        "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
+        "deg",
+        1e-6,
+        _rho_cd_d,
+    ),
+)
+"""In the order of the page."""

@@ -1,0 +1,137 @@
+"""Contact: force and moment at the tip, from wrench.
+
+They are what the environment exerts on the tool, at the origin of the tip.  Options:
+
+``axis``  three numbers: the component along them, with its sign; without it the length.
+``frame``  whose axes ``axis`` refers to: ``base``, the default, or ``desired``.
+``window``  [s] at the end over which the mean is taken; 0, the default, is the last sample.
+"""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.analysis.metrics.base import metric, within
+from eulerparams_control.analysis.metrics.vectors import Axis, along, known, mean_at_end
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.wrenches import Wrenches
+from eulerparams_control.errors import BagError, UnknownNameError
+from eulerparams_control.rotations import Array
+
+FRAMES = ("base", "desired")
+
+
+def contact(recording: Recording) -> Wrenches:
+    """Return the wrench at the tip; raises BagError if there is none."""
+    if recording.wrench is None:
+        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    return recording.wrench
+
+
+def desired_rotations(recording: Recording, t: Array) -> Array:
+    """Return R_d (N, 3, 3) at instants t (N,) [s], the last before each; NaN where is none."""
+    measured = recording.measured
+    before = np.searchsorted(measured.t, t, side="right") - 1
+    frames = [measured.desired[index] if index >= 0 else None for index in before.tolist()]
+    nowhere = np.full((3, 3), np.nan)
+    return np.array([nowhere if frame is None else frame.R_d for frame in frames])
+
+
+def force(recording: Recording, frame: str = "base") -> tuple[Array, Array]:
+    """Return instants (N,) [s] and f (N, 3) [N] in the axes of a frame."""
+    wrench = contact(recording)
+    return wrench.t, _in_frame(recording, wrench.t, wrench.f, frame)
+
+
+def moment(recording: Recording, frame: str = "base") -> tuple[Array, Array]:
+    """Return instants (N,) [s] and mu (N, 3) [Nm] in the axes of a frame."""
+    wrench = contact(recording)
+    return wrench.t, _in_frame(recording, wrench.t, wrench.mu, frame)
+
+
+def _in_frame(recording: Recording, t: Array, vectors: Array, frame: str) -> Array:
+    if frame not in FRAMES:
+        raise UnknownNameError("frame", frame, FRAMES)
+    if frame == "base":
+        return vectors
+    turned: Array = np.einsum("nji,nj->ni", desired_rotations(recording, t), vectors)  # R_d' v
+    return turned
+
+
+@metric("N")
+def final_force(
+    recording: Recording,
+    axis: Axis = (),
+    frame: str = "base",
+    window: float = 0.0,
+    before: float = math.inf,
+) -> float:
+    """Contact force at the end."""
+    return float(along(mean_at_end(*force(recording, frame), window, before), axis))
+
+
+@metric("Nm")
+def final_moment(
+    recording: Recording,
+    axis: Axis = (),
+    frame: str = "base",
+    window: float = 0.0,
+    before: float = math.inf,
+) -> float:
+    """Contact moment at the end."""
+    return float(along(mean_at_end(*moment(recording, frame), window, before), axis))
+
+
+@metric("N")
+def peak_force(
+    recording: Recording,
+    axis: Axis = (),
+    frame: str = "base",
+    after: float = 0.0,
+    before: float = math.inf,
+) -> float:
+    """Largest contact force."""
+    _, f = known(*force(recording, frame), after, before)
+    return float(np.abs(along(f, axis)).max())
+
+
+@metric("Nm")
+def peak_moment(
+    recording: Recording,
+    axis: Axis = (),
+    frame: str = "base",
+    after: float = 0.0,
+    before: float = math.inf,
+) -> float:
+    """Largest contact moment."""
+    _, mu = known(*moment(recording, frame), after, before)
+    return float(np.abs(along(mu, axis)).max())
+
+
+@metric("N")
+def least_force(
+    recording: Recording,
+    axis: Axis = (),
+    frame: str = "base",
+    after: float = 0.0,
+    before: float = math.inf,
+) -> float:
+    """Smallest contact force.
+
+    Near 0 where the contact was lost.
+    """
+    _, f = known(*force(recording, frame), after, before)
+    return float(along(f, axis).min())
+
+
+@metric("N")
+def force_ripple(recording: Recording, window: float, axis: Axis = ()) -> float:
+    """Largest less smallest contact force over the last seconds.
+
+    Of the component along an axis, else of that base component of which it is largest: chatter
+    shows even where the length of the force stays.
+    """
+    t, f = force(recording)
+    last = f[within(t, float(t[-1]) - window, math.inf)]
+    components = along(last, axis)[:, None] if len(axis) else last
+    return float(np.ptp(components, axis=0).max())

@@ -1,0 +1,75 @@
+"""What a quantity over time is: its unit, its meaning, its equation."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.rotations import Array
+
+
+class Quantity(NamedTuple):
+    """A quantity of a run over time.
+
+    Attributes:
+        name: by which an experiment can name it.
+        title: of the plot.
+        label: of its axis, with the unit; {sequence} stands for the Euler angles.
+        caption: what it means, and the equation it belongs to.
+        unit: for single values.
+        floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
+        of: returns instants [s] and values; both empty if nothing was recorded.
+        limits: returns (n,) limits of the URDF to draw; None has none.
+        logarithmic: whether the axis is logarithmic in any case.
+    """
+
+    name: str
+    title: str
+    label: str
+    caption: str
+    unit: str
+    floor: float
+    of: Callable[[Recording], tuple[Array, Array]]
+    limits: Callable[[Recording], Array] | None = None
+    logarithmic: bool = False
+
+
+class JointQuantity(NamedTuple):
+    """A quantity of each joint over time.
+
+    Attributes:
+        title: of the plots.
+        label: of their axes, with the unit.
+        caption: what it means.
+        unit: for single values.
+        floor: values below are rounding, not motion.
+        of: returns instants (N,) [s] and values (N, n); both empty if nothing was recorded.
+        limits: returns (n,) limits of the URDF to draw.
+    """
+
+    title: str
+    label: str
+    caption: str
+    unit: str
+    floor: float
+    of: Callable[[Recording], tuple[Array, Array]]
+    limits: Callable[[Recording], Array]
+
+
+class VectorQuantity(NamedTuple):
+    """The three components of a quantity over time.
+
+    Attributes:
+        title: of the plots.
+        label: of their axes, with the unit.
+        caption: what it means, and the equation it belongs to.
+        unit: for single values.
+        floor: values below are rounding.
+        of: returns instants (N,) [s] and values (N, 3); both empty if nothing was recorded.
+    """
+
+    title: str
+    label: str
+    caption: str
+    unit: str
+    floor: float
+    of: Callable[[Recording], tuple[Array, Array]]

@@ -1,0 +1,107 @@
+"""What the environment exerts at the tip over time, from the messages of the sensor."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eulerparams_control.analysis.impedances import IMPEDANCE_NODE, impedance_node
+from eulerparams_control.analysis.series import Series
+from eulerparams_control.errors import BagError, ConfigurationError, RobotError
+from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.rotations import Array
+from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions
+
+_FELT = 1e-6  # [N], [Nm] below which it is rounding
+
+
+class SensorSeries(NamedTuple):
+    """What a force/torque sensor said over time.
+
+    Attributes:
+        t: (N,) [s] from the beginning of the recording.
+        w: (N, 6) [N, Nm] as it came, in the frame of the same index and about its origin.
+        frames: N names of links.
+    """
+
+    t: Array
+    w: Array
+    frames: list[str]
+
+
+class Wrenches(NamedTuple):
+    """Contact wrench over time, of the environment on the tool: f, mu of (52), (59).
+
+    Attributes:
+        t: (N,) [s] from the beginning of the recording.
+        f: (N, 3) [N] force, base axes.
+        mu: (N, 3) [Nm] moment about the origin of the tip, base axes.
+    """
+
+    t: Array
+    f: Array
+    mu: Array
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Return f and mu (M, 3) at instants t (M,) [s]: the last sample before each counts."""
+        before = np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
+        return self.f[before], self.mu[before]
+
+    @property
+    def is_felt(self) -> bool:
+        """Whether there is more in it than rounding."""
+        return bool(np.abs(self.f).max() > _FELT or np.abs(self.mu).max() > _FELT)
+
+
+def at_the_tip(
+    sensed: SensorSeries, measured: Series, parameters: Mapping[str, Mapping[str, Any]]
+) -> Wrenches:
+    """Return what a sensor said as the contact wrench at the tip.
+
+    Without the weight of the tool and the bias that the node impedance_control was told.  Dead
+    bands, the low-pass and a tare, which concern its law, are left out.
+
+    Args:
+        sensed: what the sensor said.
+        measured: motion of the arm; its last state before each instant counts.
+        parameters: of the recorded nodes, by node and name.
+
+    Raises:
+        BagError: if the parameters are impossible, or a frame is not fixed to the tip.
+    """
+    chain = WrenchChain(_options(parameters, measured.robot))
+    try:
+        sensors = {name: measured.robot.placement(name) for name in dict.fromkeys(sensed.frames)}
+    except RobotError as error:
+        raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
+    before = np.searchsorted(measured.t, sensed.t, side="right") - 1
+    rows = []
+    for w, frame, index in zip(sensed.w, sensed.frames, before.tolist(), strict=True):
+        arm = measured.state(max(index, 0))
+        rows.append(chain.contact(SensedWrench(w, sensors[frame]), arm, None, 0.0))
+    w = np.array(rows)
+    return Wrenches(sensed.t, w[:, :3], w[:, 3:])
+
+
+def _options(
+    parameters: Mapping[str, Mapping[str, Any]], robot: Robot
+) -> WrenchOptions:
+    """Return sign, tool and bias that the node impedance_control was told; else none."""
+    node = impedance_node(parameters) or {}
+    try:
+        return WrenchOptions(
+            sign=int(node.get("wrench_sign", 1)),
+            tool=_tool(node) if node.get("compensate_tool_weight", True) else None,
+            gravity=tuple(robot.gravity.tolist()),
+            bias=tuple(node.get("wrench_bias") or WrenchOptions.bias),
+        )
+    except (TypeError, ValueError, ConfigurationError) as error:
+        raise BagError(f"the parameters of {IMPEDANCE_NODE} give no wrench: {error}") from error
+
+
+def _tool(node: Mapping[str, Any]) -> Tool | None:
+    """Return what the sensor carries, of which only the weight counts here."""
+    which = "sensed" if node.get("sensed_mass") else "tool"
+    mass = float(node.get(f"{which}_mass", 0.0))
+    com = np.array(node.get(f"{which}_com") or (0.0,) * 3, dtype=float)
+    return Tool(mass, com, np.zeros((3, 3))) if mass else None

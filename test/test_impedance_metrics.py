@@ -1,0 +1,696 @@
+"""Contact and compliance: wrench at the tip, compliant frame, V_3 and their numbers.
+
+The rod of the synthetic runs is at q = 0 or at q = 90 deg, where the tip points down: its x is
+-z of the base, its z is x of the base.  The desired frame is at q = 0: p_d = (1, 0, 0), R_d = I.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic_runs import write_run
+from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, STEP
+
+from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.main import main
+from eulerparams_control.analysis.metrics import METRICS, measure
+from eulerparams_control.analysis.metrics.contact import desired_rotations
+from eulerparams_control.analysis.page import write_page
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.residuals import rotational_residual, translational_residual
+from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
+from eulerparams_control.impedance import Impedance
+from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.rotations import Array, EulerParameters, R_angle_axis, exp
+
+EXACT = 1e-9  # relative: a few operations on doubles
+DOWN = math.pi / 2
+NODE = "/impedance_control"
+P_D = np.array([1.0, 0.0, 0.0])
+
+# 2 kg, 0.1 m along the rod beyond the tip, and a sensor that is off by 1 N and 0.5 Nm.
+TOOL: dict[str, Any] = {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0], "gravity": [0.0, 0.0, -10.0]}
+BIAS: dict[str, Any] = {"wrench_bias": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0]}
+
+IMPEDANCE: dict[str, Any] = {
+    "orientation": "euler_parameters",
+    "translational_frame": "base",
+    "M_p": [2.0, 2.0, 2.0],
+    "D_p": [20.0, 20.0, 20.0],
+    "K_p": [1000.0, 500.0, 200.0],
+    "K_p_axes": [],
+    "M_o": [1.0, 2.0, 3.0],
+    "D_o": [],
+    "damping_ratio_o": 0.5,
+    "K_o": [10.0, 20.0, 40.0],
+    "K_o_axes": [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0],  # 10 about y, 20 about z, 40 about x
+}
+
+
+def loaded(folder: Path, **options: Any) -> Recording:
+    return Recording.load(write_run(folder / "run", **options))
+
+
+def sensed(folder: Path, q: float, w: Sequence[float], **options: Any) -> Array:
+    """Return the wrench (6,) at the tip of the rod at q, of which the sensor says w."""
+    wrench = loaded(folder, measured=[q], wrenches=[w], **options).wrench
+    assert wrench is not None
+    return np.concatenate((wrench.f[0], wrench.mu[0]))
+
+
+# --- the wrench at the tip -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("q", "w", "sensor", "expected"),
+    [
+        (0.0, [1, 2, 3, 4, 5, 6], "tip", [1, 2, 3, 4, 5, 6]),
+        (DOWN, [1, 2, 3, 4, 5, 6], "tip", [3, 2, -1, 6, 5, -4]),
+        # sensor y is tip z, sensor z is minus tip y; the force acts 0.2 m before the tip:
+        # (-0.2, 0, 0) x (1, -3, 2) = (0, 0.4, 0.6)
+        (0.0, [1, 2, 3, 0, 0, 0], "sensor", [1, -3, 2, 0, 0.4, 0.6]),
+        (0.0, [0, 0, 0, 4, 5, 6], "sensor", [0, 0, 0, 4, -6, 5]),
+        (DOWN, [1, 2, 3, 0, 0, 0], "sensor", [2, -3, -1, 0.6, 0.4, 0]),
+    ],
+)
+def test_a_wrench_is_turned_into_base_axes_and_moved_to_the_tip(
+    tmp_path: Path, q: float, w: list[float], sensor: str, expected: list[float]
+) -> None:
+    found = sensed(tmp_path, q, w, sensor=sensor)
+    np.testing.assert_allclose(found, expected, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize(
+    ("q", "w"),
+    [
+        # (0.1, 0, 0) x (0, 0, -20) = (0, 2, 0)
+        (0.0, [0, 0, -20, 0, 2, 0]),
+        (DOWN, [20, 0, 0, 0, 0, 0]),  # it hangs
+    ],
+)
+def test_the_weight_of_the_tool_and_the_bias_are_no_contact(
+    tmp_path: Path, q: float, w: list[float]
+) -> None:
+    options: dict[str, Any] = {"parameters": TOOL, "node": NODE}
+    np.testing.assert_allclose(sensed(tmp_path / "a", q, w, **options), 0, atol=ALGEBRAIC)
+    off = [a + b for a, b in zip(w, BIAS["wrench_bias"], strict=True)]
+    options["parameters"] = TOOL | BIAS
+    np.testing.assert_allclose(sensed(tmp_path / "b", q, off, **options), 0, atol=ALGEBRAIC)
+
+
+def test_the_sign_of_the_sensor_is_that_of_the_parameters(tmp_path: Path) -> None:
+    w = [1, 2, 3, 4, 5, 6]
+    found = sensed(tmp_path, 0.0, w, parameters={"wrench_sign": -1}, node="/left/impedance_control")
+    assert found.tolist() == [-1, -2, -3, -4, -5, -6]
+    other = sensed(tmp_path / "other", 0.0, w, parameters={"wrench_sign": -1}, node="/clik")
+    assert other.tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.1, 0.2], wrenches=[[1] * 6] * 2, sensor="base")
+    assert run.wrench is None
+    assert "the frame 'base' is not fixed to the tip 'tip': hinge, roll" in run.why_no_wrench
+    with pytest.raises(BagError, match="is not fixed to the tip"):
+        measure("peak_force", run)
+    assert measure("peak_orientation_error", run) == pytest.approx(math.degrees(0.2))
+    write_page(tmp_path / "page.html", [run], "", "")
+    assert "run: the wrench cannot be moved to the tip" in (tmp_path / "page.html").read_text()
+    bare = loaded(tmp_path / "bare", measured=[0.1])
+    assert bare.why_no_wrench == "no wrench was recorded"
+    wrong = {"wrench_sign": 2}
+    run = loaded(tmp_path / "w", measured=[0.1], wrenches=[[1] * 6], parameters=wrong, node=NODE)
+    assert "wrench_sign is 2; expected 1 or -1" in run.why_no_wrench
+
+
+def test_a_message_that_is_not_finite_is_left_out(tmp_path: Path) -> None:
+    w = [[1.0, 0, 0, 0, 0, 0], [math.nan, 0, 0, 0, 0, 0], [3.0, 0, 0, 0, 0, 0]]
+    run = loaded(tmp_path, measured=[0.0] * 3, wrenches=w)
+    assert run.wrench is not None
+    assert run.wrench.t.tolist() == [0.0, 0.02]
+    assert run.wrench.at(np.array([0.0, 0.01, 0.015, 0.02, 1.0]))[0][:, 0].tolist() == [
+        *(1.0, 1.0, 1.0, 3.0, 3.0)
+    ]
+
+
+# --- forces and moments --------------------------------------------------------------
+
+FORCES = [[0, 0, 0], [3, 0, -4], [0, 0, 5], [0, 2, 4], [0, -2, 4.5]]
+WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("final_force", {}, math.hypot(2, 4.5)),
+        ("final_force", {"window": 0.01}, 4.25),  # of the mean, not the mean of the lengths
+        ("final_force", {"axis": [0, -3, 0]}, 2.0),
+        ("final_force", {"axis": [0, 0, 1], "window": 0.02}, 4.5),
+        ("final_force", {"before": 0.025}, 5.0),
+        ("peak_force", {}, 5.0),
+        ("peak_force", {"axis": [0, 0, 1]}, 5.0),
+        ("peak_force", {"axis": [0, 0, -1]}, 5.0),  # without its sign
+        ("peak_force", {"axis": [0, 1, 1]}, 6 / math.sqrt(2)),
+        ("peak_force", {"after": 0.03, "before": 0.03}, math.hypot(2, 4)),
+        ("least_force", {}, 0.0),
+        ("least_force", {"axis": [0, 0, 1]}, -4.0),
+        ("least_force", {"after": 0.02}, math.hypot(2, 4)),
+        ("final_moment", {}, 7.0),
+        ("final_moment", {"window": 0.02}, 16 / 3),
+        ("peak_moment", {}, 9.0),
+        ("peak_moment", {"axis": [0, 0, 1]}, 9.0),
+        ("peak_moment", {"after": 0.015, "axis": [0, 0, 2]}, 7.0),
+        ("force_ripple", {"window": 0.01}, 4.0),
+        ("force_ripple", {"window": 0.01, "axis": [0, 0, 1]}, 0.5),
+        ("force_ripple", {"window": 1.0}, 9.0),
+    ],
+)
+def test_a_number_of_the_contact_is_what_it_is_by_hand(
+    tmp_path: Path, name: str, options: dict[str, Any], expected: float
+) -> None:
+    run = loaded(tmp_path, measured=[0.0] * 5, wrenches=WRENCHES)
+    assert measure(name, run, **options) == pytest.approx(expected, rel=EXACT, abs=ALGEBRAIC)
+
+
+def test_an_axis_can_be_that_of_the_desired_frame(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.0] * 5, wrenches=WRENCHES)
+    turned = DesiredFrame(P_D, R_angle_axis(math.pi / 2, np.array([1.0, 0.0, 0.0])))  # y is z
+    run = replace(run, measured=replace(run.measured, desired=[turned] * 5))
+    assert measure("final_force", run, axis=[0, 1, 0], frame="desired") == pytest.approx(4.5)
+    assert measure("final_force", run, axis=[0, 0, 1], frame="desired") == pytest.approx(2.0)
+    assert measure("final_moment", run, axis=[0, 1, 0], frame="desired") == pytest.approx(7.0)
+    assert measure("peak_force", run, frame="desired") == pytest.approx(5.0)
+    nothing = replace(run, measured=replace(run.measured, desired=[None] * 5))
+    with pytest.raises(BagError, match="no desired frame"):
+        measure("final_force", nothing, frame="desired")
+
+
+def test_before_the_first_state_nothing_was_desired(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.0] * 2)
+    R_d = desired_rotations(run, np.array([-0.01, 0.0, 0.005, 9.0]))
+    assert np.isnan(R_d[0]).all()
+    np.testing.assert_array_equal(R_d[1:], np.tile(np.eye(3), (3, 1, 1)))
+
+
+@pytest.mark.parametrize("axis", [[0, 0, 0], [1, 2], [math.nan, 0, 1], [1, 2, 3, 4]])
+def test_an_axis_that_is_none_is_refused(tmp_path: Path, axis: list[float]) -> None:
+    run = loaded(tmp_path, measured=[0.0] * 5, wrenches=WRENCHES)
+    with pytest.raises(ConfigurationError, match=r"axis is .*; expected three numbers, not all 0"):
+        measure("final_force", run, axis=axis)
+    with pytest.raises(UnknownNameError, match="unknown frame 'tool'; known: base, desired"):
+        measure("final_force", run, frame="tool")
+
+
+# --- the compliant frame -------------------------------------------------------------
+
+
+def turned(*rotation_vector: float, p: Sequence[float] = (1.0, 0.0, 0.0)) -> DesiredFrame:
+    return DesiredFrame(np.array(p), exp(np.array(rotation_vector)))
+
+
+FRAMES = [
+    turned(0.0, 0.0, 0.0),
+    turned(0.0, -0.4, 0.0, p=(1.01, 0.0, 0.0)),
+    turned(0.1, 0.2, 0.0, p=(1.0, 0.003, -0.004)),
+]
+
+
+@pytest.fixture
+def compliant(tmp_path: Path) -> Recording:
+    """A run of the rod at 0, -0.3 and 0.2 rad with compliant frames and a moment about y."""
+    moments = [[0, 0, 0, 0, 0, 0], [10, 0, 0, 0, 4, 0], [0, 6, -8, 0, -3, 0]]
+    return loaded(
+        tmp_path,
+        measured=[0.0, -0.3, 0.2],
+        efforts=[0.0] * 3,
+        compliant=FRAMES,
+        wrenches=moments,
+        parameters=IMPEDANCE,
+        node=NODE,
+    )
+
+
+def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant: Recording) -> None:
+    motion = compliant.compliant
+    assert motion is not None
+    np.testing.assert_allclose(motion.t, [0.0, 0.01, 0.02], atol=ALGEBRAIC)
+    expected = [[0, 0, 0], [0.01, 0, 0], [0, 0.003, -0.004]]
+    np.testing.assert_allclose(motion.p_cd_d, expected, atol=ALGEBRAIC)
+    rho = [[0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]]
+    np.testing.assert_allclose(motion.rho_cd_d, rho, atol=ALGEBRAIC)
+    np.testing.assert_allclose(motion.R_cd, [exp(np.array(each)) for each in rho], atol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        motion.Q_cd[1], [math.cos(0.2), 0, -math.sin(0.2), 0], atol=ALGEBRAIC
+    )
+
+
+def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves() -> None:
+    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
+    d = DesiredFrame(P_D, R_d, np.zeros(3), np.array([0.0, 0.0, 2.0]))
+    c = DesiredFrame(
+        P_D + [0.0, 0.5, 0.1], R_d @ exp(np.array([0.3, 0.0, 0.0])), np.zeros(3),
+        np.array([0.0, 1.0, 5.0]),
+    )  # fmt: skip
+    motion = CompliantMotion(np.zeros(2), (c, c), [d, None])
+    np.testing.assert_allclose(motion.p_cd_d[0], [0.5, 0.0, 0.1], atol=ALGEBRAIC)
+    np.testing.assert_allclose(motion.rho_cd_d[0], [0.3, 0.0, 0.0], atol=ALGEBRAIC)
+    np.testing.assert_allclose(motion.x[0], [1.0, 0.0, 3.0], atol=ALGEBRAIC)
+    # -omega_d x omega_c = -(0, 0, 2) x (0, 1, 5) = (2, 0, 0), which is -y of the desired frame
+    np.testing.assert_allclose(motion.dx[0], [0.0, -2.0, 0.0], atol=ALGEBRAIC)
+    for values in (motion.p_cd_d, motion.R_cd, motion.rho_cd_d, motion.Q_cd, motion.x, motion.dx):
+        assert np.isnan(values[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("final_turn", {}, math.degrees(math.hypot(0.1, 0.2))),
+        ("final_turn", {"axis": [0, 1, 0]}, math.degrees(0.2)),
+        ("final_turn", {"axis": [0, 1, 0], "window": 0.01}, math.degrees(-0.1)),
+        ("final_turn", {"before": 0.01}, math.degrees(0.4)),
+        ("peak_turn", {}, math.degrees(0.4)),
+        ("peak_turn", {"axis": [1, 0, 0]}, math.degrees(0.1)),
+        ("peak_turn", {"after": 0.015}, math.degrees(math.hypot(0.1, 0.2))),
+        ("final_displacement", {}, 5.0),
+        ("final_displacement", {"axis": [0, 0, -2]}, 4.0),
+        ("peak_displacement", {}, 10.0),
+        ("peak_displacement", {"axis": [0, 1, 0]}, 3.0),
+        ("peak_displacement", {"after": 0.02}, 5.0),
+        ("moment_axis_angle", {"before": 0.01}, 180.0),  # against the moment
+        ("moment_axis_angle", {}, 180 - math.degrees(math.atan2(0.1, 0.2))),
+        ("apparent_stiffness", {"before": 0.01}, -10.0),
+        ("apparent_stiffness", {}, 9 / -0.6),
+        # the sensor turns with the rod, by -0.3 and 0.2 rad about y
+        ("apparent_translational_stiffness", {"before": 0.01}, 1000.0 / math.cos(0.3)),
+        ("apparent_translational_stiffness", {}, 100 / (0.018 + 0.032 * math.cos(0.2))),
+        ("guided_distance", {}, 5.0),
+        ("guided_distance", {"axis": [0, 0, 1]}, -4.0),
+        ("guided_distance", {"before": 0.01}, 10.0),
+        ("final_compliant_speed", {}, 0.0),
+        # the rod at -0.3 rad, the compliant frame at -0.4 rad
+        ("peak_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
+        ("final_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
+        ("peak_orientation_error", {"before": 0.01}, math.degrees(0.3)),
+        ("final_position_error", {"against": "compliant", "before": 0.0}, 0.0),
+        (
+            "peak_position_error",
+            {"against": "compliant", "before": 0.01},
+            1e3 * math.hypot(1.01 - math.cos(0.3), math.sin(0.3)),
+        ),
+        ("peak_position_error", {"before": 0.01}, 2e3 * math.sin(0.15)),
+    ],
+)
+def test_a_number_of_the_compliance_is_what_it_is_by_hand(
+    compliant: Recording, name: str, options: dict[str, Any], expected: float
+) -> None:
+    assert measure(name, compliant, **options) == pytest.approx(expected, rel=EXACT, abs=1e-9)
+
+
+def test_the_speed_of_the_compliant_frame_is_that_in_its_messages(tmp_path: Path) -> None:
+    frame = FRAMES[0]._replace(dp_d=np.array([0.0, 0.03, 0.04]))
+    run = loaded(tmp_path, measured=[0.0, 0.0], compliant=[FRAMES[0], frame])
+    assert measure("final_compliant_speed", run) == pytest.approx(50.0)
+    assert measure("final_compliant_speed", run, before=0.0) == 0.0
+
+
+def test_without_a_moment_its_axis_is_not_known(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.0], compliant=[FRAMES[1]], wrenches=[[0.0] * 6])
+    with pytest.raises(BagError, match="no turn or no moment"):
+        measure("moment_axis_angle", run)
+    assert math.isnan(measure("apparent_stiffness", run)) is True
+
+
+def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.0, 0.1], wrenches=[[0.0] * 6] * 2)
+    for name in ("final_turn", "peak_displacement", "moment_axis_angle", "guided_distance"):
+        with pytest.raises(BagError, match="run has no compliant_frame"):
+            measure(name, run)
+    with pytest.raises(BagError, match="run has no compliant_frame"):
+        measure("peak_position_error", run, against="compliant")
+    with pytest.raises(UnknownNameError, match="unknown frame 'compilant'"):
+        measure("peak_position_error", run, against="compilant")
+    frames = loaded(tmp_path / "b", measured=[0.0, 0.1], compliant=FRAMES[:2])
+    with pytest.raises(BagError, match="no wrench was recorded"):
+        measure("apparent_stiffness", frames)
+
+
+# --- V_3 -----------------------------------------------------------------------------
+
+
+def test_v_3_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
+    q, rate = np.array([0.5, 0.3, 0.2]), np.array([-1.0, -0.5, 0.25])
+    frames = [
+        turned(0.0, angle, 0.0)._replace(omega_d=np.array([0.0, speed, 0.0]))
+        for angle, speed in zip(q, rate, strict=True)
+    ]
+    moments = [[0, 0, 0, 0, mu, 0] for mu in (0.0, 2.0, -3.0)]
+    run = loaded(
+        tmp_path, measured=q, compliant=frames, wrenches=moments, parameters=IMPEDANCE, node=NODE
+    )
+    # about y: M_o 2, K_o 10, so that D_o is 2 * 0.5 * sqrt(2 * 10)
+    V = run.lyapunov
+    assert V is not None
+    np.testing.assert_allclose(V.t, [0.0, 0.01, 0.02])
+    np.testing.assert_allclose(V.V, rate**2 + 20 * np.sin(q / 2) ** 2, rtol=EXACT)  # eq. (68)
+    power = rate * [0.0, 2.0, -3.0]
+    np.testing.assert_allclose(V.dV, -math.sqrt(20) * rate**2 + power, rtol=EXACT)  # eq. (69)
+    assert measure("lyapunov_increase", run) == pytest.approx(0.0, abs=ALGEBRAIC)
+    assert measure("lyapunov_start", run) == pytest.approx(1 + 20 * math.sin(0.25) ** 2)
+
+
+def test_v_3_counts_where_clik_follows_the_compliant_frame(compliant: Recording) -> None:
+    parameters = {"/clik": {"orientation": "euler_parameters", "k_Po": 1.0}, NODE: IMPEDANCE}
+    run = replace(compliant, parameters=parameters)
+    assert run.lyapunov is not None
+    assert run.lyapunov.V[1] == pytest.approx(20 * math.sin(0.2) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"orientation": "euler_angles"}, "no Lyapunov function for euler_angles"),
+        ({"K_o": [1.0, 2.0]}, "give no impedance: K_o has 2 values"),
+        ({"M_o": [0.0, 1.0, 1.0], "D_o": [1.0] * 3}, "give no impedance: M is not positive def"),
+        ({"damping_ratio_o": "high"}, "give no impedance: could not convert"),
+    ],
+)
+def test_without_v_3_the_recording_says_why(
+    compliant: Recording, changes: dict[str, Any], words: str
+) -> None:
+    run = replace(compliant, parameters={NODE: IMPEDANCE | changes})
+    assert run.lyapunov is None
+    assert words in run.why_no_lyapunov
+
+
+def test_v_3_needs_the_compliant_frame(tmp_path: Path) -> None:
+    run = loaded(tmp_path, measured=[0.1, 0.2], parameters=IMPEDANCE, node=NODE)
+    assert run.why_no_lyapunov == "no compliant_frame was recorded"
+
+
+# --- what the impedance equations leave ----------------------------------------------
+
+# A desired frame that turns and moves on a curve, and a compliant frame that does otherwise.
+ENDS = ([0.3, -0.8, 0.5], [1.0, 0.4, -0.9], [0.1, 0.6, 1.2], [-0.7, 0.2, 0.9])
+DESIRED, COMPLIANT = (
+    Trajectory(
+        [0.0, 1.0],
+        [
+            DesiredFrame(np.array(ends[0]), exp(np.array(ends[1])), omega_d=np.array(spin)),
+            DesiredFrame(np.array(ends[1]), exp(np.array(ends[0])), dp_d=np.array(spin)),
+        ],
+    )
+    for ends, spin in ((ENDS[:2], [0.0, 1.0, 3.0]), (ENDS[2:], [2.0, -1.0, 0.0]))
+)
+Z = Impedance(
+    np.array([[2.0, 0.3, 0.0], [0.3, 3.0, 0.1], [0.0, 0.1, 1.0]]),
+    np.diag([5.0, 6.0, 7.0]),
+    np.array([[50.0, 4.0, -3.0], [4.0, 40.0, 2.0], [-3.0, 2.0, 30.0]]),
+)
+
+
+def derivative(of: Callable[[float], Array], t: float) -> Array:
+    return (of(t + STEP) - of(t - STEP)) / (2 * STEP)
+
+
+def motion(t: float) -> CompliantMotion:
+    return CompliantMotion(np.array([t]), (COMPLIANT.sample(t),), [DESIRED.sample(t)])
+
+
+@pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
+def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t: float) -> None:
+    def x(t: float) -> Array:
+        c, d = COMPLIANT.sample(t), DESIRED.sample(t)
+        return d.R_d.T @ (c.omega_d - d.omega_d)
+
+    d = DESIRED.sample(t)
+    eta, eps = EulerParameters.from_R(d.R_d.T @ COMPLIANT.sample(t).R_d)
+    mu_E = 2 * (eta * Z.K @ eps + np.cross(eps, Z.K @ eps))  # eq. (66)
+    mu = d.R_d @ (Z.M @ derivative(x, t) + Z.D @ x(t) + mu_E)  # eq. (59)
+    left = rotational_residual(motion(t), mu[None], Z)
+    scale = float(np.linalg.norm(mu))
+    np.testing.assert_allclose(left, 0, atol=DIFFERENCES * scale)
+    other = rotational_residual(motion(t), mu[None] + [[0.0, 0.3, 0.4]], Z)
+    assert np.linalg.norm(other) == pytest.approx(0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize("frame", ["base", "desired"])
+@pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
+def test_the_translational_equation_leaves_nothing_in_either_frame(t: float, frame: str) -> None:
+    def x(t: float) -> Array:
+        c, d = COMPLIANT.sample(t), DESIRED.sample(t)
+        return c.p_d - d.p_d if frame == "base" else d.R_d.T @ (c.p_d - d.p_d)
+
+    h = SECOND_STEP
+    ddx = (16 * (x(t + h) + x(t - h)) - x(t + 2 * h) - x(t - 2 * h) - 30 * x(t)) / (12 * h**2)
+    f = Z.M @ ddx + Z.D @ derivative(x, t) + Z.K @ x(t)  # eq. (52)
+    f = f if frame == "base" else DESIRED.sample(t).R_d @ f
+    left = translational_residual(motion(t), f[None], Z, frame)
+    np.testing.assert_allclose(left, 0, atol=SECOND_DIFFERENCES * float(np.linalg.norm(f)))
+    wrong = translational_residual(motion(t), f[None], Z, "desired" if frame == "base" else "base")
+    assert np.linalg.norm(wrong) > 1.0
+
+
+def test_residuals_are_not_known_without_a_desired_frame() -> None:
+    alone = replace(motion(0.5), desired=[None])
+    assert np.isnan(rotational_residual(alone, np.zeros((1, 3)), Z)).all()
+    assert np.isnan(translational_residual(alone, np.zeros((1, 3)), Z, "base")).all()
+
+
+def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path: Path) -> None:
+    p, angle = np.array([0.01, 0.0, -0.02]), 0.4  # at rest: K_p 1000, 200 N/m; 10 Nm/rad about y
+    balance = [10.0, 0.0, -4.0, 0.0, 10.0 * math.sin(angle), 0.0]  # eqs. (54), (65)
+    frame = turned(0.0, angle, 0.0, p=(P_D + p).tolist())
+    off = [*balance[:3], 0.0, balance[4], 0.25]
+    run = loaded(
+        tmp_path,
+        measured=[0.0, 0.0],
+        compliant=[frame, frame],
+        wrenches=[balance, off],
+        parameters=IMPEDANCE,
+        node=NODE,
+    )
+    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_residual", run, before=0.0) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_residual", run) == pytest.approx(0.25)
+    soft = replace(run, parameters={NODE: IMPEDANCE | {"K_p": [900.0, 500.0, 200.0]}})
+    assert measure("force_residual", soft) == pytest.approx(1.0)
+    angles = replace(run, parameters={NODE: IMPEDANCE | {"orientation": "euler_angles"}})
+    with pytest.raises(BagError, match=r"\(59\) is of euler_parameters, not euler_angles"):
+        measure("moment_residual", angles)
+    with pytest.raises(BagError, match="no parameters of impedance_control"):
+        measure("force_residual", replace(run, parameters={}))
+
+
+def test_what_is_about_the_desired_frame_turns_with_it(tmp_path: Path) -> None:
+    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
+    desired = DesiredFrame(P_D, R_d)
+    frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
+    # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
+    balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
+    told = IMPEDANCE | {"translational_frame": "desired"}
+    run = loaded(
+        tmp_path, measured=[0.0], compliant=[frame], wrenches=[balance], parameters=told, node=NODE
+    )
+    assert run.compliant is not None
+    run = replace(run, compliant=replace(run.compliant, desired=[desired]))
+    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
+    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(0.4) / 0.4)
+    assert measure("apparent_translational_stiffness", run) == pytest.approx(1000.0)
+    base = replace(run, parameters={NODE: IMPEDANCE})  # 500 N/m along y of the base
+    assert measure("force_residual", base) == pytest.approx(5.0)
+
+
+# --- table and page ------------------------------------------------------------------
+
+
+def test_analyze_shows_contact_and_motion_loop_of_runs_that_have_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    contact = write_run(
+        tmp_path / "contact",
+        [0.0, -0.3],
+        compliant=FRAMES[:2],
+        wrenches=[[0, 0, 20, 0, 0, 0], [3, 4, 0, 0, 0, 2]],
+    )
+    free = write_run(tmp_path / "free", [0.1, 0.2], wrenches=[[0.0] * 6] * 2)
+    assert main([str(contact), str(free), "--no-page"]) == 0
+    out = capsys.readouterr().out
+    for row in (
+        r"force, peak \[N\] *│ *20\.0 │ *- │",
+        r"force, end \[N\] *│ *5\.00 │ *- │",
+        r"moment, end \[Nm\] *│ *2\.00 │ *- │",
+        r"compliant frame, end \[mm\] *│ *10\.0 │ *- │",
+        r"compliant frame, end \[deg\] *│ *22\.9 │ *- │",
+        r"motion loop, peak \[deg\] *│ *5\.73 │ *- │",
+    ):
+        assert re.search(row, out), row
+    assert main([str(free), "--no-page"]) == 0
+    out = capsys.readouterr().out
+    assert "force" not in out
+    assert "compliant" not in out
+
+
+CONTACT_PLOTS = [
+    "Contact force",
+    "Contact moment",
+    "Displacement of the compliant frame",
+    "Turn of the compliant frame",
+    "Position error of the motion loop",
+    "Orientation error of the motion loop",
+]
+CONTACT_GRIDS = [
+    "Contact force, base axes",
+    "Contact moment, base axes",
+    "Displacement of the compliant frame, desired axes",
+    "Turn of the compliant frame, desired axes",
+]
+
+
+def titles(run: Recording, folder: Path, **options: Any) -> list[str]:
+    write_page(folder / "page.html", [run], "", "", **options)
+    return re.findall(r"<h3>(.*?)</h3>", (folder / "page.html").read_text())
+
+
+def test_the_page_of_an_impedance_shows_wrench_compliance_and_motion_loop(
+    compliant: Recording, tmp_path: Path
+) -> None:
+    shown = titles(compliant, tmp_path)
+    assert shown[:7] == ["Orientation error", *CONTACT_PLOTS]
+    first = shown.index(CONTACT_GRIDS[0])
+    assert shown[first : first + 4] == CONTACT_GRIDS
+    assert "Speed of each joint" in shown[first + 4 :]
+
+
+def test_the_page_begins_with_the_picture_that_it_is_told(
+    compliant: Recording, tmp_path: Path
+) -> None:
+    shown = titles(compliant, tmp_path, first="moment")
+    assert shown[:3] == ["Contact moment", "Orientation error", "Contact force"]
+    assert shown.count("Contact moment") == 1
+    with pytest.raises(UnknownNameError, match=r"unknown picture 'momet'.*did you mean 'moment'"):
+        titles(compliant, tmp_path, first="momet")
+
+
+def test_a_run_that_feels_nothing_shows_no_contact(tmp_path: Path) -> None:
+    rounding = [[1e-9] * 6] * 2
+    run = loaded(tmp_path, measured=[0.1, 0.2], wrenches=rounding)
+    assert not set(titles(run, tmp_path)) & {*CONTACT_PLOTS, *CONTACT_GRIDS}
+    answered = loaded(
+        tmp_path / "b", measured=[0.1, 0.2], wrenches=rounding, compliant=FRAMES[:2]
+    )
+    shown = set(titles(answered, tmp_path))
+    assert shown > {*CONTACT_PLOTS, *CONTACT_GRIDS[2:]}
+    assert not shown & {*CONTACT_GRIDS[:2]}  # rounding alone is not taken apart
+    touched = loaded(tmp_path / "c", measured=[0.1, 0.2], wrenches=[[0, 0, 1e-3, 0, 0, 0]] * 2)
+    assert set(titles(touched, tmp_path)) & set(CONTACT_PLOTS) == {*CONTACT_PLOTS[:2]}
+
+
+@pytest.mark.filterwarnings("error")
+def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path: Path) -> None:
+    wild = DesiredFrame(np.full(3, 1e200), np.eye(3), np.full(3, 1e300))
+    run = loaded(
+        tmp_path,
+        measured=[0.1, 1e200],
+        wrenches=[[0.0] * 6, [1e300] * 6],
+        compliant=[FRAMES[1], wild],
+        parameters=IMPEDANCE,
+        node=NODE,
+    )
+    run = replace(run, diverged=0.01)
+    assert {*CONTACT_PLOTS, *CONTACT_GRIDS} < set(titles(run, tmp_path))
+    options = {
+        "period_growth": {"period": 0.01},
+        "growth_rate": {"low": 7.0, "high": 10.0},
+        "posture_cost": {"posture": [0.0, 0.0]},
+        "force_ripple": {"window": 1.0},
+        "escape_rate": {"low": 1.0, "high": 2.0},
+    }
+    found = {name: measure(name, run, **options.get(name, {})) for name in METRICS}
+    for name in ("peak_displacement", "peak_force", "peak_moment", "force_residual"):
+        assert found[name] > 1e200
+
+
+# --- the centre of compliance --------------------------------------------------------
+
+
+def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path: Path) -> None:
+    # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
+    offset = np.array([0.5, 0.0, 0.1])
+    angle, p = 0.3, np.array([0.02, 0.01, 0.0])  # of the centre; 1000, 500 N/m; 10 Nm/rad
+    frame = turned(0.0, angle, 0.0)
+    frame = frame._replace(p_d=P_D + offset + p - frame.R_d @ offset)
+    f, mu = np.array([20.0, 5.0, 0.0]), np.array([0.0, 10.0 * math.sin(angle), 0.0])
+    balance = [*f, *(mu + np.cross(offset, f))]
+    run = loaded(
+        tmp_path,
+        measured=[0.0, 0.0],
+        compliant=[frame] * 2,
+        wrenches=[balance] * 2,
+        parameters=IMPEDANCE | {"compliance_offset": offset.tolist()},
+        node=NODE,
+    )
+    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(angle) / angle)
+    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
+    assert measure("apparent_translational_stiffness", run) == pytest.approx(425 / 0.45)
+    assert run.impedance is not None
+    np.testing.assert_allclose(run.impedance.mu[0], mu, atol=EXACT)
+    # what was asked at the tip stays at the tip
+    assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))
+    tip = np.linalg.norm(frame.p_d - P_D)
+    assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
+
+
+def test_the_centre_of_compliance_can_be_in_another_link(tmp_path: Path) -> None:
+    # the sensor is 0.2 m before the tip, its y is the tip's z: the centre is (-0.2, 0, 0.1)
+    told = {"compliance_frame": "sensor", "compliance_offset": [0.0, 0.1, 0.0]}
+    run = loaded(
+        tmp_path,
+        measured=[0.0],
+        compliant=[FRAMES[0]],
+        wrenches=[[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]],
+        parameters=IMPEDANCE | told,
+        node=NODE,
+    )
+    assert run.impedance is not None
+    np.testing.assert_allclose(run.impedance.motion.p_c[0], [0.8, 0.0, 0.1], atol=ALGEBRAIC)
+    # -(-0.2, 0, 0.1) x (0, 0, 5) = -(0, 1, 0)
+    np.testing.assert_allclose(run.impedance.mu[0], [0.0, -1.0, 0.0], atol=ALGEBRAIC)
+    wrong = replace(run, parameters={NODE: IMPEDANCE | {"compliance_frame": "base"}})
+    with pytest.raises(BagError, match="give no centre: the frame 'base' is not fixed"):
+        measure("moment_residual", wrong)
+    assert "give no centre" in wrong.why_no_lyapunov
+
+
+@pytest.mark.parametrize(
+    ("told", "weight"),
+    [
+        ({"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}, 20.0),
+        ({"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0.0, 0.0]}, 5.0),
+        ({"tool_mass": 2.0, "compensate_tool_weight": False}, 0.0),
+    ],
+)
+def test_the_weight_is_that_of_what_the_sensor_carries(
+    tmp_path: Path, told: dict[str, Any], weight: float
+) -> None:
+    parameters = {"gravity": [0.0, 0.0, -10.0]} | told
+    w = sensed(tmp_path, 0.0, [0.0] * 6, parameters=parameters, node=NODE)
+    np.testing.assert_allclose(w, [0, 0, weight, 0, -0.1 * weight, 0], atol=ALGEBRAIC)
+
+
+def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(
+    tmp_path: Path,
+) -> None:
+    left = 0.01 * np.exp(3.0 * np.arange(80) / 100)  # [rad], 0.6 to 6.1 deg
+    frames = [turned(0.0, 0.0, math.pi - each) for each in [0.2, *left, 1.0, 0.1]]
+    run = loaded(tmp_path, measured=[0.0] * len(frames), compliant=frames)
+    assert measure("escape_rate", run, low=1.0, high=5.0) == pytest.approx(3.0, rel=1e-6)
+    with pytest.raises(BagError, match=r"run: 180 deg less the turn has fewer than two samples"):
+        measure("escape_rate", run, low=0.1, high=5.0)
