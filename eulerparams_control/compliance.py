@@ -18,17 +18,20 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.impedance import Impedance
-from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.orientation import OrientationRepresentation
 from eulerparams_control.rotations import Array, cross, exp
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
 
 # The faster of both impedances [1/s]: beyond it a step at 1 kHz would have to be split too often.
-MAX_RATE = 2000.0
+MAX_RATE = 1000.0
 
 # Product of rate and step that Runge-Kutta's method integrates well.
 _STEP = 0.5
+
+# A frozen compliant frame comes to rest with this time constant [s].
+_STOP_TIME = 0.05
 
 # A desired frame that is so far from where its velocity led [m, rad; m/s, rad/s] has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-3
@@ -107,9 +110,18 @@ class CompliantFrame:
         self._wrench: Array | None = None
         self._input: _Input | None = None
 
-    def replace_law(self, law: ComplianceLaw) -> None:
-        """Go on with other equations from the same frame and velocities."""
+    def replace_law(
+        self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
+    ) -> None:
+        """Go on with other equations from the same frame and velocities.
+
+        Args:
+            law: the equations.
+            moved: placements by which the centre of compliance moves, one after the other.
+        """
         self._law = law
+        if self.now is not None:
+            self.now = self.now.carrying(moved[0]).carrying(moved[1])
         self._desired = self._input = None  # the state is made anew from the frames
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
@@ -124,14 +136,26 @@ class CompliantFrame:
         )
         self.now, self._desired, self._input = frame, desired, None
 
-    def freeze(self, actual: DesiredFrame) -> DesiredFrame:
-        """Return the compliant frame, which stands still from now on until the next step.
+    def freeze(self, dt: float, actual: DesiredFrame) -> DesiredFrame:
+        """Return the compliant frame, which comes to rest until the next step.
 
         Args:
+            dt: [s] after the last.
             actual: where it is to stand if it was nowhere yet.
         """
-        self.now = (self.now or actual).at_rest()
-        self._desired = self._wrench = None  # the next step begins from here
+        before = self.now or actual.at_rest()
+        left = math.exp(-dt / _STOP_TIME)
+        gone = _STOP_TIME * (1 - left)  # the way [s] of a velocity that decays
+        dp, omega = left * before.dp_d, left * before.omega_d
+        self.now = DesiredFrame(
+            before.p_d + gone * before.dp_d,
+            exp(gone * before.omega_d) @ before.R_d,
+            dp,
+            omega,
+            -dp / _STOP_TIME,
+            -omega / _STOP_TIME,
+        )
+        self._desired = self._wrench = self._input = None  # the next step begins from here
         return self.now
 
     def step(self, dt: float, desired: DesiredFrame, wrench: Array) -> DesiredFrame:

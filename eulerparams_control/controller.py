@@ -201,6 +201,8 @@ class Controller:
         return 0.0
 
     def _tick(self, t: int) -> JointCommand:
+        if self.scheme.is_frozen:
+            self._motion.wait(round(self._dt * 1e9))
         try:
             tick = self.scheme.tick(self._dt, self._q, self._dq, self._motion.sample(t))
         except SingularityError as error:

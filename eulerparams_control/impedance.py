@@ -59,6 +59,16 @@ class Impedance:
         )
         return float(np.abs(np.linalg.eigvals(companion)).max())
 
+    @property
+    def least_mass(self) -> float:
+        """The least eigenvalue of M."""
+        return float(np.linalg.eigvalsh(self.M)[0])
+
+    @property
+    def least_damping(self) -> float:
+        """The least eigenvalue [1/s] of M^-1 D."""
+        return float(np.linalg.eigvals(self.M_inverse @ self.D).real.min())
+
     def transformed(self, T: Array) -> "Impedance":
         """Return the impedance in coordinates y of x = T y: T' M T, T' D T, T' K T."""
         return Impedance(T.T @ self.M @ T, T.T @ self.D @ T, T.T @ self.K @ T)

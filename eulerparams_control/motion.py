@@ -359,7 +359,7 @@ class DesiredMotion:
     def hold(self, frame: DesiredFrame) -> None:
         """Hold the pose of ``frame`` from now on."""
         self._motion: Trajectory | SetPoint | None = None
-        self._start = 0
+        self._start = self._late = 0
         self._next: tuple[Trajectory | SetPoint, int | None] | None = None
         self.last = frame.at_rest()
 
@@ -373,6 +373,10 @@ class DesiredMotion:
         """Time [ns] at which the trajectory that is followed began; None if there is none."""
         return self._start if isinstance(self._motion, Trajectory) else None
 
+    def wait(self, dt: int) -> None:
+        """Let the present motion be later by dt [ns] than it was to be."""
+        self._late += dt
+
     def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
         """Follow a motion from the time ``start`` [ns], or from the next sample if None.
 
@@ -383,12 +387,12 @@ class DesiredMotion:
     def sample(self, t: int) -> DesiredFrame:
         """Return the desired frame at the time t [ns]."""
         if self._motion is not None:
-            self.last = self._motion.sample((t - self._start) / 1e9)
+            self.last = self._motion.sample((t - self._start - self._late) / 1e9)
         if self._next is not None and (self._next[1] is None or t >= self._next[1]):
             (motion, start), self._next = self._next, None
             if isinstance(motion, Trajectory):
                 motion = motion.from_frame(self.last)
             self._motion = motion
-            self._start = t if start is None else start
+            self._start, self._late = t if start is None else start, 0
             self.last = self._motion.sample((t - self._start) / 1e9)
         return self.last

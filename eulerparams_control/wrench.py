@@ -1,13 +1,15 @@
 """From what the force/torque sensor measures to the contact wrench at the tip.
 
-In this order, each part by itself: sign, shift of the frame and of the point that moments are
-about from the sensor to the tip, weight and inertia of the tool, bias, dead band, low-pass.
+In this order, each part by itself: sign, known bias of the sensor, shift of the frame and of the
+point that moments are about from the sensor to the tip, weight and inertia of the tool, what the
+tare found, dead band, low-pass.
 
 Notation: ``w`` (6,) force and moment [N, Nm] of the environment on the tool; the suffix ``_t``
 is for axes of the tip and about its origin, else base axes, about the origin of the tip.
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,8 +17,11 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion import Placement
-from eulerparams_control.robot import RobotState, Tool
+from eulerparams_control.robot import Robot, RobotState, Tool
 from eulerparams_control.rotations import Array, cross
+
+# An arm whose joints [rad] stay within this stands still.
+_STILL = 0.005
 
 
 class SensedWrench(NamedTuple):
@@ -37,10 +42,10 @@ class WrenchOptions:
 
     Attributes:
         sign: 1, or -1 for a sensor that reports what the tool exerts.
-        tool: beyond the sensor, whose weight the sensor feels; None is none, or is left in.
-        gravity: (3,) [m/s^2] in the base frame.
-        inertial: whether the inertia of the tool is taken out, too.
         bias: (6,) [N, Nm] in the sensor frame, after the sign.
+        tool: beyond the sensor; None is none.
+        gravity: (3,) [m/s^2] in the base frame.
+        weight, inertial: whether weight and inertia of the tool are taken out.
         dead_force, dead_torque: [N], [Nm] by which the vectors are shortened; 0 is not.
         cutoff: [Hz] of the low-pass; 0 is none.
 
@@ -49,10 +54,11 @@ class WrenchOptions:
     """
 
     sign: int = 1
+    bias: tuple[float, ...] = (0.0,) * 6
     tool: Tool | None = None
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
-    inertial: bool = False
-    bias: tuple[float, ...] = (0.0,) * 6
+    weight: bool = True
+    inertial: bool = True
     dead_force: float = 0.0
     dead_torque: float = 0.0
     cutoff: float = 0.0
@@ -128,7 +134,7 @@ class WrenchChain:
         tool = self.options.tool
         if tool is None:
             return np.zeros(6)
-        g_t = arm.R_e.T @ np.array(self.options.gravity)
+        g_t = arm.R_e.T @ np.array(self.options.gravity) if self.options.weight else np.zeros(3)
         if acceleration is None or not self.options.inertial:
             force = tool.mass * g_t
             return np.concatenate((force, cross(tool.com, force)))
@@ -146,6 +152,45 @@ class WrenchChain:
         else:
             self._low = self._low + (1 - math.exp(-2 * math.pi * cutoff * dt)) * (w_t - self._low)
         return self._low
+
+
+class RestingWrench:
+    """The last measurements, for the mean of what is felt while the arm stands still.
+
+    Args:
+        size: how many are kept.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._samples: deque[tuple[SensedWrench, Array, Array]] = deque(maxlen=size)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self._samples)
+
+    def add(self, sensed: SensedWrench, q: Array, dq: Array) -> None:
+        """Take what the sensor said at the state q, dq (n,)."""
+        self._samples.append((sensed, q, dq))
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._samples.clear()
+
+    @property
+    def is_still(self) -> bool:
+        """Whether no joint moved by more than ``_STILL`` meanwhile."""
+        q = np.array([q for _, q, _ in self._samples])
+        return bool((np.ptp(q, axis=0) <= _STILL).all())
+
+    def mean(self, chain: WrenchChain, robot: Robot) -> Array:
+        """Return the mean (6,) of what ``chain`` feels, see :meth:`WrenchChain.felt`."""
+        felt = [chain.felt(w, robot.state(q, dq), None) for w, q, dq in self._samples]
+        return np.array(np.mean(felt, axis=0))
+
+    def spread(self) -> Array:
+        """Return the standard deviations (6,) of what the sensor said."""
+        return np.array(np.std([sensed.w for sensed, _, _ in self._samples], axis=0))
 
 
 def at_point(w: Array, r: Array) -> Array:

@@ -91,8 +91,9 @@ def _options(
     try:
         return WrenchOptions(
             sign=int(node.get("wrench_sign", 1)),
-            tool=_tool(node) if node.get("compensate_tool_weight", True) else None,
+            tool=_tool(node),
             gravity=tuple(robot.gravity.tolist()),
+            weight=bool(node.get("compensate_tool_weight", True)),
             bias=tuple(node.get("wrench_bias") or WrenchOptions.bias),
         )
     except (TypeError, ValueError, ConfigurationError) as error:

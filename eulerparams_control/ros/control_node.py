@@ -376,7 +376,7 @@ class ControlNode(LifecycleNode):
         if self._controller is None or self._robot is None:
             return
         try:
-            self._refuse_two_publishers()
+            self._refuse_two_publishers(self._reference)
             motion, start = motion_from_ros(
                 msg,
                 self._robot.base_frame,
@@ -391,15 +391,17 @@ class ControlNode(LifecycleNode):
         self._reference_stamp = ns_from_ros(msg.header.stamp)
         self._answer()
 
-    def _refuse_two_publishers(self) -> None:
-        topic = self._reference.topic_name if self._reference else "reference"  # remapped
+    def _refuse_two_publishers(self, subscription: Subscription | None) -> None:
+        if subscription is None:
+            return
+        topic = subscription.topic_name  # remapped
         if self.count_publishers(topic) > 1:
             names = [
                 f"{info.node_namespace.rstrip('/')}/{info.node_name}"
                 for info in self.get_publishers_info_by_topic(topic)
             ]
             raise InvalidMessageError(
-                f"two publishers on 'reference': {', '.join(sorted(names))}; expected one"
+                f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one"
             )
 
     def _reject(self, topic: str, error: EulerParamsError) -> None:

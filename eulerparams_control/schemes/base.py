@@ -90,6 +90,11 @@ class Scheme(ABC):
             q, dq: (n,) measured now.
         """
 
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the desired motion has to wait: what it needs is not known."""
+        return False
+
     @abstractmethod
     def start_frame(self) -> DesiredFrame:
         """Return the frame at which the scheme has zero error after a reset, or while it holds."""

@@ -15,11 +15,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from eulerparams_control.compliance import ComplianceLaw, CompliantFrame
+from eulerparams_control.errors import FollowingError
 from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import DynamicState, Robot, RobotState
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.blend import Blend
 from eulerparams_control.schemes.dynamic import (
     EffortLimits,
     InverseDynamics,
@@ -27,8 +29,8 @@ from eulerparams_control.schemes.dynamic import (
 )
 from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
 
-# Time [s] in which a wrench that comes back, or goes, counts again, or no more.
-_TRUST_TIME = 0.1
+# Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
+_BLEND_TIME = 0.1
 
 
 class MotionLoop(Protocol):
@@ -124,6 +126,7 @@ class ImpedanceLaw:
         compliance: the equations of the compliant frame.
         wrench: how the contact is made of what the sensor says.
         centre: frame of the compliance seen from the tip.
+        max_force, max_moment: [N], [Nm] of the contact that stop the motion.
         inner_loop: whether the motion loop follows the compliant frame; else the impedance
             acts on the measured frame itself, without rejecting disturbances.
     """
@@ -132,6 +135,21 @@ class ImpedanceLaw:
     wrench: WrenchOptions = field(default_factory=WrenchOptions)
     centre: Placement = AT_ORIGIN
     inner_loop: bool = True
+    max_force: float = math.inf
+    max_moment: float = math.inf
+
+    def refuse_wrench(self, w: Array) -> None:
+        """Raise FollowingError for a contact wrench (6,) that is too large."""
+        for part, most, unit, name in (
+            (w[:3], self.max_force, "N", "max_contact_force"),
+            (w[3:], self.max_moment, "Nm", "max_contact_torque"),
+        ):
+            size = math.sqrt(part @ part)
+            if not size <= most:
+                raise FollowingError(
+                    f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "
+                    f"the tool, then send the reference again, or raise {name}"
+                )
 
 
 class ImpedanceControl(Scheme):
@@ -154,7 +172,9 @@ class ImpedanceControl(Scheme):
         self.motion, self.law = motion, law
         self.robot = motion.robot
         self.chain = chain or WrenchChain(law.wrench)
+        self.chain.replace_options(law.wrench)
         self._compliant = CompliantFrame(law.compliance)
+        self._blend = Blend(_BLEND_TIME)
         self._sensed: SensedWrench | None = None
         self._acceleration: Array | None = None  # of the tip, as it was commanded
         self._x_de: Any = None
@@ -162,6 +182,8 @@ class ImpedanceControl(Scheme):
 
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
+        if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
+            self._blend.replace(self._w)
         self._sensed = wrench
 
     def replace_law(
@@ -179,9 +201,21 @@ class ImpedanceControl(Scheme):
         self.motion.replace_law(motion, dynamics, limits)
         if law.compliance.orientation != self.law.compliance.orientation:
             self._x_de = None  # means nothing to another representation
-        self._compliant.replace_law(law.compliance)
+        moved = self.law.centre.inverse, law.centre
+        self._compliant.replace_law(law.compliance, moved)
         self.chain.replace_options(law.wrench)
+        self._blend.replace(self._w)
         self.law = law
+
+    def tare(self, felt: Array) -> None:
+        """Take ``felt`` (6,), a mean of :meth:`WrenchChain.felt`, for no contact from now on."""
+        self.chain.tare(felt)
+        self._blend.replace(self._w)
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the compliant frame stands still, as no wrench is known."""
+        return self._sensed is None
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
@@ -196,14 +230,17 @@ class ImpedanceControl(Scheme):
     def _forget(self) -> None:
         self._compliant.reset()
         self.chain.reset()
-        self._trust, self._w = 1.0, np.zeros(6)
+        self._blend.reset()
+        self._w = np.zeros(6)
         self._acceleration, self._x_de = None, None
+        self._held: DesiredFrame | None = None
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return what holds the joints where they were when this began."""
+        """Return what holds the joints, and the tip, where they were when this began."""
+        held = self._held or self.frame_at(q)
         self._forget()
-        command = self.motion.hold(dt, q, dq)
-        return command._replace(frame=self.frame_at(q))
+        self._held = held
+        return self.motion.hold(dt, q, dq)._replace(frame=held)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command of the motion loop that may stay for good."""
@@ -222,6 +259,7 @@ class ImpedanceControl(Scheme):
         """
         state = self.robot.dynamic_state(q, dq)
         arm, centre = state.arm, self.law.centre
+        self._held = None
         self._feel(arm, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, state, compliant, -self._w)  # h of eq. (48)
@@ -236,7 +274,7 @@ class ImpedanceControl(Scheme):
             desired.p_d - arm.p_e,
             self._x_de,
             tick.saturated,
-            self._w,
+            None if self.is_frozen else self._w,
         )
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
@@ -254,21 +292,24 @@ class ImpedanceControl(Scheme):
         )
 
     def _feel(self, arm: RobotState, dt: float) -> None:
-        """Take the contact wrench for this tick; what is not known any more fades away."""
+        """Take the contact wrench for this tick; what is not known any more fades away.
+
+        Raises:
+            FollowingError: if it is too large.
+        """
+        w = np.zeros(6)
         if self._sensed is None:
-            self._trust *= math.exp(-dt / _TRUST_TIME)
-            self._w = self._w * math.exp(-dt / _TRUST_TIME)
             self.chain.reset()
-            return
-        self._trust += (1 - self._trust) * -math.expm1(-dt / _TRUST_TIME)
-        w = self.chain.contact(self._sensed, arm, self._acceleration, dt)
-        self._w = self._trust * w
+        else:
+            w = self.chain.contact(self._sensed, arm, self._acceleration, dt)
+            self.law.refuse_wrench(w)
+        self._w = w + self._blend.offset(dt, w)
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
         actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
-        if self._sensed is None:
-            return self._compliant.freeze(actual)
+        if self.is_frozen:
+            return self._compliant.freeze(dt, actual)
         w = at_point(self._w, actual.p_d - arm.p_e)
         if self._compliant.now is None or not self.law.inner_loop:
             self._compliant.begin(desired, actual)

@@ -1,0 +1,234 @@
+"""Parameters of the node ``impedance_control``, and what is made of them."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.compliance import TRANSLATIONAL_FRAMES, ComplianceLaw
+from eulerparams_control.errors import ConfigurationError, RobotError
+from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
+from eulerparams_control.motion import AT_ORIGIN, Placement
+from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.ros.control_parameters import LATEST, PAIRINGS
+from eulerparams_control.ros.dynamic_control_node import DynamicParameters, require_size
+from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.schemes.impedance import ImpedanceLaw
+from eulerparams_control.wrench import WrenchOptions
+
+# A push [1/s] along each axis has to fade at least as fast.
+_LEAST_DAMPING = 0.5
+
+# The mass beyond the sensor at most, as a part of that of the impedance: above about 0.56 a delay
+# of some ms destabilises the arm, as the sensor feels the acceleration before it is known.
+_MOST_TOOL = 0.5
+
+
+@dataclass(frozen=True)
+class ImpedanceParameters(DynamicParameters):
+    """Parameters of the node ``impedance_control``."""
+
+    command_type: str = parameter(
+        "joint_state",
+        "message type of the command; none: compliant_frame only, for an arm that takes positions",
+        choices=("joint_state", "forward", "none"),
+    )
+    k_Pp: float = parameter(
+        3600.0, "position gain of the motion loop", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vp: float = parameter(120.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(
+        7200.0, "orientation gain of the motion loop", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vo: float = parameter(120.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    M_p: tuple[float, ...] = parameter(
+        (10.0,) * 3, "mass; 3: diagonal, 6: xx, xy, xz, yy, yz, zz", unit="kg", live=True
+    )
+    D_p: tuple[float, ...] = parameter(
+        (), "damping, as M_p; empty: by damping_ratio_p", unit="Ns/m", live=True
+    )
+    K_p: tuple[float, ...] = parameter(
+        (1000.0,) * 3, "stiffness, as M_p; 0 along an axis guides by hand", unit="N/m", live=True
+    )
+    M_o: tuple[float, ...] = parameter((1.0,) * 3, "inertia, as M_p", unit="kg m^2", live=True)
+    D_o: tuple[float, ...] = parameter(
+        (), "damping, as M_p; empty: by damping_ratio_o", unit="Nms/rad", live=True
+    )
+    K_o: tuple[float, ...] = parameter((50.0,) * 3, "stiffness, as M_p", unit="Nm/rad", live=True)
+    K_p_axes: tuple[float, ...] = parameter(
+        (), "three unit vectors in a row, along which K_p has its 3 values; empty: x, y, z",
+        live=True,
+    )  # fmt: skip
+    K_o_axes: tuple[float, ...] = parameter((), "the same for K_o", live=True)
+    damping_ratio_p: float = parameter(
+        1.5, "of each translational mode, if D_p is empty", bounds=(0.0, 100.0), live=True
+    )
+    damping_ratio_o: float = parameter(
+        1.5, "of each rotational mode, if D_o is empty", bounds=(0.0, 100.0), live=True
+    )
+    translational_frame: str = parameter(
+        "base", "whose axes M_p, D_p, K_p refer to", choices=TRANSLATIONAL_FRAMES, live=True
+    )
+    compliance_frame: str = parameter(
+        "", "link fixed to the tip that is the centre of compliance; empty: the tip"
+    )
+    compliance_offset: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "of the centre of compliance in that link", unit="m"
+    )
+    inner_loop: bool = parameter(
+        True, "false: the impedance acts on the measured frame, without a motion loop"
+    )
+    wrench_sign: int = parameter(
+        1, "-1: the sensor reports what the tool exerts", bounds=(-1, 1)
+    )
+    wrench_pairing: str = parameter(
+        LATEST, "wrench of a state: the newest, or the one of its stamp", choices=PAIRINGS
+    )
+    wrench_timeout: float = parameter(
+        0.1, "without a wrench the compliant frame is frozen after", unit="s", bounds=(0.001, 60.0)
+    )
+    wrench_bias: tuple[float, ...] = parameter(
+        (0.0,) * 6, "force and moment of the sensor without contact, its frame", unit="N, Nm",
+        live=True,
+    )  # fmt: skip
+    sensed_mass: float = parameter(
+        0.0, "beyond the sensor, where it is not tool_mass; 0: tool_mass", unit="kg",
+        bounds=(0.0, 1000.0),
+    )  # fmt: skip
+    sensed_com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "its centre of mass in the tip frame", unit="m"
+    )
+    sensed_inertia: tuple[float, ...] = parameter(
+        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
+    )
+    compensate_tool_weight: bool = parameter(
+        True, "whether the sensor feels the weight of the tool, which is then taken out"
+    )
+    compensate_tool_inertia: bool = parameter(
+        True, "whether its inertia is taken out, too; else it counts twice, in (33) and in (48)"
+    )
+    force_dead_band: float = parameter(
+        0.0, "by which forces are shortened", unit="N", bounds=(0.0, 1e4), live=True
+    )
+    torque_dead_band: float = parameter(
+        0.0, "by which moments are shortened", unit="Nm", bounds=(0.0, 1e4), live=True
+    )
+    wrench_cutoff: float = parameter(
+        0.0, "of the low-pass of the wrench; 0: none", unit="Hz", bounds=(0.0, 1e5), live=True
+    )
+    wrench_frame: str = parameter(
+        "", "link of the sensor, fixed to the tip; empty: the frame_id of the wrench"
+    )
+    max_contact_force: float = parameter(
+        1000.0, "a larger one stops the motion", unit="N", bounds=(0.0, 1e6), live=True
+    )
+    max_contact_torque: float = parameter(
+        200.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
+    )
+    damping_eps: float = parameter(
+        0.2, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True
+    )
+    damping_max: float = parameter(
+        0.2, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
+    )
+    max_error_position: float = parameter(
+        0.04,
+        "a tip farther from the compliant frame stops the motion",
+        unit="m",
+        bounds=(1e-4, 100.0),
+        live=True,
+    )
+    tare_samples: int = parameter(100, "that a tare is the mean of", bounds=(1, 100_000))
+    max_activation_force: float = parameter(
+        5.0, "no activation while a larger force is felt", unit="N", bounds=(0.0, 1e6)
+    )
+    max_activation_torque: float = parameter(
+        0.5, "no activation while a larger moment is felt", unit="Nm", bounds=(0.0, 1e6)
+    )
+
+    def translation(self) -> Impedance:
+        """Return M_p, D_p, K_p; raises ConfigurationError."""
+        return self._impedance("_p", "Ns/m")
+
+    def rotation(self) -> Impedance:
+        """Return M_o, D_o, K_o; raises ConfigurationError."""
+        return self._impedance("_o", "Nms/rad")
+
+    def _impedance(self, suffix: str, unit: str) -> Impedance:
+        def value(name: str) -> Any:
+            return getattr(self, name + suffix)
+
+        M = symmetric_matrix("M" + suffix, value("M"))
+        K = symmetric_matrix("K" + suffix, value("K"), getattr(self, f"K{suffix}_axes"))
+        given, ratio = value("D"), value("damping_ratio")
+        try:
+            checked = Impedance(M, np.zeros((3, 3)), K)
+            D = symmetric_matrix("D", given) if given else damping_of_ratio(M, K, ratio)
+            checked = replace(checked, D=D)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"impedance{suffix}: {error}") from error
+        if not checked.least_damping >= _LEAST_DAMPING:
+            how = "raise" if given else "give"
+            raise ConfigurationError(
+                f"D{suffix} is too small against M{suffix} along an axis, where the arm would "
+                f"drift: {checked.least_damping:.3g} 1/s; expected at least {_LEAST_DAMPING:g} 1/s: "
+                f"{how} D{suffix} in {unit}"
+            )
+        return checked
+
+    def centre(self, robot: Robot) -> Placement:
+        """Return the centre of compliance seen from the tip; raises ConfigurationError."""
+        require_size("compliance_offset", self.compliance_offset, 3)
+        if self.compliance_frame in ("", robot.tip_frame) and not any(self.compliance_offset):
+            return AT_ORIGIN
+        try:
+            link = robot.placement(self.compliance_frame or robot.tip_frame)
+        except RobotError as error:
+            raise ConfigurationError(f"compliance_frame: {error}") from error
+        return Placement(link.R, link.p + link.R @ np.array(self.compliance_offset))
+
+    def wrench_options(self, robot: Robot) -> WrenchOptions:
+        """Return how the contact is made of what the sensor says; raises ConfigurationError."""
+        gravity = tuple(robot.gravity.tolist())
+        return WrenchOptions(
+            self.wrench_sign,
+            self.wrench_bias,
+            self.body("sensed") or self.tool(),
+            gravity,
+            self.compensate_tool_weight,
+            self.compensate_tool_inertia,
+            self.force_dead_band,
+            self.torque_dead_band,
+            self.wrench_cutoff,
+        )
+
+    def impedance_law(self, robot: Robot) -> ImpedanceLaw:
+        """Return all that the impedance is made of; raises ConfigurationError."""
+        compliance = ComplianceLaw(
+            self.representation(), self.translation(), self.rotation(), self.translational_frame
+        )
+        options = self.wrench_options(robot)
+        if options.tool is not None:
+            self._refuse_tool(options.tool, compliance)
+        return ImpedanceLaw(
+            compliance,
+            options,
+            self.centre(robot),
+            self.inner_loop,
+            self.max_contact_force,
+            self.max_contact_torque,
+        )
+
+    def _refuse_tool(self, tool: Tool, compliance: ComplianceLaw) -> None:
+        """Raise ConfigurationError for a tool that is too heavy for the impedance."""
+        arm = float(tool.com @ tool.com)
+        for name, least, carried, unit in (
+            ("M_p", compliance.translation.least_mass, tool.mass, "kg"),
+            ("M_o", compliance.rotation.least_mass,
+             tool.mass * arm + float(np.linalg.eigvalsh(tool.inertia)[-1]), "kg m^2"),
+        ):  # fmt: skip
+            if carried > _MOST_TOOL * least:
+                raise ConfigurationError(
+                    f"{name} is {least:.3g} {unit} along an axis, but the sensor carries "
+                    f"{carried:.3g} {unit}; expected {name} at least {1 / _MOST_TOOL:g} times that"
+                )
