@@ -171,8 +171,8 @@ class ImpedanceParameters(DynamicParameters):
             how = "raise" if given else "give"
             raise ConfigurationError(
                 f"D{suffix} is too small against M{suffix} along an axis, where the arm would "
-                f"drift: {checked.least_damping:.3g} 1/s; expected at least {_LEAST_DAMPING:g} 1/s: "
-                f"{how} D{suffix} in {unit}"
+                f"drift: {checked.least_damping:.3g} 1/s; expected at least {_LEAST_DAMPING:g} "
+                f"1/s: {how} D{suffix} in {unit}"
             )
         return checked
 
