@@ -70,7 +70,7 @@ class ImpedanceParameters(DynamicParameters):
         "base", "whose axes M_p, D_p, K_p refer to", choices=TRANSLATIONAL_FRAMES, live=True
     )
     compliance_frame: str = parameter(
-        "", "link fixed to the tip that is the centre of compliance; empty: the tip"
+        "", "link fixed to the tip whose origin and axes the compliance has; empty: the tip"
     )
     compliance_offset: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), "of the centre of compliance in that link", unit="m"
