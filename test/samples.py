@@ -15,6 +15,10 @@ SEED = 1999
 # Angles [rad] at which things go wrong: the identity, pi, and their neighbourhoods.
 SPECIAL_ANGLES = (0.0, 1e-12, 1e-9, 1e-7, 1e-4, 0.1, math.pi - 1e-4, math.pi - 1e-7, math.pi - 1e-9)
 
+# The non-diagonal stiffness K* of the experiments: its eigenvalues [Nm/rad] and axes, a rotation
+# vector.
+K_STAR, K_STAR_TURN = (20.0, 50.0, 100.0), (0.4, -0.7, 1.1)
+
 # Distances [rad] to the pole of a sequence, on both sides of where extraction changes.
 POLE_DISTANCES = (0.0, 1e-15, 1e-13, 3e-12, 1e-11, 1e-10, 1e-9, 1e-7, 1e-5, 1e-3, 0.1)
 
@@ -154,3 +158,45 @@ def accelerating(R: Array, omega: Array, domega: Array) -> Callable[[float], Arr
 def derivative(function: Callable[[float], Array]) -> Array:
     """Return the derivative of a function of time at t = 0, by central differences."""
     return (function(STEP) - function(-STEP)) / (2 * STEP)
+
+
+def positive_definite(
+    count: int, key: int = 0, least: float = 0.5, most: float = 5.0
+) -> list[Array]:
+    """Return symmetric matrices (3, 3) with eigenvalues between two numbers, along any axes."""
+    values = generator(5, key).uniform(least, most, size=(count, 3))
+    return [(U * v) @ U.T for U, v in zip(uniform(count, 500 + key), values, strict=True)]
+
+
+def k_star_axes() -> Array:
+    """Return the axes u_1, u_2, u_3 (3, 3), columns, of the stiffness K*."""
+    turn = np.array(K_STAR_TURN)
+    theta = float(np.linalg.norm(turn))
+    return rodrigues(theta, turn / theta)
+
+
+Moving = tuple[Array, Array, Array, Array, Array, Array]
+
+
+def moving(key: int = 0, R_0: Array | None = None) -> Callable[[float], Moving]:
+    """Return a smooth motion t -> (p, R, dp, omega, ddp, domega) of a frame, base axes.
+
+    R = exp(alpha n) R_0 exp(beta m) with alpha, beta (t) and fixed axes n, m, so that all
+    derivatives are exact: omega = dalpha n + dbeta R m.
+    """
+    random = generator(6, key)
+    n, m = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
+    size, rate, phase = random.uniform(0.5, 1.5, size=(3, 5))  # of p, alpha, beta
+    start = uniform(1, 600 + key)[0] if R_0 is None else R_0
+
+    def at(t: float) -> Moving:
+        value = size * np.sin(rate * t + phase)
+        first = size * rate * np.cos(rate * t + phase)
+        second = -(rate**2) * value
+        R = rodrigues(value[3], n) @ start @ rodrigues(value[4], m)
+        axis = R @ m
+        omega = first[3] * n + first[4] * axis
+        domega = second[3] * n + second[4] * axis + first[4] * np.cross(omega, axis)
+        return value[:3], R, first[:3], omega, second[:3], domega
+
+    return at

@@ -207,3 +207,105 @@ AT_REST = 1e-9
 # dV_2 measured over a tick of 1 ms against the mean of (43), of its largest value: the effort is
 # constant for a tick.
 LYAPUNOV_SAMPLED = 0.02
+
+# --- impedance -------------------------------------------------------------------------
+
+# The roots of a polynomial of degree 6 that may be double: half of the digits, and one decade.
+MODES = 1e-7
+
+# Axes printed with 4 digits are off by half of the last one in each of three components.
+AXES_OF_4_DIGITS = 1e-4
+
+# Rate of a momentum of order 1 by central differences of 1e-5 s: the truncation is 1e-10 times
+# its third derivative (of order 10), the rounding 1e-16 / 1e-5.
+MOMENTUM = 1e-8
+
+# A sine at the cut-off in steps of a thousandth of its period, held constant for a step: half of
+# that, 2 pi / 2000, in phase, and as much in gain.
+CUT_OFF = 5e-3
+
+# Turn [rad] at which a stiffness is measured by central differences: the truncation is 1e-10 of
+# it, the rounding 1e-16 / 1e-5 of the larger of mass and stiffness, with two decades to spare.
+SMALL_TURN = 1e-5
+
+# Moments and stiffnesses of up to 100 Nm/rad, by small turns or in ill-conditioned coordinates.
+STIFFNESS = 1e-7
+
+# Eigenvalues of such a stiffness at beta = 85 deg, where they differ by a factor of 500.
+EIGENVALUES = 1e-5
+
+# E15, E16: rest [rad/s] after 4 s at 10 1/s.
+SETTLED = 1e-9
+
+# E15, one turn by 30 deg instead of a moment [deg]: the elastic moment is away from the axis of
+# K* by this much at least.
+OFF_AXIS_DEG = {"relative_euler_angles": 2.0, "euler_angles": 15.0}
+
+# (62) is wrong for Euler angles away from phi = 0 by this much at least, for 10 to 100 Nm/rad.
+PRINTED_62_FAILS = 1.0
+
+# E16 with 0.02 Nm: 0.8 mrad in the softest direction, 5 deg from the pole.
+E16_SMALL = 2e-3
+
+# Residual of the impedance equations [N, Nm] of up to 100 N; T is differentiated by differences.
+IMPEDANCE_EQUATION = 1e-7
+
+# Velocities and accelerations by differences of 4th order over 0.2 ms: what is truncated is below
+# 1e-9; the wrench, which is linear between its samples, leaves dt^2 / 8 of its second derivative
+# (1e3 / s^2).
+COMPLIANT_RATES = 2e-5
+
+# The same motion on frames that move differently, rad and m.
+RELATIVE_MOTION = 1e-9
+
+# The naive derivative of omega_c at 3 rad/s turns the frame by this much at least [deg].
+NAIVE_DEG = 7.0
+
+# (69) by Simpson's rule over 2 steps of 2 ms [J], of about 50 J.
+ENERGY_BALANCE = 1e-7
+
+# E18: relative error of the rates at which the equilibria of (67) are left.
+ESCAPES = 5e-3
+
+# The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
+OF_ORDER_4 = (12.0, 22.0)
+
+# After half a second from 120 deg in steps of 1 ms [rad]: the prototype had 3e-11; Euler's method
+# leaves 5e-4.
+RUNGE_KUTTA = 1e-9
+EULER_METHOD = (1e-4, 2e-3)
+
+# Energy after 10 s without damping, relative.
+ENERGY_KEPT = 1e-9
+
+# Motion of mass, damper and spring of up to 30 1/s in steps of 1 ms [m].
+STEP_RESPONSE = 1e-9
+
+# Steps are divided so that a mode moves by half a time constant in each: what the method leaves
+# of it, 0.5^5 / 120, adds up to this of the deflection.
+FAST_MODES = 1e-3
+
+# A velocity changes in a tick by no more than the accelerations before and after it say, but for
+# their change within the tick.
+BEYOND_A_STEP = 1.3
+
+# E17: relative error of the moment after 1 s, of which modes at 10 1/s leave 1.4e-3.
+E17_STATIC = 2e-3
+E17_SEEN = 2e-3
+
+# E19: relative error of the force with a spring.
+E19_FORCE = 1e-3
+
+# A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
+BY_CONTACT = 0.02
+
+# A wrench [N, Nm] to the axes of the tip and back.
+AT_POINT_WRENCH = 1e-12
+
+# Force [N] of a tool of 2 kg at up to 2 m/s^2, whose inertia is taken out with the acceleration
+# that was commanded: the motion loop leaves 1e-2 m/s^2 of it, the step of the simulator as much.
+INERTIAL_FORCE = 0.1
+
+# dV_3 over a tick of 1 ms against the mean of (69) at both ends, of its largest value: what the
+# trapezium leaves is dt^2 / 12 of its second derivative (4e3).
+V_3_SAMPLED = 5e-4

@@ -1,0 +1,1393 @@
+"""The laws of impedance (52)-(71) and their integration: the compliant frame.
+
+The properties run over the registry.  What is expected of a representation that the tables below
+do not name: its impedance is relative to the desired frame, it has the stiffness K_o for small
+turns about the desired axes, and no Lyapunov function.
+
+Elastic moments are those of the code as a user sees them: the moment that holds a compliant
+frame at rest.  They are compared with the formulas of this file, in angle and axis.
+"""
+
+import math
+from functools import cache
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from samples import (
+    K_STAR,
+    about,
+    by_angles,
+    clear_of_poles,
+    generator,
+    k_star_axes,
+    moving,
+    pole_clearance,
+    positive_definite,
+    rodrigues,
+    uniform,
+    unit_vectors,
+    vectors,
+)
+from tolerances import (
+    ALGEBRAIC,
+    BEYOND_A_STEP,
+    COMPLIANT_RATES,
+    DISTINCT,
+    E16_SMALL,
+    EIGENVALUES,
+    ENERGY_BALANCE,
+    ENERGY_KEPT,
+    ESCAPES,
+    EULER_METHOD,
+    FAST_MODES,
+    IMPEDANCE_EQUATION,
+    NAIVE_DEG,
+    NO_JUMP,
+    OF_ORDER_4,
+    OFF_AXIS_DEG,
+    PRINTED_62_FAILS,
+    RELATIVE_MOTION,
+    RUNGE_KUTTA,
+    SETTLED,
+    SMALL_TURN,
+    STEP_RESPONSE,
+    STIFFNESS,
+    UNBOUNDED,
+    V_INCREASE,
+)
+
+from eulerparams_control.compliance import (
+    MAX_RATE,
+    TRANSLATIONAL_FRAMES,
+    ComplianceLaw,
+    CompliantFrame,
+)
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    EulerSequence,
+    OrientationOptions,
+    representation,
+)
+from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
+from eulerparams_control.rotations import EulerParameters
+
+COUNT = 12
+DT = 1e-3  # [s]
+I = np.eye(3)
+O = np.zeros(3)
+NO_WRENCH = np.zeros(6)
+RIGHT = math.pi / 2
+Q_1, Q_2 = EulerParameters(-1.0, O), EulerParameters(1.0, O)  # eqs. (44), (45)
+
+U_STAR = k_star_axes()
+STAR = (U_STAR * K_STAR) @ U_STAR.T  # K*
+
+# Those whose impedance depends on the desired orientation.
+DEPENDS_ON_THE_BASE = {"euler_angles"}
+
+# Those whose elastic moment is along an axis of stiffness if the turn is, and how large it is for
+# a stiffness of 1.
+ALONG_THE_AXIS = {
+    "angle_axis": lambda theta: math.sin(theta) * math.cos(theta),
+    "euler_parameters": math.sin,  # (65)
+    "rotation_vector": lambda theta: theta,
+}
+
+# Those that have V_3.
+HAVE_V_3 = set(ALONG_THE_AXIS)
+
+three_axes = [s for s in SEQUENCES if s[0] != s[2]]
+proper = [s for s in SEQUENCES if s[0] == s[2]]
+every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
+every_relative = pytest.mark.parametrize("name", sorted(set(ORIENTATIONS) - DEPENDS_ON_THE_BASE))
+of_the_quaternion = pytest.mark.parametrize("name", sorted(HAVE_V_3))
+every_frame = pytest.mark.parametrize("frame", TRANSLATIONAL_FRAMES)
+
+
+def make(name, sequence="XYZ"):
+    """Return the representation of that name."""
+    return representation(name, OrientationOptions(EulerSequence(sequence)))
+
+
+def damped(M, K, ratio=1.0):
+    """Return the impedance of mass M and stiffness K, numbers or matrices."""
+    M, K = (A if np.ndim(A) else A * np.eye(3) for A in (M, K))
+    return Impedance(M, damping_of_ratio(M, K, ratio), K)
+
+
+def axial_matrix(values):
+    """Return the diagonal matrix of three numbers."""
+    return np.diag(np.array(values, dtype=float))
+
+
+SOFT = damped(10.0, 1000.0)  # kg, N/m: 10 1/s
+
+
+def law(name="euler_parameters", rotation=None, translation=SOFT, frame="base", sequence="XYZ"):
+    """Return the law; 1 kg m^2 and 100 Nm/rad unless given."""
+    return ComplianceLaw(make(name, sequence), translation, rotation or damped(1.0, 100.0), frame)
+
+
+def at(R=I, p=O, *rates):
+    """Return a frame at rest, unless rates are given."""
+    return DesiredFrame(np.array(p, dtype=float), R, *rates)
+
+
+def wrench(f=O, mu=O):
+    return np.concatenate((f, mu))
+
+
+def begun(law, desired, frame):
+    """Return a compliant frame that is there at first."""
+    compliant = CompliantFrame(law)
+    compliant.begin(desired, frame)
+    return compliant
+
+
+def follow(compliant, desired_at, wrench_at, times):
+    """Return the compliant frames at some times; the first is the one of the beginning."""
+    frames = [compliant.step(0.0, desired_at(times[0]), wrench_at(times[0]))]
+    for before, now in pairwise(times):
+        frames.append(compliant.step(now - before, desired_at(now), wrench_at(now)))
+    return frames
+
+
+def constant(value):
+    return lambda t: value
+
+
+def times(duration, dt=DT):
+    return dt * np.arange(round(duration / dt) + 1)
+
+
+def angle(R_1, R_2):
+    """Return the angle [rad] between two rotations, exact for small and large ones."""
+    R = R_1.T @ R_2
+    return math.atan2(np.linalg.norm(axial(R)), (np.trace(R) - 1) / 2)
+
+
+def axial(M):
+    """Return the vector of the skew-symmetric part of M."""
+    return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]) / 2
+
+
+def turn_of(R):
+    """Return theta r of R, for theta below 180 deg by some degrees."""
+    v = axial(R)
+    sin = np.linalg.norm(v)
+    theta = math.atan2(sin, (np.trace(R) - 1) / 2)
+    return theta / sin * v if sin else v
+
+
+def turned(x):
+    """Return the rotation by the vector x = theta r."""
+    theta = float(np.linalg.norm(x))
+    return rodrigues(theta, x / theta) if theta else I
+
+
+def skew(v):
+    """Return S(v)."""
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+# --- the formulas, independent of the code -----------------------------------------------------
+
+# f, df/dtheta and psi of the displacements f(theta) r.
+FUNCTIONS = {
+    "angle_axis": (math.sin, math.cos, 0.5),
+    "euler_parameters": (lambda x: math.sin(x / 2), lambda x: math.cos(x / 2) / 2, 2.0),
+    "rotation_vector": (lambda x: x, lambda x: 1.0, 0.5),
+}
+
+
+def printed_moment(name, theta, r, K):
+    """Return mu_E = 2 psi Omega' K_o o of o = f(theta) r, as the errata print it."""
+    f, df, psi = FUNCTIONS[name]
+    rr = np.outer(r, r)
+    around = (I - rr) / math.tan(theta / 2) - skew(r)
+    Omega = df(theta) * rr + f(theta) / 2 * around
+    return 2 * psi * Omega.T @ K @ (f(theta) * r)
+
+
+def T_of(sequence, phi):
+    """Return T(phi), eq. (3): its columns are the axes that the angles turn about."""
+    i, j, k = ("XYZ".index(letter) for letter in sequence)
+    R_i, R_j = about(i, phi[0]), about(j, phi[1])
+    return np.column_stack((I[i], R_i @ I[j], R_i @ R_j @ I[k]))
+
+
+def dT_of(sequence, phi, dphi):
+    """Return the derivative of T along dphi, by differences."""
+    h = 1e-6
+    return (T_of(sequence, phi + h * dphi) - T_of(sequence, phi - h * dphi)) / (2 * h)
+
+
+def angles_of(sequence, R):
+    """Return the angles of a rotation; their extraction has tests of its own."""
+    return EulerSequence(sequence).extract(R)
+
+
+def angle_rates(sequence, phi, omega, domega):
+    """Return dphi, ddphi of omega = T dphi and domega = T ddphi + dT dphi."""
+    T = T_of(sequence, phi)
+    dphi = np.linalg.solve(T, omega)
+    return dphi, np.linalg.solve(T, domega - dT_of(sequence, phi, dphi) @ dphi)
+
+
+def relative_motion(d, c):
+    """Return R_cd, x = R_d' (omega_c - omega_d) and the derivative of these components."""
+    R = d.R_d
+    x = R.T @ (c.omega_d - d.omega_d)
+    in_base = c.domega_d - d.domega_d - np.cross(d.omega_d, c.omega_d - d.omega_d)
+    return R.T @ c.R_d, x, R.T @ in_base
+
+
+def residual_of_eq_55(Z, d, c, mu):
+    """Return M_o Delta ddphi + D_o Delta dphi + K_o Delta phi - T'(phi_c) mu."""
+    phi_d, phi_c = angles_of("XYZ", d.R_d), angles_of("XYZ", c.R_d)
+    dphi_d, ddphi_d = angle_rates("XYZ", phi_d, d.omega_d, d.domega_d)
+    dphi_c, ddphi_c = angle_rates("XYZ", phi_c, c.omega_d, c.domega_d)
+    phi_cd = np.angle(np.exp(1j * (phi_c - phi_d)))
+    left = Z.M @ (ddphi_c - ddphi_d) + Z.D @ (dphi_c - dphi_d) + Z.K @ phi_cd
+    return left - T_of("XYZ", phi_c).T @ mu
+
+
+def residual_of_relative_angles(Z, d, c, mu, sequence="XYZ"):
+    """Return M ddphi + D dphi + K phi - T'(phi) mu^d, with T(0)' M_o T(0) for M and so on."""
+    R_cd, x, dx = relative_motion(d, c)
+    phi, T_0 = angles_of(sequence, R_cd), T_of(sequence, O)
+    dphi, ddphi = angle_rates(sequence, phi, x, dx)
+    left = T_0.T @ (Z.M @ T_0 @ ddphi + Z.D @ T_0 @ dphi + Z.K @ T_0 @ phi)
+    return left - T_of(sequence, phi).T @ d.R_d.T @ mu
+
+
+def residual_of_eq_59(name):
+    """Return the function M_o dx + D_o x + mu_E - mu^d."""
+
+    def residual(Z, d, c, mu):
+        R_cd, x, dx = relative_motion(d, c)
+        rho = turn_of(R_cd)
+        theta = float(np.linalg.norm(rho))
+        return Z.M @ dx + Z.D @ x + printed_moment(name, theta, rho / theta, Z.K) - d.R_d.T @ mu
+
+    return residual
+
+
+RESIDUALS = {
+    "euler_angles": residual_of_eq_55,
+    "relative_euler_angles": residual_of_relative_angles,
+    **{name: residual_of_eq_59(name) for name in FUNCTIONS},
+}
+
+
+def residual_of_eq_52(Z, frame, d, c, f):
+    """Return M_p ddx + D_p dx + K_p x - f, components in the axes of the frame."""
+    x, dx, ddx = c.p_d - d.p_d, c.dp_d - d.dp_d, c.ddp_d - d.ddp_d
+    if frame == "desired":  # x = R_d' (p_c - p_d), and its derivatives
+        w, dw, R = d.omega_d, d.domega_d, d.R_d
+        ddx = ddx - 2 * np.cross(w, dx) + np.cross(w, np.cross(w, x)) - np.cross(dw, x)
+        x, dx, ddx, f = R.T @ x, R.T @ (dx - np.cross(w, x)), R.T @ ddx, R.T @ f
+    return Z.M @ ddx + Z.D @ dx + Z.K @ x - f
+
+
+# --- elastic forces and moments, eqs. (53)-(67) --------------------------------------------------
+
+
+def held(acceleration):
+    """Return the force or moment (3,) at which an affine function of it is zero."""
+    free = acceleration(O)
+    return -np.linalg.solve(np.column_stack([acceleration(e) - free for e in I]), free)
+
+
+def elastic_force(law, R_d, x):
+    """Return f_E (3,), base axes: the force that holds a compliant frame displaced by x."""
+    compliant = begun(law, at(R_d), at(R_d, x))
+    return held(lambda f: compliant.step(0.0, at(R_d), wrench(f=f)).ddp_d)
+
+
+def elastic_moment(law, R_d, R_cd):
+    """Return mu_E^d (3,), desired axes: the moment that holds a frame turned by R_cd."""
+    compliant = begun(law, at(R_d), at(R_d @ R_cd))
+    return R_d.T @ held(lambda mu: compliant.step(0.0, at(R_d), wrench(mu=mu)).domega_d)
+
+
+def stiffness(law, R_d):
+    """Return d mu_E / (Delta omega dt) (3, 3) at R_c = R_d, axes of the desired frame."""
+    columns = [
+        elastic_moment(law, R_d, turned(SMALL_TURN * e))
+        - elastic_moment(law, R_d, turned(-SMALL_TURN * e))
+        for e in I
+    ]
+    return np.column_stack(columns) / (2 * SMALL_TURN)
+
+
+@every_frame
+def test_a_displacement_along_an_axis_makes_a_force_along_it(frame):  # (53), (54)
+    gammas = generator(900).uniform(10, 900, size=(COUNT, 3))
+    for U, R_d, gamma, key in zip(
+        uniform(COUNT), uniform(COUNT, 1), gammas, range(COUNT), strict=True
+    ):
+        K = symmetric_matrix("K_p", gamma.tolist(), U.T.ravel().tolist())
+        own = law(translation=Impedance(positive_definite(1, key)[0], I, K), frame=frame)
+        i, length = key % 3, 0.05 - 0.1 * (key % 2)
+        u = U[:, i] if frame == "base" else R_d @ U[:, i]
+        found = elastic_force(own, R_d, length * u)
+        np.testing.assert_allclose(found, gamma[i] * length * u, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", sorted(ALONG_THE_AXIS))
+@pytest.mark.parametrize("theta", [1e-6, 0.3, 1.0, RIGHT, 2.0, 3.0])
+def test_a_turn_about_an_axis_makes_a_moment_about_it(name, theta):  # (63)-(65)
+    gammas = generator(901).uniform(10, 100, size=(COUNT, 3))
+    for key, (U, R_d, gamma) in enumerate(
+        zip(uniform(COUNT, 2), uniform(COUNT, 3), gammas, strict=True)
+    ):
+        K = symmetric_matrix("K_o", gamma.tolist(), U.T.ravel().tolist())
+        i, sense = key % 3, (-1) ** key
+        own = law(name, Impedance(positive_definite(1, key)[0], I, K))
+        found = elastic_moment(own, R_d, rodrigues(sense * theta, U[:, i]))
+        expected = gamma[i] * sense * ALONG_THE_AXIS[name](theta) * U[:, i]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=STIFFNESS)
+
+
+def test_the_moment_of_euler_parameters_saturates_at_90_degrees():
+    own = law(rotation=damped(1.0, STAR))
+    for i, gamma in enumerate(K_STAR):
+        u = U_STAR[:, i]
+        moments = {
+            deg: np.linalg.norm(elastic_moment(own, I, rodrigues(math.radians(deg), u)))
+            for deg in (30, 60, 85, 90, 95, 120, 150)
+        }
+        assert moments[90] == pytest.approx(gamma, rel=ALGEBRAIC)
+        assert all(moment < gamma for deg, moment in moments.items() if deg != 90)
+        assert moments[120] == pytest.approx(moments[60], rel=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+def test_a_turn_about_an_axis_of_K_star_makes_a_moment_about_another_with_angles(name):
+    own, R_d = law(name, damped(1.0, STAR)), about(1, math.radians(60)) @ about(2, RIGHT)
+    for u in U_STAR.T:
+        found = elastic_moment(own, R_d, rodrigues(math.radians(30), u))
+        off = math.degrees(math.acos(found @ u / np.linalg.norm(found)))
+        assert off > OFF_AXIS_DEG[name]
+
+
+def test_relative_angles_keep_the_axes_of_a_diagonal_stiffness():
+    own = law("relative_euler_angles", damped(1.0, axial_matrix(K_STAR)))
+    for R_d, (i, gamma) in product(uniform(5), enumerate(K_STAR)):
+        found = elastic_moment(own, R_d, about(i, 0.5))
+        np.testing.assert_allclose(found, gamma * 0.5 * I[i], rtol=0, atol=STIFFNESS)
+
+
+@of_the_quaternion
+@pytest.mark.parametrize("theta", [1e-7, 1e-3, 0.5, RIGHT, 2.5, 3.1])
+def test_the_elastic_moment_is_that_of_its_function_of_the_angle(name, theta):
+    axes, stiff = unit_vectors(COUNT), positive_definite(COUNT, 0, 10, 100)
+    for r, K, R_d in zip(axes, stiff, uniform(COUNT, 4), strict=True):
+        own = law(name, Impedance(I, I, K))
+        expected = printed_moment(name, theta, r, K)
+        np.testing.assert_allclose(
+            elastic_moment(own, R_d, rodrigues(theta, r)), expected, rtol=0, atol=STIFFNESS
+        )
+
+
+@pytest.mark.parametrize("sequence", three_axes)
+def test_the_elastic_moment_of_relative_angles_is_that_of_their_transformation(sequence):
+    phis = generator(902).uniform(-1.2, 1.2, size=(10, 3))
+    for phi, K, R_d in zip(phis, positive_definite(10, 1, 10, 100), uniform(10, 5), strict=True):
+        own = law("relative_euler_angles", Impedance(I, I, K), sequence=sequence)
+        T_0, T = T_of(sequence, O), T_of(sequence, phi)
+        expected = np.linalg.solve(T.T, T_0.T @ K @ T_0 @ phi)
+        found = elastic_moment(own, R_d, by_angles(sequence, *phi))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=STIFFNESS)
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_the_elastic_moment_of_euler_angles_is_eq_56(sequence):
+    middle = 0.0 if sequence in three_axes else RIGHT
+    phis = generator(903).uniform(-1, 1, size=(10, 2, 3)) + [0, middle, 0]
+    for (phi_d, phi_c), K in zip(phis, positive_definite(10, 2, 10, 100), strict=True):
+        own = law("euler_angles", Impedance(I, I, K), sequence=sequence)
+        R_d, R_c = by_angles(sequence, *phi_d), by_angles(sequence, *phi_c)
+        expected = np.linalg.solve(T_of(sequence, phi_c).T, K @ (phi_c - phi_d))
+        found = R_d @ elastic_moment(own, R_d, R_d.T @ R_c)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=STIFFNESS)
+
+
+def test_the_two_terms_of_eq_66_are_orthogonal_and_make_eq_60():
+    for R, K in zip(uniform(COUNT, 6), positive_definite(COUNT, 3, 10, 100), strict=True):
+        eta, eps = Q = EulerParameters.from_R(R)
+        first, second = 2 * eta * (K @ eps), 2 * np.cross(eps, K @ eps)
+        assert first @ second == pytest.approx(0, abs=1e2 * ALGEBRAIC)
+        found = make("euler_parameters").elastic_moment(Q, K)
+        np.testing.assert_allclose(found, first + second, rtol=0, atol=1e2 * ALGEBRAIC)
+        E = eta * I - skew(eps)  # (10)
+        np.testing.assert_allclose(found, 2 * E.T @ K @ eps, rtol=0, atol=1e2 * ALGEBRAIC)
+
+
+def test_the_equilibria_are_aligned_or_turned_by_180_degrees_about_an_axis_of_stiffness():  # (67)
+    moment = make("euler_parameters").elastic_moment
+    for U, K_values in zip(
+        uniform(COUNT, 7), generator(904).uniform(10, 100, (COUNT, 3)), strict=True
+    ):
+        K = (U * K_values) @ U.T
+        equilibria = [Q_1, Q_2, *(EulerParameters(0.0, s * u) for u in U.T for s in (1, -1))]
+        for Q in equilibria:
+            np.testing.assert_allclose(moment(Q, K), 0, rtol=0, atol=1e2 * ALGEBRAIC)
+        near = (U @ [1.0, 0.1, 0.0]) / math.hypot(1.0, 0.1)
+        elsewhere = [
+            EulerParameters(0.0, near),  # not along an axis
+            EulerParameters(0.1, math.sqrt(0.99) * U[:, 0]),  # not by 180 deg
+            *(EulerParameters.from_R(R) for R in uniform(5, 8)),
+        ]
+        for Q in elsewhere:
+            assert np.abs(moment(Q, K)).max() > DISTINCT
+
+
+@of_the_quaternion
+def test_the_elastic_moment_is_the_gradient_of_the_elastic_energy(name):
+    own = make(name)
+    cases = zip(
+        uniform(COUNT, 9), positive_definite(COUNT, 4, 10, 100), vectors(COUNT), strict=True
+    )
+    for R, K, x in cases:
+        if name == "rotation_vector" and angle(R, I) > 3.0:
+            continue  # theta r is not unique at 180 deg
+
+        def energy(t, R=R, K=K, x=x):
+            return own.elastic_energy(EulerParameters.from_R(turned(t * x) @ R), K)
+
+        rate = (energy(SMALL_TURN) - energy(-SMALL_TURN)) / (2 * SMALL_TURN)
+        power = own.elastic_moment(EulerParameters.from_R(R), K) @ x
+        assert rate == pytest.approx(power, abs=STIFFNESS)
+
+
+@of_the_quaternion
+def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
+    own, Z = make(name), damped(1.0, STAR)
+    for R, x, mu in zip(uniform(COUNT, 10), vectors(COUNT), vectors(COUNT, 1), strict=True):
+        Q = EulerParameters.from_R(R)
+        assert own.elastic_energy(-Q, STAR) == own.elastic_energy(Q, STAR)
+        rates = [
+            own.compliance_rate(np.array([s * Q.eta, *(s * Q.eps), *x]), mu, Z) for s in (1, -1)
+        ]
+        np.testing.assert_allclose(rates[1][:4], -rates[0][:4], rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(rates[1][4:], rates[0][4:], rtol=0, atol=1e2 * ALGEBRAIC)
+
+
+# --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
+
+
+def assert_stiffness(own, R_d, K):
+    found = stiffness(own, R_d)
+    np.testing.assert_allclose(found, K, rtol=0, atol=STIFFNESS * np.abs(K).max())
+
+
+@every_relative
+def test_small_turns_have_the_stiffness_wherever_the_desired_frame_is(name):  # (62)
+    for R_d, K in zip(uniform(5), positive_definite(5, 5, 10, 100), strict=True):
+        assert_stiffness(law(name, damped(1.0, K)), R_d, K)
+
+
+@pytest.mark.parametrize("sequence", three_axes)
+def test_relative_angles_of_every_sequence_have_the_stiffness_about_the_desired_axes(sequence):
+    for R_d, K in zip(uniform(3, 1), positive_definite(3, 6, 10, 100), strict=True):
+        own = law("relative_euler_angles", damped(1.0, K), sequence=sequence)
+        assert_stiffness(own, R_d, K)
+        Z = own.Z_o  # its inertia and damping are turned alike
+        T_0 = T_of(sequence, O)
+        np.testing.assert_allclose(Z.D, T_0.T @ own.rotation.D @ T_0, atol=1e2 * ALGEBRAIC)
+        np.testing.assert_allclose(Z.M, T_0.T @ own.rotation.M @ T_0, atol=1e2 * ALGEBRAIC)
+
+
+@pytest.mark.parametrize("sequence", proper)
+def test_relative_angles_that_are_singular_where_the_frames_are_aligned_are_refused(sequence):
+    with pytest.raises(ConfigurationError, match=f"{sequence} are singular.*XYZ"):
+        law("relative_euler_angles", sequence=sequence)
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_with_euler_angles_the_stiffness_depends_on_the_desired_orientation(sequence):  # (58)
+    for R_d, K in zip(clear_of_poles(sequence, 2), positive_definite(2, 7, 10, 100), strict=True):
+        T_inverse = np.linalg.inv(T_of(sequence, angles_of(sequence, R_d)))
+        expected = T_inverse.T @ K @ T_inverse
+        own = law("euler_angles", damped(1.0, K), sequence=sequence)
+        assert_stiffness(own, R_d, R_d.T @ expected @ R_d)
+        assert np.abs(R_d.T @ expected @ R_d - K).max() > PRINTED_62_FAILS
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize("beta", [0.0, math.radians(60), math.radians(85)])
+def test_with_euler_angles_an_isotropic_stiffness_has_eigenvalues_of_a_closed_form(sequence, beta):
+    middle, s = (beta, math.sin(beta)) if sequence in three_axes else (RIGHT - beta, math.sin(beta))
+    own = law("euler_angles", damped(1.0, 50.0), sequence=sequence)
+    found = np.sort(np.linalg.eigvals(stiffness(own, by_angles(sequence, 0.4, middle, -0.7))).real)
+    np.testing.assert_allclose(found, [50 / (1 + s), 50, 50 / (1 - s)], rtol=EIGENVALUES)
+
+
+def settled(own, R_d, mu_d, dt=0.04, duration=4.0):
+    """Return the turn (3,) of R_cd, desired axes, in which a constant moment mu_d ends."""
+    frames = follow(
+        begun(own, at(R_d), at(R_d)), constant(at(R_d)), constant(wrench(mu=R_d @ mu_d)),
+        times(duration, dt),
+    )  # fmt: skip
+    assert np.abs(frames[-1].omega_d).max() < SETTLED
+    return turn_of(R_d.T @ frames[-1].R_d)
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [
+        ("euler_parameters", 0.0, 0.05),
+        ("relative_euler_angles", 3.0, 30.0),
+        ("euler_angles", 20.0, 60.0),
+    ],
+)
+def test_E15_a_moment_about_a_task_axis_turns_about_it_with_euler_parameters(name, least, most):
+    R_d = about(1, math.radians(60)) @ about(2, RIGHT)
+    own = law(name, damped(0.2, STAR))
+    for gamma, u in zip(K_STAR, U_STAR.T, strict=True):
+        x = settled(own, R_d, gamma * math.sin(math.radians(30)) * u, duration=7.0)
+        off = math.degrees(math.acos(min(1.0, x @ u / np.linalg.norm(x))))
+        assert least <= off <= most
+        if name == "euler_parameters":
+            np.testing.assert_allclose(x, math.radians(30) * u, rtol=0, atol=SETTLED)
+
+
+def test_E15_relative_angles_are_exact_with_a_diagonal_stiffness():
+    own = law("relative_euler_angles", damped(0.2, axial_matrix(K_STAR)))
+    for gamma, u in zip(K_STAR, I, strict=True):
+        x = settled(own, uniform(1)[0], gamma * math.sin(math.radians(30)) * u)
+        np.testing.assert_allclose(x, 0.5 * u, rtol=0, atol=SETTLED)
+
+
+@pytest.mark.parametrize("beta", [0.5, 30.0, 60.0, 85.0])
+def test_E16_the_stiffness_that_is_felt(beta):
+    R_d, s = about(1, math.radians(beta)) @ about(2, RIGHT), math.sin(math.radians(beta))
+    felt = 0.5 / np.linalg.norm(settled(law(rotation=damped(0.5, 50.0)), R_d, 0.5 * I[0]))
+    assert felt == pytest.approx(49.999, abs=1e-3)
+    own = law("euler_angles", damped(0.5, 50.0))
+    axes = np.linalg.eigh(stiffness(own, R_d))[1]
+    for i, expected in enumerate((50 / (1 + s), 50, 50 / (1 - s))):
+        x = settled(own, R_d, 0.02 * axes[:, i])
+        assert 0.02 / np.linalg.norm(x) == pytest.approx(expected, rel=E16_SMALL)
+
+
+# --- the equations hold along a motion, and the frame moves as it says ---------------------------
+
+
+def clear_motions(count, key=0):
+    """Return desired motions that begin away from the pole of XYZ."""
+    motions = [moving(i) for i in range(8 * count)]
+    return [m for m in motions if pole_clearance("XYZ", m(0.0)[1]) > 0.6][:count]
+
+
+def desired_by(motion):
+    """Return the desired frame t -> DesiredFrame of such a motion."""
+    return lambda t: DesiredFrame(*motion(t))
+
+
+def contact(key):
+    """Return a wrench that changes smoothly with time."""
+    force, rate, phase = generator(905, key).normal(size=(3, 6))
+    return lambda t: 10 * force * np.sin(5 * rate * t + phase)
+
+
+def running(name, frame, motion, key, dt, duration, sequence="XYZ"):
+    """Return the law and each sample (t, desired, compliant, wrench) of some general motion."""
+    M_p, D_p, K_p, M_o, D_o, K_o = positive_definite(6, 50 + key)
+    translation, rotation = Impedance(M_p, 8 * D_p, 40 * K_p), Impedance(M_o, 8 * D_o, 40 * K_o)
+    own = ComplianceLaw(make(name, sequence), translation, rotation, frame)
+    desired_at, wrench_at = desired_by(motion), contact(key)
+    first, (dp, dR, v, omega) = desired_at(0.0), 0.3 * generator(906, key).normal(size=(4, 3))
+    start = at(turned(dR) @ first.R_d, first.p_d + dp, first.dp_d + v, first.omega_d + omega)
+    t = times(duration, dt)
+    frames = follow(begun(own, first, start), desired_at, wrench_at, t)
+    return own, [(s, desired_at(s), c, wrench_at(s)) for s, c in zip(t, frames, strict=True)]
+
+
+@every_frame
+@pytest.mark.parametrize("name", sorted(RESIDUALS))
+def test_the_impedance_equations_hold_at_each_sample(name, frame):  # (52), (55), (59)
+    for key, motion in enumerate(clear_motions(2)):
+        own, samples = running(name, frame, motion, key, 5e-3, 0.1)
+        for _, d, c, w in samples:
+            moments = RESIDUALS[name](own.rotation, d, c, w[3:])
+            np.testing.assert_allclose(moments, 0, rtol=0, atol=IMPEDANCE_EQUATION)
+            forces = residual_of_eq_52(own.translation, frame, d, c, w[:3])
+            np.testing.assert_allclose(forces, 0, rtol=0, atol=IMPEDANCE_EQUATION)
+
+
+@pytest.mark.parametrize("sequence", three_axes)
+def test_the_equation_of_relative_angles_holds_with_every_sequence(sequence):
+    name = "relative_euler_angles"
+    own, samples = running(name, "base", clear_motions(1)[0], 7, 5e-3, 0.1, sequence)
+    for _, d, c, w in samples:
+        moments = residual_of_relative_angles(own.rotation, d, c, w[3:], sequence)
+        np.testing.assert_allclose(moments, 0, rtol=0, atol=IMPEDANCE_EQUATION)
+
+
+@every_frame
+@pytest.mark.parametrize(
+    ("name", "sequence"),
+    [*((name, "XYZ") for name in ORIENTATIONS), ("relative_euler_angles", "YZX")],
+)
+def test_velocities_and_accelerations_are_the_derivatives_of_the_compliant_frame(
+    name, frame, sequence
+):
+    dt = 2e-4
+    for key, motion in enumerate(clear_motions(2)):
+        _, samples = running(name, frame, motion, key, dt, 20 * dt, sequence)
+        frames = [c for _, _, c, _ in samples]
+        for far_back, back, c, ahead, far_ahead in zip(
+            *(frames[i:] for i in range(5)), strict=False
+        ):
+            dp, dR, ddp, domega = (
+                (a - 8 * b + 8 * d - e) / (12 * dt)
+                for a, b, d, e in (
+                    (getattr(f, of) for f in (far_back, back, ahead, far_ahead))
+                    for of in ("p_d", "R_d", "dp_d", "omega_d")
+                )
+            )
+            omega = axial(dR @ c.R_d.T)
+            found = np.concatenate((dp, omega, ddp, domega))
+            said = np.concatenate((c.dp_d, c.omega_d, c.ddp_d, c.domega_d))
+            np.testing.assert_allclose(found, said, rtol=0, atol=COMPLIANT_RATES)
+        assert np.abs(said).min() > 1e-4  # all of them move
+
+
+def test_the_compliant_rotation_stays_a_rotation():
+    _, samples = running("euler_parameters", "base", clear_motions(1)[0], 3, 0.02, 3.0)
+    R = samples[-1][2].R_d
+    np.testing.assert_allclose(R.T @ R, I, rtol=0, atol=10 * ALGEBRAIC)
+
+
+# --- a desired frame that turns -----------------------------------------------------------------
+
+START = turned(np.array([0.5, 0.3, -0.4]))
+
+
+def relative_path(name, frame, desired_at, duration=0.8, dt=0.01):
+    """Return R_d' R_c and R_d' (p_c - p_d) under a wrench that is constant in the desired axes."""
+    translation = Impedance(I, 8 * I, (U_STAR * K_STAR) @ U_STAR.T)
+    own = law(name, Impedance(I, 10 * I, STAR), translation, frame)
+    first = desired_at(0.0)
+    there = first.R_d @ START, first.p_d + first.R_d @ [0.1, -0.2, 0.05]
+    v = first.dp_d + np.cross(first.omega_d, there[1] - first.p_d)  # at rest relative to it
+    start = at(*there, v, first.omega_d)
+
+    def wrench_at(t):
+        R_d = desired_at(t).R_d
+        return wrench(R_d @ [3.0, 1.0, 2.0], R_d @ [3.0, 1.0, 2.0])
+
+    t = times(duration, dt)
+    frames = follow(begun(own, first, start), desired_at, wrench_at, t)
+    desired = [desired_at(s) for s in t]
+    turns = [d.R_d.T @ c.R_d for d, c in zip(desired, frames, strict=True)]
+    return turns, [d.R_d.T @ (c.p_d - d.p_d) for d, c in zip(desired, frames, strict=True)]
+
+
+def turning_at(speed, r=(0.0, 0.0, 1.0), R_0=None):
+    """Return a desired frame that turns at a constant speed [rad/s] about r."""
+    r = np.array(r) / np.linalg.norm(r)
+    R_0 = uniform(1)[0] if R_0 is None else R_0
+    return lambda t: at(rodrigues(speed * t, r) @ R_0, O, O, speed * r)
+
+
+@every_relative
+def test_on_a_turning_desired_frame_the_relative_motion_is_that_at_rest(name):  # erratum of (59)
+    at_rest, p_rest = relative_path(name, "desired", turning_at(0.0))
+    assert angle(at_rest[0], at_rest[-1]) > 0.3  # it moves
+    for r in ((0, 0, 1), (1, -2, 0.5)):
+        turning, p = relative_path(name, "desired", turning_at(3.0, r))
+        for R, R_rest in zip(turning, at_rest, strict=True):
+            assert angle(R, R_rest) < RELATIVE_MOTION
+        np.testing.assert_allclose(p, p_rest, rtol=0, atol=RELATIVE_MOTION)
+
+
+@every_relative
+def test_on_a_desired_frame_that_turns_and_accelerates_it_is_too(name):
+    at_rest, p_rest = relative_path(name, "desired", turning_at(0.0), 0.5, 2e-3)
+    motion = moving(3)
+    turning, p = relative_path(name, "desired", desired_by(motion), 0.5, 2e-3)
+    for R, R_rest in zip(turning, at_rest, strict=True):
+        assert angle(R, R_rest) < RELATIVE_MOTION
+    np.testing.assert_allclose(p, p_rest, rtol=0, atol=RELATIVE_MOTION)
+
+
+def integrate_eq_59(R_0, x_0, Z, duration, dt, method="runge_kutta", turning=O):
+    """Return each R_cd along (16), (17), (59) without contact, and each x.
+
+    With ``turning`` = omega_d in the desired frame it is the motion of omega_c by the naive
+    domega_c = domega_d + R_d dx: the components x then have the rate dx - omega_d x x.
+    """
+    Q = EulerParameters.from_R(R_0)
+
+    def rate(y):
+        eta, eps, x = y[0], y[1:4], y[4:]
+        mu_E = 2 * (eta * (Z.K @ eps) + skew(eps) @ (Z.K @ eps))
+        dx = Z.M_inverse @ (-Z.D @ x - mu_E) - skew(turning) @ x
+        return np.concatenate(([-eps @ x / 2], (eta * x - skew(eps) @ x) / 2, dx))
+
+    ys = [np.array([Q.eta, *Q.eps, *x_0])]
+    for _ in range(round(duration / dt)):
+        y = ys[-1]
+        k_1 = rate(y)
+        if method == "runge_kutta":
+            k_2 = rate(y + dt / 2 * k_1)
+            k_3 = rate(y + dt / 2 * k_2)
+            k_1 = (k_1 + 2 * k_2 + 2 * k_3 + rate(y + dt * k_3)) / 6
+        y = y + dt * k_1
+        y[:4] /= np.linalg.norm(y[:4])
+        ys.append(y)
+    return [EulerParameters(y[0], y[1:4]).R for y in ys], [y[4:] for y in ys]
+
+
+def test_the_naive_derivative_of_omega_c_would_turn_the_frame_and_V_3_would_not_tell():
+    Z, dt, duration = Impedance(I, 10 * I, 50 * I), 5e-3, 1.0
+    R_0, z = rodrigues(math.radians(60), I[0]), I[2]
+    true, _ = integrate_eq_59(R_0, O, Z, duration, dt)
+    naive, rates = integrate_eq_59(R_0, O, Z, duration, dt, turning=3.0 * z)
+    off = [math.degrees(angle(R, R_rest)) for R, R_rest in zip(naive, true, strict=True)]
+    assert max(off) > NAIVE_DEG
+    V = [
+        make("euler_parameters").lyapunov_3(R, x, Z, O).V for R, x in zip(naive, rates, strict=True)
+    ]
+    assert max(np.diff(V)) < V_INCREASE * V[0]
+    desired_at = turning_at(3.0, z)  # the code, on the same motion
+    start = desired_at(0.0)._replace(R_d=desired_at(0.0).R_d @ R_0)
+    frames = follow(
+        begun(law(rotation=Z), desired_at(0.0), start), desired_at, constant(NO_WRENCH),
+        times(duration, dt),
+    )  # fmt: skip
+    for t, c, R in zip(times(duration, dt), frames, true, strict=True):
+        assert angle(desired_at(t).R_d.T @ c.R_d, R) < RELATIVE_MOTION
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_with_euler_angles_a_turn_of_the_base_about_the_first_axis_does_not_matter(sequence):
+    """Also where the first angle of the desired frame passes 180 deg, again and again."""
+    first = "XYZ".index(sequence[0])
+    r, middle = I[first], 0.4 if sequence in three_axes else 1.2
+
+    def path(turned_by):
+        world = about(first, turned_by)
+        R_0 = world @ by_angles(sequence, 0.0, middle, 0.3)
+        desired_at = turning_at(8.0, r, R_0)
+        own = law("euler_angles", damped(1.0, STAR), sequence=sequence)
+        push = constant(wrench(mu=world @ [4.0, -3.0, 5.0]))
+        start = desired_at(0.0)
+        frames = follow(begun(own, start, start), desired_at, push, times(1.0, 0.01))
+        return [world.T @ c.R_d for c in frames]
+
+    for R, R_other in zip(path(0.0), path(2.0), strict=True):
+        assert angle(R, R_other) < RELATIVE_MOTION
+
+
+def test_passing_180_degrees_the_angles_of_a_turning_frame_do_not_disturb_the_compliant_one():
+    own = law("euler_angles", damped(1.0, 100.0))
+    desired_at = turning_at(3.0, I[0], about(0, 2.5))  # alpha passes pi
+    frames = follow(
+        begun(own, desired_at(0.0), desired_at(0.0)), desired_at, constant(wrench(mu=5 * I[0])),
+        times(2.0, 5e-3),
+    )  # fmt: skip
+    x = [
+        turn_of(desired_at(t).R_d.T @ c.R_d) for t, c in zip(times(2.0, 5e-3), frames, strict=True)
+    ]
+    np.testing.assert_allclose(x[-1], 5 / 100 * I[0], rtol=0, atol=1e-6)
+    assert np.abs(np.diff(x, axis=0)).max() < 5e-3
+
+
+# --- V_3, eqs. (68)-(71) --------------------------------------------------------------------------
+
+
+@every_representation
+def test_V_3_is_kinetic_and_elastic_energy_and_its_rate_damping_and_contact_power(name):
+    Z = Impedance(*positive_definite(3, 60))
+    for r, x, mu in zip(unit_vectors(COUNT), vectors(COUNT), vectors(COUNT, 1), strict=True):
+        found = make(name).lyapunov_3(rodrigues(1.1, r), x, Z, mu)
+        if name not in HAVE_V_3:
+            assert found is None
+            continue
+        f, _, psi = FUNCTIONS[name]
+        energy = x @ Z.M @ x / 2 + psi * f(1.1) ** 2 * (r @ Z.K @ r)  # (68)
+        power = -x @ Z.D @ x + mu @ x  # (69)
+        np.testing.assert_allclose(found, (energy, power), rtol=ALGEBRAIC)
+
+
+def test_V_3_of_euler_parameters_is_zero_where_the_frames_are_aligned_both_ways_round():
+    own, Z = make("euler_parameters"), Impedance(I, I, STAR)
+    assert own.lyapunov_3(I, O, Z, O) == (0.0, 0.0)
+    assert own.elastic_energy(Q_1, STAR) == own.elastic_energy(Q_2, STAR) == 0.0
+    assert own.lyapunov_3(rodrigues(1e-3, U_STAR[:, 0]), O, Z, O).V > 0
+
+
+def test_V_3_at_and_near_the_unstable_equilibria_is_that_of_eqs_70_and_71():
+    own, Z = make("euler_parameters"), Impedance(I, I, STAR)
+    for gamma, u in zip(K_STAR, U_STAR.T, strict=True):
+        half_turn = 2 * np.outer(u, u) - I
+        energy = own.lyapunov_3(half_turn, O, Z, O).V
+        assert energy == pytest.approx(2 * gamma, rel=ALGEBRAIC)  # (70)
+        for sigma in (1e-3, 0.1, 0.5):
+            near = rodrigues(2 * math.acos(sigma), u)
+            energy = own.lyapunov_3(near, O, Z, O).V
+            assert energy == pytest.approx(2 * gamma * (1 - sigma**2), rel=1e-9)  # (71)
+            assert energy < 2 * gamma
+
+
+def energies(name, Z, mu_d, R_0, x_0, dt, duration):
+    """Return V_3 and dV_3 along a motion on a desired frame at rest."""
+    R_d = uniform(1, 11)[0]
+    own, desired = law(name, Z), at(R_d)
+    frames = follow(
+        begun(own, desired, at(R_d @ R_0, O, O, R_d @ x_0)),
+        constant(desired), constant(wrench(mu=R_d @ mu_d)), times(duration, dt),
+    )  # fmt: skip
+    return np.array(
+        [own.orientation.lyapunov_3(R_d.T @ c.R_d, R_d.T @ c.omega_d, Z, mu_d) for c in frames]
+    ).T
+
+
+@of_the_quaternion
+def test_along_a_motion_V_3_changes_by_damping_and_by_the_power_of_the_contact(name):  # (69)
+    dt = 2e-3
+    M, D = positive_definite(2, 70)
+    for mu_d in (O, np.array([6.0, -9.0, 4.0])):
+        Z = Impedance(M, 2 * D, STAR)
+        V, dV = energies(name, Z, mu_d, rodrigues(1.0, U_STAR @ [0.6, 0.0, 0.8]), 2 * I[0], dt, 0.5)
+        gained = dt / 3 * (dV[0:-2:2] + 4 * dV[1:-1:2] + dV[2::2])  # Simpson
+        balance = V[2::2] - V[0:-2:2] - gained
+        np.testing.assert_allclose(balance, 0, rtol=0, atol=ENERGY_BALANCE)
+        assert np.ptp(V) > 5
+
+
+@of_the_quaternion
+@pytest.mark.parametrize("damping", [0.0, 0.1, 20.0])
+def test_when_free_V_3_never_increases(name, damping):
+    D = damping * positive_definite(1, 71)[0]
+    Z = Impedance(positive_definite(1, 72)[0], D, STAR)
+    V, dV = energies(name, Z, O, rodrigues(2.0, U_STAR @ [0.6, 0.0, 0.8]), O, 2e-3, 0.4)
+    assert np.diff(V).max() <= V_INCREASE * V[0] + (1e-8 * V[0] if damping == 0 else 0)
+    assert (dV <= 0).all()
+    if damping == 20.0:
+        assert np.ptp(V) > 0.2 * V[0]
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize(("i", "expected"), [(0, 1.8322), (1, 4.1421), (2, 7.3205)])
+def test_E18_the_rates_at_which_the_unstable_equilibria_are_left(i, expected, sense):
+    gamma, sigma, dt = K_STAR[i], 1e-6, 1e-2
+    m, d = 0.5, 10.0
+    closed_form = (-d + math.sqrt(d**2 + 4 * m * gamma)) / (2 * m)
+    assert closed_form == pytest.approx(expected, abs=5e-5)
+    own, Z = make("euler_parameters"), Impedance(m * I, d * I, STAR)
+    start = rodrigues(2 * math.acos(sense * sigma), U_STAR[:, i])
+    frames = follow(
+        begun(law(rotation=Z), at(), at(start)), constant(at()), constant(NO_WRENCH),
+        times(20.0 / closed_form, dt),
+    )  # fmt: skip
+    turns = np.array([math.pi - angle(I, c.R_d) for c in frames])
+    eta = np.sin(turns / 2)
+    growing = (eta > 30 * sigma) & (eta < 1e-2) & (np.arange(len(eta)) * closed_form * dt < 12)
+    t = dt * np.arange(len(eta))
+    assert growing.sum() > 50
+    rate = np.polyfit(t[growing], np.log(eta[growing]), 1)[0]
+    assert rate == pytest.approx(closed_form, rel=ESCAPES)
+    V = [own.lyapunov_3(c.R_d, c.omega_d, Z, O).V for c in frames]
+    assert np.diff(V).max() <= V_INCREASE * V[0]
+    np.testing.assert_allclose(V[0], 2 * gamma)
+    assert (np.array(V) < 1.9 * gamma)[-1]  # it never returns
+
+
+@pytest.mark.parametrize("theta", [0.3, 2.0, 3.1])
+def test_beyond_180_degrees_the_frame_goes_on_the_way_that_is_shorter_then(theta):
+    """Both Q_1 and Q_2 attract: (59) does not unwind a turn of almost 360 deg."""
+    Z, own, y = damped(1.0, 50.0), make("euler_parameters"), None
+    Q = -EulerParameters.from_angle_axis(theta, U_STAR[:, 0])
+    y, travel, dt = np.array([Q.eta, *Q.eps, 0.0, 0.0, 0.0]), 0.0, 0.01
+    for _ in range(600):
+        k_1 = own.compliance_rate(y, O, Z)
+        k_2 = own.compliance_rate(y + dt / 2 * k_1, O, Z)
+        y = own.compliance_normalised(y + dt * k_2)
+        travel += dt * np.linalg.norm(y[4:])
+    np.testing.assert_allclose(y, [-1, 0, 0, 0, 0, 0, 0], rtol=0, atol=1e-3)
+    assert travel == pytest.approx(theta, rel=0.02)
+
+
+# --- integration ---------------------------------------------------------------------------------
+
+
+def end(own, wrench_at, dt, duration=0.4):
+    """Return where the frame is after a while: x (3,) and R_c, on a desired frame at rest."""
+    desired = at(by_angles("XYZ", 0.3, 0.4, 0.2), [0.1, 0.2, 0.3])
+    start = at(
+        turned(np.array([0.6, -0.5, 0.4])) @ desired.R_d, desired.p_d + 0.1,
+        np.array([0.5, 0.0, -1.0]), np.array([1.0, 2.0, -1.0]),
+    )  # fmt: skip
+    last = follow(begun(own, desired, start), constant(desired), wrench_at, times(duration, dt))[-1]
+    return last.p_d, last.R_d
+
+
+@every_representation
+@pytest.mark.parametrize("push", ["constant", "ramp"])
+def test_the_integration_is_of_order_4(name, push):
+    load = np.array([20.0, -30.0, 40.0, 10.0, 5.0, -8.0])
+    wrench_at = constant(load) if push == "constant" else (lambda t: load * (1 - 4 * t))
+    soft = Impedance(I, 8 * I, 100 * I)
+    own = ComplianceLaw(make(name), soft, Impedance(I, 8 * I, STAR))
+    assert own.rate * 0.02 < 0.5  # no step is divided
+    p, R = end(own, wrench_at, 0.0025)
+    coarse, fine = (end(own, wrench_at, dt) for dt in (0.02, 0.01))
+    for ratio in (
+        np.linalg.norm(coarse[0] - p) / np.linalg.norm(fine[0] - p),
+        angle(coarse[1], R) / angle(fine[1], R),
+    ):
+        assert OF_ORDER_4[0] < ratio < OF_ORDER_4[1]
+
+
+FROM_120_DEG = rodrigues(math.radians(120), unit_vectors(1, key=5)[0])
+
+
+@cache
+def reference_from_120_deg():
+    """Return where (59) leads in half a second, by steps of a quarter of a millisecond."""
+    return integrate_eq_59(FROM_120_DEG, O, FREE, 0.5, DT / 4)[0][-1]
+
+
+FREE = Impedance(I, 10 * I, STAR)
+
+
+def test_from_120_degrees_the_error_of_steps_of_1_ms_is_negligible():
+    frames = follow(
+        begun(law(rotation=FREE), at(), at(FROM_120_DEG)), constant(at()), constant(NO_WRENCH),
+        times(0.5),
+    )  # fmt: skip
+    assert angle(FROM_120_DEG, frames[-1].R_d) > 0.5
+    assert angle(frames[-1].R_d, reference_from_120_deg()) < RUNGE_KUTTA
+
+
+def test_from_120_degrees_the_error_of_eulers_method_is_not():
+    explicit = integrate_eq_59(FROM_120_DEG, O, FREE, 0.5, DT, "explicit")[0][-1]
+    assert EULER_METHOD[0] < angle(explicit, reference_from_120_deg()) < EULER_METHOD[1]
+
+
+def test_without_damping_the_energy_is_kept_for_10_s_and_not_by_eulers_method():
+    Z = Impedance(I, 0 * I, 50 * I)
+    own, R_0 = make("euler_parameters"), rodrigues(math.radians(120), unit_vectors(1, key=6)[0])
+    compliant = begun(law(rotation=Z), at(), at(R_0, O, O, np.array([1.0, -2.0, 0.5])))
+    V_0 = own.lyapunov_3(R_0, compliant.now.omega_d, Z, O).V
+    for _ in range(5000):
+        now = compliant.step(2 * DT, at(), NO_WRENCH)
+    energy = own.lyapunov_3(now.R_d, now.omega_d, Z, O).V
+    assert energy == pytest.approx(V_0, rel=ENERGY_KEPT)
+    turns, rates = integrate_eq_59(R_0, np.array([1.0, -2.0, 0.5]), Z, 2.0, DT, "explicit")
+    assert own.lyapunov_3(turns[-1], rates[-1], Z, O).V > 1.02 * V_0
+
+
+def modal(t, m, d, k, f, x_0=0.0, v_0=0.0):
+    """Return the solution of m x'' + d x' + k x = f, of two different poles."""
+    s_1, s_2 = np.roots([m, d, k]).astype(complex)
+    e = x_0 - f / k
+    c_1, c_2 = (v_0 - s_2 * e) / (s_1 - s_2), (v_0 - s_1 * e) / (s_2 - s_1)
+    return (f / k + c_1 * np.exp(s_1 * t) + c_2 * np.exp(s_2 * t)).real
+
+
+def test_the_response_to_a_step_of_the_force_is_that_of_mass_damper_and_spring():  # (52)
+    U, t = uniform(1, 12)[0], times(0.5)
+    m, d, k = np.array(
+        [[10, 5, 2], [40, 150, 60], [1000, 800, 900.0]]
+    )  # under, over, near critical
+    Z = Impedance(*((U * values) @ U.T for values in (m, d, k)))
+    f, x_0, v_0 = np.array([10.0, -20.0, 30.0]), np.array([0.05, 0.0, -0.02]), np.array([0, 0.3, 0])
+    desired = at(uniform(1, 13)[0], [0.4, 0.1, 0.2])
+    start = at(desired.R_d, desired.p_d + U @ x_0, U @ v_0)
+    frames = follow(
+        begun(law(translation=Z), desired, start), constant(desired), constant(wrench(f=U @ f)), t
+    )
+    found = np.array([U.T @ (c.p_d - desired.p_d) for c in frames])
+    expected = np.column_stack([modal(t, *a) for a in zip(m, d, k, f, x_0, v_0, strict=True)])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=STEP_RESPONSE)
+    np.testing.assert_allclose(
+        [c.R_d for c in frames], np.tile(desired.R_d, (len(t), 1, 1)), atol=ALGEBRAIC
+    )
+
+
+def test_the_desired_axes_turned_are_the_base_axes_turned_back():
+    R_d, t = uniform(1, 14)[0], times(0.2, 5e-3)
+    M, D, K = positive_definite(3, 80)
+    f = np.array([3.0, -4.0, 5.0])
+
+    def path(frame, matrices, R, force):
+        own = law(translation=Impedance(*matrices), frame=frame)
+        frames = follow(begun(own, at(R), at(R)), constant(at(R)), constant(wrench(f=force)), t)
+        return np.array([c.p_d for c in frames])
+
+    turned_path = path("desired", (M, 9 * D, 90 * K), R_d, f)
+    back = path("base", (M, 9 * D, 90 * K), I, R_d.T @ f) @ R_d.T
+    np.testing.assert_allclose(turned_path, back, rtol=0, atol=ALGEBRAIC)
+    matrices = tuple(R_d @ A @ R_d.T for A in (M, 9 * D, 90 * K))
+    in_base = path("base", tuple((A + A.T) / 2 for A in matrices), R_d, f)
+    np.testing.assert_allclose(turned_path, in_base, rtol=0, atol=ALGEBRAIC)
+    assert np.abs(turned_path - path("base", (M, 9 * D, 90 * K), R_d, f)).max() > 1e-3
+
+
+def test_a_force_does_not_turn_and_a_moment_does_not_displace():
+    for name in ORIENTATIONS:
+        own = law(name)
+        for w, moved in ((wrench(f=5 * I[1]), True), (wrench(mu=5 * I[1]), False)):
+            c = follow(begun(own, at(), at()), constant(at()), constant(w), times(0.1, 0.01))[-1]
+            assert (np.abs(c.p_d).max() > 1e-4) == moved
+            assert (angle(c.R_d, I) > 1e-4) != moved
+
+
+# --- fast impedances: steps that are divided -----------------------------------------------------
+
+
+# m, d, k with poles at -0.92 and -0.03 times the greatest rate, and a force that displaces by 0.02.
+FAST = (0.01, 0.0095 * MAX_RATE, 0.0003 * MAX_RATE**2, 6e-6 * MAX_RATE**2)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_a_fast_impedance_is_stable_and_accurate(dt):
+    m, d, k, f = FAST
+    fast = Impedance(m * I, d * I, k * I)
+    own = law(translation=fast, rotation=fast)
+    assert 0.9 * MAX_RATE < own.rate < MAX_RATE
+    t = times(0.2, dt)
+    w = wrench(f * I[1], f * I[1])
+    frames = follow(begun(own, at(), at()), constant(at()), constant(w), t)
+    expected = modal(t, m, d, k, f)
+    np.testing.assert_allclose(
+        [c.p_d[1] for c in frames], expected, rtol=0, atol=FAST_MODES * f / k
+    )
+    theta = [angle(I, c.R_d) for c in frames]  # 1.1 deg: almost linear
+    np.testing.assert_allclose(theta, expected, rtol=0, atol=1e-4 * f / k + FAST_MODES * f / k)
+    velocities = np.gradient(expected, t)[1:-1]
+    if dt < 2e-3:
+        assert (
+            np.abs([c.dp_d[1] for c in frames][2:-1] - velocities[1:]).max()
+            < 0.05 * velocities.max()
+        )
+
+
+def test_within_a_step_that_is_divided_the_wrench_goes_on_linearly():
+    (m, d, k, f), dt = FAST, 2e-2
+    slope = 15 * f
+    own = law(translation=Impedance(m * I, d * I, k * I))
+    t = times(0.2, dt)
+    frames = follow(begun(own, at(), at()), constant(at()), lambda t: wrench(slope * t * I[1]), t)
+    lag = slope * d / k**2  # m x'' + d x' + k x = slope t: x = slope t / k - lag + the modes
+    expected = slope * t / k - lag + modal(t, m, d, k, 0.0, lag, -slope / k)
+    size = expected.max()
+    found = [c.p_d[1] for c in frames]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=FAST_MODES * size)
+
+
+@pytest.mark.parametrize("name", ORIENTATIONS)
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_an_undamped_fast_rotation_does_not_grow(name, dt):
+    Z = Impedance(1e-3 * I, 1e-3 * I, 1e-3 * (0.95 * MAX_RATE) ** 2 * I)  # hardly damped
+    own = law(name, Z)
+    frames = follow(
+        begun(own, at(), at(about(0, 0.2))), constant(at()), constant(NO_WRENCH), times(0.1, dt)
+    )
+    assert max(angle(I, c.R_d) for c in frames) < 0.2 * 1.001
+
+
+@pytest.mark.parametrize(("which", "mass"), [("translation", "M_p"), ("rotation", "M_o")])
+@every_representation
+def test_an_impedance_that_is_too_fast_is_refused_with_the_mass_to_raise(name, which, mass):
+    just, beyond = 0.999 * MAX_RATE, 1.001 * MAX_RATE
+    for fast in (
+        lambda rate: Impedance(I, rate * I, O * I),
+        lambda r: Impedance(I, 0 * I, r**2 * I),
+    ):
+        law(name, **{which: fast(just)})
+        with pytest.raises(ConfigurationError) as caught:
+            law(name, **{which: fast(beyond)})
+        other = {"M_p": "M_o", "M_o": "M_p"}[mass]
+        assert mass in str(caught.value)
+        assert other not in str(caught.value)
+        assert f"{beyond:.4g}" in str(caught.value)
+
+
+def test_an_unknown_translational_frame_is_refused_with_those_that_exist():
+    with pytest.raises(UnknownNameError, match=r"translational_frame 'tool'.*base, desired"):
+        law(frame="tool")
+
+
+# --- beginning, jumps, freezing, other laws -------------------------------------------------------
+
+
+def assert_no_jump(frames, dt):
+    """Assert that poses go on by the velocities, and velocities by the accelerations."""
+    for before, now in pairwise(frames):
+        most = BEYOND_A_STEP * max(
+            np.abs([f.ddp_d for f in (before, now)]).max(),
+            np.abs([f.domega_d for f in (before, now)]).max(),
+        )
+        assert np.abs(now.dp_d - before.dp_d).max() <= most * dt + NO_JUMP
+        assert np.abs(now.omega_d - before.omega_d).max() <= most * dt + NO_JUMP
+        moved = now.p_d - before.p_d - dt * (before.dp_d + now.dp_d) / 2
+        turn = turn_of(now.R_d @ before.R_d.T) - dt * (before.omega_d + now.omega_d) / 2
+        assert np.abs(moved).max() <= most * dt**2 + NO_JUMP
+        assert np.abs(turn).max() <= most * dt**2 + NO_JUMP
+
+
+R_AWAY = by_angles("XYZ", 0.3, 0.4, 0.2)
+
+
+def test_without_a_beginning_it_begins_at_the_desired_frame():
+    motion = clear_motions(1)[0]
+    desired = DesiredFrame(*motion(0.0))
+    compliant = CompliantFrame(law())
+    assert compliant.now is None
+    first = compliant.step(0.0, desired, NO_WRENCH)
+    for of in ("p_d", "R_d", "dp_d", "omega_d"):
+        np.testing.assert_allclose(getattr(first, of), getattr(desired, of), atol=ALGEBRAIC)
+    compliant.step(DT, desired, wrench(f=1e3 * I[0]))
+    compliant.reset()
+    assert compliant.now is None
+    again = compliant.step(0.0, desired, NO_WRENCH)
+    np.testing.assert_allclose(again.dp_d, desired.dp_d, atol=ALGEBRAIC)
+
+
+@every_frame
+@every_representation
+def test_it_begins_where_and_as_fast_as_it_is_told(name, frame):
+    for key, motion in enumerate(clear_motions(5)):
+        desired, other = DesiredFrame(*motion(0.0)), DesiredFrame(*moving(90 + key, R_AWAY)(0.0))
+        start = other._replace(R_d=turned(0.3 * vectors(1, key)[0]) @ desired.R_d)
+        first = begun(law(name, frame=frame), desired, start).step(0.0, desired, contact(key)(0.3))
+        for of in ("p_d", "R_d", "dp_d", "omega_d"):
+            found, expected = getattr(first, of), getattr(start, of)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e2 * ALGEBRAIC)
+
+
+def test_without_time_nothing_moves():
+    compliant = begun(law(), at(), at(R_AWAY, 0.1 * I[0], I[1], I[2]))
+    frames = [compliant.step(0.0, at(), contact(1)(0.1 * k)) for k in range(5)]
+    for c in frames:
+        np.testing.assert_allclose(
+            (c.p_d, c.dp_d, c.omega_d), (0.1 * I[0], I[1], I[2]), atol=ALGEBRAIC
+        )
+        np.testing.assert_allclose(c.R_d, R_AWAY, atol=ALGEBRAIC)
+
+
+def set_points(t, every=0.1, step=0.02, turn=0.1):
+    """Return a pose that jumps again and again and stays at last."""
+    n = min(int(t / every + 1e-9), 5)
+    return at(R_AWAY @ about(0, turn * n) @ about(2, -turn * n), [step * n, -step * n, 0.1])
+
+
+@every_frame
+@every_representation
+def test_set_points_that_jump_are_approached_without_a_jump(name, frame):
+    dt = 0.01
+    own = law(name, frame=frame)
+    t = times(2.2, dt)
+    frames = follow(begun(own, set_points(0), set_points(0)), set_points, constant(NO_WRENCH), t)
+    assert_no_jump(frames, dt)
+    last = set_points(1.0)
+    assert np.linalg.norm(frames[-1].p_d - last.p_d) < 1e-6
+    assert angle(frames[-1].R_d, last.R_d) < 1e-5
+    halfway = frames[round(0.55 / dt)]
+    assert np.linalg.norm(halfway.p_d - last.p_d) > 5e-3
+
+
+@every_frame
+@every_representation
+@pytest.mark.parametrize("start", [0.2, 0.195], ids=["at a sample", "between samples"])
+def test_a_desired_velocity_that_jumps_is_approached_without_a_jump(name, frame, start):
+    dt, v, omega = 0.01, np.array([0.2, 0.0, -0.1]), np.array([0.3, 0.5, -0.2])
+
+    def desired_at(t):
+        s, rates = max(0.0, t - start), (v, omega) if t > start - 1e-9 else (O, O)
+        return at(turned(s * omega) @ R_AWAY, s * v, *rates)
+
+    own = law(name, frame=frame)
+    t = times(1.5, dt)
+    frames = follow(begun(own, at(R_AWAY), at(R_AWAY)), desired_at, constant(NO_WRENCH), t)
+    assert_no_jump(frames, dt)
+    assert np.abs(frames[round(0.2 / dt)].dp_d).max() < 0.2 * 0.25  # it was not taken over
+    assert np.linalg.norm(frames[-1].p_d - desired_at(1.5).p_d) < 1e-4
+    assert angle(frames[-1].R_d, desired_at(1.5).R_d) < 1e-3
+
+
+def test_a_small_step_within_a_contact_keeps_the_displacement_that_the_contact_makes():
+    w = wrench(20 * I[0], 2 * I[1])
+    own = law()
+
+    def desired_at(t):
+        return at(R_AWAY, (0.03 if t > 1 else 0.0) * I[0])
+
+    t = times(3.0, 5e-3)
+    frames = follow(begun(own, at(R_AWAY), at(R_AWAY)), desired_at, constant(w), t)
+    assert_no_jump(frames, 5e-3)
+    for k, p in ((round(1 / 5e-3), 0.0), (-1, 0.03)):
+        assert frames[k].p_d[0] - p == pytest.approx(20 / 1000, rel=2e-3)
+
+
+def test_a_stream_of_positions_alone_leads_the_compliant_frame_as_set_points_at_rest_do():
+    """M ddp_c + D dp_c + K (p_c - p_d) = f: it lags behind a smooth motion by D/K dp_d."""
+    m, d, k, v, dt = 10.0, 200.0, 1000.0, 0.1, 1e-3
+    own = law(translation=Impedance(m * I, d * I, k * I))
+
+    def desired_at(t, velocity=0.0):
+        return at(R_AWAY, [v * t, 0, 0], velocity * I[0])
+
+    t = times(0.8, dt)
+    frames = follow(begun(own, at(R_AWAY), at(R_AWAY)), desired_at, constant(NO_WRENCH), t)
+    assert np.abs(np.diff([c.dp_d for c in frames], axis=0)).max() < 2 * d / m * v * dt
+    lag = np.array([desired_at(s).p_d[0] - c.p_d[0] for s, c in zip(t, frames, strict=True)])
+    s = -10.0  # critically damped: lag'' m + lag' d + lag k = d v
+    expected = d / k * v + np.exp(s * t) * (-d / k * v + (v - d / k * v * 10) * t)
+    np.testing.assert_allclose(lag, expected, rtol=0, atol=2 * v * dt)
+    first = desired_at(0.0, v)
+    told = follow(begun(own, first, first), lambda t: desired_at(t, v), constant(NO_WRENCH), t)
+    np.testing.assert_allclose([c.p_d[0] for c in told], v * t, rtol=0, atol=1e-9)
+
+
+STOP_TIME = 0.05  # [s] in which a frozen frame comes to rest
+
+
+@every_frame
+@every_representation
+@pytest.mark.parametrize("moves", [True, False], ids=["moving", "still"])
+@pytest.mark.parametrize("frozen", [1, 5, 150], ids=lambda count: f"{count} ticks")
+def test_a_frozen_frame_comes_to_rest_and_goes_on_without_a_jump(name, frame, moves, frozen):
+    dt, w = 2e-3, contact(2)(0.2)
+    desired_at = desired_by(clear_motions(1)[0]) if moves else constant(at(R_AWAY))
+    own = law(name, frame=frame)
+    compliant = begun(own, desired_at(0.0), desired_at(0.0))
+    frames = [follow(compliant, desired_at, constant(w), times(0.1, 5 * dt))[-1]]
+    assert np.abs(frames[0].dp_d).max() > 5e-3
+    frames += [compliant.freeze(dt, at()) for _ in range(frozen)]
+    # meanwhile the desired frame has moved on
+    frames += [compliant.step(dt, desired_at(0.3 + k * dt), w) for k in range(30)]
+    assert_no_jump(frames, dt)
+    assert np.abs(frames[-1].dp_d).max() > 1e-4
+
+
+def test_a_frozen_frame_stops_exponentially_however_the_time_is_divided():
+    start = at(R_AWAY, [0.1, 0.2, 0.3], np.array([0.5, -1.0, 2.0]), np.array([1.0, 3.0, -2.0]))
+    for steps in ([0.3], [0.01] * 30, [0.0, 0.1, 0.0, 0.19, 0.01]):
+        compliant = begun(law(), at(R_AWAY), start)
+        for dt in steps:
+            frame = compliant.freeze(dt, at())
+        left = math.exp(-0.3 / STOP_TIME)
+        way = STOP_TIME * (1 - left)
+        np.testing.assert_allclose(frame.dp_d, left * start.dp_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.omega_d, left * start.omega_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.ddp_d, -frame.dp_d / STOP_TIME, rtol=0, atol=ALGEBRAIC)
+        rate = -frame.omega_d / STOP_TIME
+        np.testing.assert_allclose(frame.domega_d, rate, rtol=0, atol=ALGEBRAIC)
+        p, R = start.p_d + way * start.dp_d, turned(way * start.omega_d) @ R_AWAY
+        np.testing.assert_allclose(frame.p_d, p, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.R_d, R, rtol=0, atol=ALGEBRAIC)
+
+
+def test_a_frame_that_is_frozen_before_it_was_anywhere_stands_where_the_tip_is():
+    compliant, actual = CompliantFrame(law()), at(R_AWAY, [0.1, 0.2, 0.3], I[0], I[1])
+    for _ in range(3):
+        frozen = compliant.freeze(DT, actual)
+        assert frozen.p_d.tolist() == [0.1, 0.2, 0.3]
+        np.testing.assert_allclose(frozen.R_d, R_AWAY, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_array_equal((frozen.dp_d, frozen.omega_d), 0)
+        actual = at(I, O)  # it does not follow the arm
+    first = compliant.step(DT, at(), NO_WRENCH)
+    assert_no_jump([frozen, first], DT)
+
+
+LAWS = {
+    **{name: law(name) for name in ORIENTATIONS},
+    "ZYX": law("relative_euler_angles", sequence="ZYX"),
+    "ZYX absolute": law("euler_angles", sequence="ZYX"),
+    "stiff": law(rotation=damped(2.0, 4 * STAR), translation=damped(20.0, 5000.0)),
+    "desired": law(translation=damped(10.0, STAR * 20), frame="desired"),
+}
+
+
+@pytest.mark.parametrize("after", sorted(LAWS))
+@pytest.mark.parametrize("before", sorted(LAWS))
+def test_another_law_goes_on_from_the_same_frame_and_velocities(before, after):
+    desired_at, dt, wrench_at = desired_by(clear_motions(1)[0]), 2e-3, contact(4)
+    compliant = begun(LAWS[before], desired_at(0.0), desired_at(0.0))
+    frames = follow(compliant, desired_at, wrench_at, times(0.1, 5 * dt))
+    last = frames[-1]
+    compliant.replace_law(LAWS[after])
+    assert compliant.law is LAWS[after]
+    here = compliant.step(0.0, desired_at(0.1), wrench_at(0.1))
+    for of in ("p_d", "R_d", "dp_d", "omega_d"):
+        np.testing.assert_allclose(
+            getattr(here, of), getattr(last, of), rtol=0, atol=1e2 * ALGEBRAIC
+        )
+    again = begun(LAWS[after], desired_at(0.1), last)  # as if it had begun there
+    expected = again.step(0.0, desired_at(0.1), wrench_at(0.1))
+    np.testing.assert_allclose(here.ddp_d, expected.ddp_d, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(here.domega_d, expected.domega_d, rtol=0, atol=1e-8)
+    compliant.replace_law(LAWS[before])
+    compliant.replace_law(LAWS[after])
+    frames = [here]
+    for k in range(1, 7):
+        frames.append(compliant.step(dt, desired_at(0.1 + k * dt), wrench_at(0.1 + k * dt)))
+    assert_no_jump(frames, dt)
+
+
+@every_frame
+@every_representation
+def test_a_law_that_is_replaced_by_itself_at_each_tick_changes_nothing(name, frame):
+    own, desired_at, wrench_at = (
+        law(name, frame=frame),
+        turning_at(2.0, (1, 2, 3), R_AWAY),
+        contact(5),
+    )
+    paths = []
+    for again in (True, False):
+        compliant = begun(own, desired_at(0.0), desired_at(0.0))
+        compliant.step(0.0, desired_at(0.0), wrench_at(0.0))
+        for t in times(0.2, 0.01)[1:]:
+            if again:
+                compliant.replace_law(own)
+            now = compliant.step(0.01, desired_at(t), wrench_at(t))
+        paths.append(now)
+    for found, expected in zip(*paths, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=RELATIVE_MOTION)
+
+
+# --- where it fails visibly -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+def test_at_the_pole_of_the_angles_a_frame_that_turns_has_no_finite_state(name):
+    R_c = np.rint(about(1, RIGHT))
+    R_d = R_c if name == "euler_angles" else I
+    try:
+        y = make(name).compliance_begin(R_d, O, R_c, np.ones(3))
+    except SingularityError:
+        return
+    assert np.abs(y[3:]).max() > UNBOUNDED
+
+
+@every_representation
+@pytest.mark.parametrize("where", [0, 3])
+def test_a_wrench_beyond_all_numbers_is_told_and_no_frame_follows(name, where):
+    compliant = begun(law(name), at(R_AWAY), at(R_AWAY))
+    w = np.zeros(6)
+    w[where] = 1e308
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="beyond all numbers"):
+        for _ in range(20):
+            compliant.step(0.1, at(R_AWAY), w)
+
+
+def test_the_registry_of_quaternions_is_what_the_tables_say():
+    relatives = {
+        name for name in ORIENTATIONS if isinstance(make(name), RelativeQuaternionRepresentation)
+    }
+    assert relatives == HAVE_V_3
+    assert set(RESIDUALS) == set(ORIENTATIONS)

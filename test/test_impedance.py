@@ -1,0 +1,262 @@
+"""Mass, damping and stiffness: what is accepted, task axes (53), (63), damping by a ratio."""
+
+import math
+
+import numpy as np
+import pytest
+from samples import generator, positive_definite, uniform, unit_vectors, vectors
+from tolerances import ALGEBRAIC, AXES_OF_4_DIGITS, DISTINCT, MODES
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
+
+I = np.eye(3)
+COUNT = 50
+MATRICES = ("M", "D", "K")
+
+every_matrix = pytest.mark.parametrize("name", MATRICES)
+
+
+def impedance(**given):
+    """Return an impedance of unit matrices, but for those given."""
+    return Impedance(**{**dict.fromkeys(MATRICES, I), **given})
+
+
+def semidefinite(count, key=0):
+    """Return symmetric matrices (3, 3) of which one eigenvalue is zero up to rounding."""
+    flat = [np.diag([0.0, *v]) for v in generator(700, key).uniform(1, 9, size=(count, 2))]
+    return [U @ values @ U.T for U, values in zip(uniform(count, 701 + key), flat, strict=True)]
+
+
+def generalized_modes(M, K):
+    """Return omega^2 (3,) and V (3, 3) of K v = omega^2 M v with V' M V = I, by Cholesky."""
+    L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+    squares, Y = np.linalg.eigh(L_inverse @ K @ L_inverse.T)
+    return squares, L_inverse.T @ Y
+
+
+def poles_of(Z):
+    """Return the six s of det(M s^2 + D s + K) = 0, by interpolation of that polynomial."""
+    nodes = np.exp(2j * np.pi * np.arange(7) / 7) * 3
+    values = [np.linalg.det(Z.M * s**2 + Z.D * s + Z.K) for s in nodes]
+    return np.roots(np.linalg.solve(np.vander(nodes), values))
+
+
+# --- what is accepted -----------------------------------------------------------------------
+
+
+def test_symmetric_matrices_are_accepted_along_any_axes():
+    for M, D, K in zip(*(positive_definite(COUNT, key) for key in range(3)), strict=True):
+        Z = Impedance(M, D, K)
+        np.testing.assert_array_equal((Z.M, Z.D, Z.K), (M, D, K))
+
+
+@pytest.mark.parametrize("name", ["D", "K"])
+def test_no_damping_or_stiffness_along_an_axis_is_accepted(name):
+    for matrix in [np.zeros((3, 3)), np.diag([1000.0, 0.0, 1000.0]), *semidefinite(COUNT)]:
+        np.testing.assert_array_equal(getattr(impedance(**{name: matrix}), name), matrix)
+
+
+def refused(**given):
+    """Assert that an impedance is refused, and return why."""
+    with pytest.raises(ConfigurationError) as caught:
+        impedance(**given)
+    return str(caught.value)
+
+
+@every_matrix
+def test_a_matrix_that_is_not_symmetric_is_refused(name):
+    for U in uniform(COUNT):
+        skewed = 3 * I + U @ np.array([[0, 1e-6, 0], [0, 0, 0], [0, 0, 0]]) @ U.T
+        assert f"{name} is not symmetric" in refused(**{name: skewed})
+
+
+@every_matrix
+def test_rounding_is_no_lack_of_symmetry(name):
+    for A, B in zip(positive_definite(COUNT, 3), uniform(COUNT, 4), strict=True):
+        rounded = B @ A @ B.T  # not symmetric to the bit
+        impedance(**{name: 1e4 * rounded})
+
+
+@every_matrix
+@pytest.mark.parametrize("negative", [-1e-3, -1.0])
+def test_a_negative_eigenvalue_is_refused(name, negative):
+    for U in uniform(10, 5):
+        matrix = U @ np.diag([negative, 1.0, 2.0]) @ U.T
+        text = refused(**{name: (matrix + matrix.T) / 2})
+        assert text.startswith(f"{name} ")
+        assert f"{negative:.3g}" in text
+
+
+@pytest.mark.parametrize(
+    "M", [np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0]), np.ones((3, 3))], ids=["0", "axis", "ones"]
+)
+def test_a_mass_that_is_none_along_an_axis_is_refused(M):
+    assert "M is not positive definite" in refused(M=M)
+
+
+@every_matrix
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("where", [(0, 0), (0, 2), (2, 1)])
+def test_what_is_not_finite_is_refused(name, value, where):
+    matrix = I.copy()
+    matrix[where] = matrix[where[::-1]] = value
+    assert f"{name} is " in refused(**{name: matrix})
+
+
+@every_matrix
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (3, 4), (6, 6), ()])
+def test_another_size_is_refused(name, shape):
+    assert f"{name} is " in refused(**{name: np.ones(shape)})
+
+
+# --- what follows from them -------------------------------------------------------------------
+
+
+def test_the_rate_is_that_of_the_fastest_mode():
+    for M, D, K in zip(*(positive_definite(COUNT, key) for key in (6, 7, 8)), strict=True):
+        Z = Impedance(M, D, K)
+        assert Z.rate == pytest.approx(np.abs(poles_of(Z)).max(), rel=MODES)
+
+
+@pytest.mark.parametrize(
+    ("M", "D", "K", "rate"),
+    [
+        (2.0, 0.0, 50.0, 5.0),  # undamped: sqrt(K / M)
+        (0.5, 10.0, 0.0, 20.0),  # without a spring: D / M
+        (1.0, 7.0, 10.0, 5.0),  # (s + 2) (s + 5)
+    ],
+)
+def test_the_rate_along_one_axis_has_a_closed_form(M, D, K, rate):
+    assert Impedance(M * I, D * I, K * I).rate == pytest.approx(rate, rel=MODES)
+
+
+def test_other_coordinates_have_the_same_energy_power_and_rate():
+    samples = zip(*(positive_definite(COUNT, key) for key in (9, 10, 11)), strict=True)
+    for Z, y, T in zip(map(Impedance, *zip(*samples, strict=True)), vectors(COUNT), uniform(COUNT),
+                       strict=True):  # fmt: skip
+        stretched = T @ np.diag([0.5, 1.0, 2.0])
+        other, x = Z.transformed(stretched), stretched @ y
+        for name in MATRICES:
+            expected = x @ getattr(Z, name) @ x
+            assert y @ getattr(other, name) @ y == pytest.approx(expected, rel=ALGEBRAIC)
+        assert other.rate == pytest.approx(Z.rate, rel=MODES)
+
+
+def test_the_least_mass_and_damping_are_those_of_the_worst_axis_and_mode():
+    samples = zip(positive_definite(COUNT, 20), positive_definite(COUNT, 21), strict=True)
+    for M, D in samples:
+        Z, directions = Impedance(M, D, I), np.array(unit_vectors(200))
+        quotients = np.einsum("ni,ij,nj->n", directions, M, directions)
+        assert Z.least_mass <= quotients.min()
+        assert Z.least_mass == pytest.approx(1 / np.linalg.norm(np.linalg.inv(M), 2))
+        rates, _ = generalized_modes(M, D)  # D v = rate M v
+        assert Z.least_damping == pytest.approx(rates[0], rel=1e-9)
+    assert Impedance(I, np.diag([1.0, 0.0, 2.0]), I).least_damping == pytest.approx(0, abs=1e-12)
+
+
+def test_the_inverse_of_the_mass_is_that():
+    for M in positive_definite(COUNT, 12):
+        np.testing.assert_allclose(impedance(M=M).M_inverse @ M, I, rtol=0, atol=ALGEBRAIC)
+
+
+# --- matrices of a few numbers, eqs. (53), (63) -------------------------------------------------
+
+
+def test_three_numbers_are_the_diagonal_and_six_the_upper_half():
+    np.testing.assert_array_equal(symmetric_matrix("K", [1, 2, 3]), np.diag([1.0, 2.0, 3.0]))
+    expected = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
+    np.testing.assert_array_equal(symmetric_matrix("K", [1, 2, 3, 4, 5, 6]), expected)
+
+
+def test_with_axes_a_displacement_along_one_gives_a_force_along_it():  # (53), (54), (63)
+    for U, gamma in zip(uniform(COUNT), generator(710).uniform(0, 900, (COUNT, 3)), strict=True):
+        K = symmetric_matrix("K_p", gamma.tolist(), U.T.ravel().tolist())
+        for i, length in enumerate([0.02, -0.3, 1.0]):
+            force = K @ (length * U[:, i])
+            np.testing.assert_allclose(force, gamma[i] * length * U[:, i], rtol=0, atol=1e-9)
+
+
+def test_the_axes_need_not_be_right_handed():
+    mirrored = uniform(1)[0] * [1, 1, -1]
+    K = symmetric_matrix("K", [1, 2, 3], mirrored.T.ravel().tolist())
+    np.testing.assert_allclose(K, mirrored @ np.diag([1, 2, 3]) @ mirrored.T, atol=ALGEBRAIC)
+
+
+def test_axes_printed_with_4_digits_keep_the_values_exactly():
+    for U in uniform(COUNT, 13):
+        K = symmetric_matrix("K", [20, 50, 100], np.round(U.T, 4).ravel().tolist())
+        np.testing.assert_allclose(np.linalg.eigvalsh(K), [20, 50, 100], rtol=ALGEBRAIC)
+        off = K @ U - U * [20, 50, 100]
+        np.testing.assert_allclose(off, 0, rtol=0, atol=100 * AXES_OF_4_DIGITS)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 4, 5, 7, 9])
+def test_another_number_of_values_is_refused_with_the_numbers_expected(count):
+    with pytest.raises(ConfigurationError, match=rf"D_o has {count} values; expected 3.*6: xx, xy"):
+        symmetric_matrix("D_o", [1.0] * count)
+
+
+def test_six_values_and_axes_are_refused():
+    with pytest.raises(ConfigurationError, match=r"K_o has 6 values; .*without axes"):
+        symmetric_matrix("K_o", [1.0] * 6, I.ravel().tolist())
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 10])
+def test_another_number_of_axes_is_refused(count):
+    with pytest.raises(ConfigurationError, match=f"K_o_axes has {count} values; expected 9"):
+        symmetric_matrix("K_o", [1.0] * 3, [1.0] * count)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        2 * I,
+        np.zeros((3, 3)),
+        np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0]]),
+        np.array([[1, 0.01, 0], [0, 1, 0], [0, 0, 1]]),
+        np.array([[1, 0, 0], [0, 1, 0], [0, 0, math.nan]]),
+    ],
+    ids=["long", "zero", "twice", "skewed", "nan"],
+)
+def test_axes_that_are_not_orthonormal_are_refused(axes):
+    with pytest.raises(ConfigurationError, match=r"K_p_axes are .*expected three unit vectors"):
+        symmetric_matrix("K_p", [1.0] * 3, axes.ravel().tolist())
+
+
+def test_axes_are_given_one_after_the_other():
+    K = symmetric_matrix("K", [5, 0, 0], [0, 0, 1, 1, 0, 0, 0, 1, 0])  # 5 along z
+    np.testing.assert_allclose(K, np.diag([0, 0, 5]), rtol=0, atol=ALGEBRAIC)
+
+
+# --- damping by a ratio -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 0.7, 1.0, 2.0])
+def test_each_mode_has_the_damping_ratio(ratio):
+    for M, K in zip(positive_definite(COUNT, 14), positive_definite(COUNT, 15), strict=True):
+        D = damping_of_ratio(M, 100 * K, ratio)
+        squares, V = generalized_modes(M, 100 * K)
+        expected = np.diag(2 * ratio * np.sqrt(squares))  # v'' + 2 ratio omega v' + omega^2 v = 0
+        np.testing.assert_allclose(V.T @ D @ V, expected, rtol=0, atol=1e2 * ALGEBRAIC)
+        np.testing.assert_array_equal(D, D.T)
+
+
+def test_the_poles_of_an_impedance_damped_so_lie_on_two_rays():
+    for M, K in zip(positive_definite(COUNT, 16), positive_definite(COUNT, 17), strict=True):
+        poles = poles_of(Impedance(M, damping_of_ratio(M, K, 0.6), K))
+        np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, rtol=0, atol=MODES)
+
+
+def test_a_motion_without_stiffness_gets_no_damping():
+    for M, K in zip(positive_definite(COUNT, 18), semidefinite(COUNT, 19), strict=True):
+        D = damping_of_ratio(M, K, 0.7)
+        free = np.linalg.eigh(K)[1][:, 0]
+        assert abs(free @ D @ free) < DISTINCT**2 * np.abs(D).max()
+        Impedance(M, D, K)  # accepted
+
+
+def test_unit_vectors_are_damped_alike_if_mass_and_stiffness_are():
+    D = damping_of_ratio(4 * I, 100 * I, 0.5)
+    for u in unit_vectors(5):
+        np.testing.assert_allclose(D @ u, 2 * 0.5 * math.sqrt(4 * 100) * u, rtol=ALGEBRAIC)

@@ -1,0 +1,1116 @@
+"""Impedance control of an arm: eqs. (48)-(52), (59), E17, E19, E20, faults; section V, Fig. 3.
+
+The arm is PyBullet's, or for one instant Pinocchio's forward dynamics; where nothing but the
+compliant frame matters it stands still.
+"""
+
+import math
+import re
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from samples import about, derivative, generator, moving, rodrigues, uniform, unit_vectors
+from tolerances import (
+    ALGEBRAIC,
+    AT_POINT_WRENCH,
+    BY_CONTACT,
+    DIFFERENCES,
+    E17_SEEN,
+    E17_STATIC,
+    E19_FORCE,
+    ERROR_EQUATION,
+    INERTIAL_FORCE,
+    KINEMATICS,
+    NO_JUMP,
+    SEEN,
+    SETTLED,
+    V_3_SAMPLED,
+)
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.compliance import ComplianceLaw
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import FollowingError, RobotError, UnknownNameError
+from eulerparams_control.impedance import Impedance
+from eulerparams_control.motion import DesiredFrame, Placement, SetPoint, Trajectory
+from eulerparams_control.orientation import (
+    ORIENTATIONS,
+    EulerSequence,
+    OrientationOptions,
+    representation,
+)
+from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.schemes.dynamic import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.schemes.impedance import ImpedanceControl, ImpedanceLaw, NoMotionLoop
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.wrench import SensedWrench, WrenchOptions
+from sim_bridge.simulator import Simulator, SimulatorParameters
+
+DT = 1e-3  # [s]
+MS = 1_000_000  # [ns]
+I = np.eye(3)
+O = np.zeros(3)
+STILL = np.zeros(6)
+NO_WRENCH = np.zeros(6)
+AT_TIP = Placement(I, O)
+SOFT_P = Impedance(10 * I, 500 * I, 1000 * I)
+SOFT_O = Impedance(I, 20 * I, 50 * I)
+RATE = 2000.0  # [Nm/s]
+NO_LIMITS = EffortLimits()
+
+every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
+
+
+@cache
+def arm_named(name):
+    """Return description, robot and home of an arm of the catalogue."""
+    description = load_robot(name)
+    robot = Robot(
+        description.urdf, description.base_frame, description.tip_frame, description.joints
+    )
+    return description, robot, np.array(description.home)
+
+
+_, UR5, HOME = arm_named("ur5")
+
+
+def tilted(beta_deg):
+    """Return R_y(beta) R_z(90 deg): the desired orientation of the experiments."""
+    return about(1, math.radians(beta_deg)) @ about(2, math.pi / 2)
+
+
+MIDDLE = DesiredFrame(np.array([0.485, 0.07, 0.425]), tilted(60))  # T1's mid-point
+
+
+@cache
+def at_the_middle(beta_deg=60):
+    """Return q of the UR5 at T1's mid-point."""
+    return inverse_kinematics(UR5, MIDDLE._replace(R_d=tilted(beta_deg)), HOME)
+
+
+def make(name, sequence="XYZ"):
+    return representation(name, OrientationOptions(EulerSequence(sequence)))
+
+
+def resolved(name="euler_parameters", sequence="XYZ"):
+    """Return the inner loop of the experiments, with the same bandwidth for all."""
+    return ResolvedAcceleration(
+        make(name, sequence), 3600.0, 120.0, 7200.0 if name == "euler_parameters" else 3600.0, 120.0
+    )
+
+
+def impedance_law(
+    name="euler_parameters", p=SOFT_P, o=SOFT_O, frame="base", sequence="XYZ", wrench=None, **given
+):
+    compliance = ComplianceLaw(make(name, sequence), p, o, frame)
+    return ImpedanceLaw(compliance, wrench or WrenchOptions(), **given)
+
+
+def limits_of(robot=UR5, rate=RATE, position=0.1, rotation=0.5):
+    return EffortLimits(robot.limits, rate, position, rotation)
+
+
+def impedance_control(limits=NO_LIMITS, robot=UR5, inner="euler_parameters", **law):
+    """Return the scheme with its motion loop."""
+    motion = DynamicControl(robot, resolved(inner), InverseDynamics(), limits)
+    return ImpedanceControl(motion, impedance_law(**law))
+
+
+def admittance(limits=NO_LIMITS, robot=UR5, q=None, **law):
+    """Return the scheme that makes the compliant frame only, begun at q."""
+    scheme = ImpedanceControl(NoMotionLoop(robot, limits), impedance_law(**law))
+    scheme.reset(at_the_middle() if q is None else q)
+    return scheme
+
+
+def angle(R_1, R_2):
+    """Return the angle [rad] between two rotations."""
+    return float(np.linalg.norm(turn_of(R_1.T @ R_2)))
+
+
+def turn_of(R):
+    """Return theta r (3,) of a rotation below 180 deg."""
+    v = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    sin = np.linalg.norm(v)
+    return math.atan2(sin, (np.trace(R) - 1) / 2) / sin * v if sin else v
+
+
+def xyzw(R):
+    """Return a rotation below 180 deg as the simulator wants it."""
+    x = turn_of(R)
+    theta = np.linalg.norm(x)
+    return [*(math.sin(theta / 2) * x / theta).tolist(), math.cos(theta / 2)]
+
+
+def sensed_at_tip(w, R_e):
+    """Return what a sensor at the tip says of a wrench (6,) in base axes."""
+    return SensedWrench(np.concatenate((R_e.T @ w[:3], R_e.T @ w[3:])), AT_TIP)
+
+
+# --- the loop with the simulator ------------------------------------------------------------------
+
+
+class Run:
+    """A simulated arm under impedance control, and what it did at each tick.
+
+    Attributes:
+        ticks: of the scheme; efforts: (n,) commanded; frames: compliant; contacts: wrenches (6,)
+            at the tip, base axes, as the sensor has them.
+    """
+
+    def __init__(self, scheme, q_0, desired, arm="ur5", follow=True, **simulated):
+        self.description, self.robot, _ = arm_named(arm)
+        self.scheme = scheme
+        self.simulator = Simulator(
+            self.description, SimulatorParameters(control="torque", **simulated)
+        )
+        self.simulator.reset(q_0)
+        far = ControllerOptions(max_jump_position=9.0, max_jump_rotation=math.pi)
+        self.controller = Controller(scheme, far, q_0)
+        if follow:
+            self.controller.follow(Trajectory([0.0], [desired]), 0)
+        self.sensor = self.robot.placement(self.description.sensor_frame)
+        self.ticks, self.efforts, self.frames, self.k = [], [], [], 0
+
+    def go(self, duration, sensing=True, at_each=None):
+        """Run on for some time [s]; ``at_each`` (k) is called before each tick."""
+        for _ in range(round(duration / DT)):
+            if at_each is not None:
+                at_each(self.k)
+            state = self.simulator.read()
+            self.scheme.sense(SensedWrench(state.wrench, self.sensor) if sensing else None)
+            command = self.controller.step(self.k * MS, state.q, state.dq)
+            self.ticks.append(self.controller.tick_now)
+            self.efforts.append(command.effort)
+            self.frames.append(command.frame)
+            self.simulator.command_effort(command.effort)
+            self.simulator.step()
+            self.k += 1
+        return self
+
+    def end(self):
+        """Close the simulator; return the last tick."""
+        self.simulator.close()
+        assert not self.controller.fault, self.controller.fault
+        return self.ticks[-1]
+
+
+def run(scheme, desired=MIDDLE, duration=1.0, q_0=None, **simulated):
+    """Return a run that is over, and its last tick."""
+    q_0 = at_the_middle() if q_0 is None else q_0
+    over = Run(scheme, q_0, desired, **simulated).go(duration)
+    return over, over.end()
+
+
+def plane_below(p, depth=0.01, stiffness=2e4):
+    """Return a spring that presses a tool at p up, as a plane into which it is pressed does."""
+    position = (np.array(p) + [0, 0, depth]).tolist()
+    return {"plane": {"shape": "spring", "position": position, "stiffness": [0.0, 0.0, stiffness]}}
+
+
+# --- E17 ------------------------------------------------------------------------------------------
+
+
+def T_of(phi):
+    """Return T(phi) of XYZ, eq. (3)."""
+    R_x = about(0, phi[0])
+    return np.column_stack((I[0], R_x @ I[1], R_x @ about(1, phi[1]) @ I[2]))
+
+
+def angles_of(R):
+    """Return phi of R = R_x R_y R_z."""
+    return np.array(
+        [
+            math.atan2(-R[1, 2], R[2, 2]),
+            math.asin(max(-1.0, min(1.0, R[0, 2]))),
+            math.atan2(-R[0, 1], R[0, 0]),
+        ]
+    )
+
+
+def along(moment_of):
+    """Return mu_E (3,), base axes, of k I for a moment about the axis of the turn."""
+
+    def moment(R_d, R_c):
+        x = turn_of(R_c @ R_d.T)
+        theta = np.linalg.norm(x)
+        return moment_of(theta) * x / theta
+
+    return moment
+
+
+def of_relative_angles(R_d, R_c):
+    phi = angles_of(R_d.T @ R_c)
+    return R_d @ np.linalg.solve(T_of(phi).T, phi)
+
+
+def of_angles(R_d, R_c):
+    phi_c = angles_of(R_c)
+    return np.linalg.solve(T_of(phi_c).T, phi_c - angles_of(R_d))
+
+
+# mu_E of a stiffness of 1 Nm/rad: eqs. (56), (65) and those of the errata.
+ELASTIC = {
+    "angle_axis": along(lambda theta: math.sin(theta) * math.cos(theta)),
+    "euler_angles": of_angles,
+    "euler_parameters": along(math.sin),
+    "relative_euler_angles": of_relative_angles,
+    "rotation_vector": along(lambda theta: theta),
+}
+
+
+def static_moment(name, R_d, R_a, k_o, k_spring):
+    """Return the moment (3,) [Nm] of a torsion spring to R_a on a compliant frame at rest."""
+
+    def imbalance(x):
+        R_c = rodrigues(np.linalg.norm(x), x / np.linalg.norm(x)) @ R_d
+        return k_spring * turn_of(R_a @ R_c.T) - k_o * ELASTIC[name](R_d, R_c)
+
+    x = 0.5 * turn_of(R_a @ R_d.T)
+    for _ in range(50):  # Newton, with differences for the gradient
+        gradient = [(imbalance(x + 1e-6 * e) - imbalance(x - 1e-6 * e)) / 2e-6 for e in I]
+        x = x - np.linalg.solve(np.column_stack(gradient), imbalance(x))
+    assert np.abs(imbalance(x)).max() < SETTLED
+    R_c = rodrigues(np.linalg.norm(x), x / np.linalg.norm(x)) @ R_d
+    return k_spring * turn_of(R_a @ R_c.T)
+
+
+def e17(name, beta_deg, duration=1.0):
+    """Return the moment (3,) that builds up against a spring that is turned by 10 deg, and R_a."""
+    R_d = tilted(beta_deg)
+    R_a = about(2, math.radians(10)) @ R_d
+    spring = {"shape": "torsion_spring", "orientation": xyzw(R_a), "stiffness": 500.0}
+    _, last = run(
+        impedance_control(name=name, inner=name),
+        MIDDLE._replace(R_d=R_d),
+        duration,
+        at_the_middle(beta_deg),
+        enforce_limits=False,
+        environment={"spring": spring},
+    )
+    np.testing.assert_allclose(last.wrench[:3], 0, atol=1e-6)
+    return last.wrench[3:], R_a
+
+
+@every_representation
+def test_E17_the_moment_is_that_of_the_static_balance(name):
+    mu, R_a = e17(name, 60)
+    expected = static_moment(name, tilted(60), R_a, 50.0, 500.0)
+    np.testing.assert_allclose(mu, expected, rtol=0, atol=E17_STATIC * np.linalg.norm(expected))
+    if name == "euler_parameters":
+        assert np.linalg.norm(mu) == pytest.approx(7.903, rel=E17_SEEN)
+    if name == "euler_angles":
+        assert np.linalg.norm(mu) == pytest.approx(34.86, rel=1e-2)
+
+
+def test_E17_with_euler_parameters_the_moment_is_the_same_where_angles_are_almost_singular():
+    mu, _ = e17("euler_parameters", 85)
+    assert np.linalg.norm(mu) == pytest.approx(7.903, rel=E17_SEEN)
+
+
+@pytest.mark.parametrize(("beta", "seen", "ratio"), [(30, 12.78, 1.5), (85, 83.25, 8.0)])
+def test_E17_with_euler_angles_the_moment_builds_up(beta, seen, ratio):
+    mu, R_a = e17("euler_angles", beta)
+    expected = static_moment("euler_angles", tilted(beta), R_a, 50.0, 500.0)
+    assert np.linalg.norm(mu) == pytest.approx(np.linalg.norm(expected), rel=1e-2)
+    assert np.linalg.norm(mu) == pytest.approx(seen, rel=1e-2)
+    assert np.linalg.norm(mu) > ratio * 7.903
+
+
+# --- E19, the sign -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["ur5", "panda"])
+def test_E19_the_contact_force_is_the_one_predicted(arm):
+    _, robot, home = arm_named(arm)
+    q_0 = at_the_middle() if arm == "ur5" else home
+    state = robot.state(q_0, np.zeros(robot.n))
+    desired = DesiredFrame(state.p_e, state.R_e)
+    over, last = run(
+        impedance_control(limits_of(robot, 1e4), robot),
+        desired, 0.6, q_0, arm=arm, environment=plane_below(state.p_e),
+    )  # fmt: skip
+    expected = 0.01 / (1 / 1000 + 1 / 2e4)  # K_p and K_e in series: 9.5238 N
+    np.testing.assert_allclose(last.wrench[:3], [0, 0, expected], rtol=0, atol=E19_FORCE * expected)
+    np.testing.assert_allclose(
+        last.state.p_e - state.p_e, [0, 0, expected / 1000], rtol=0, atol=1e-5
+    )
+    assert over.controller.saturated == 0
+
+
+@pytest.mark.parametrize(("sign", "inner_loop"), [(1, True), (1, False), (-1, True)])
+def test_with_the_wrong_sign_of_the_wrench_the_arm_goes_against_the_push(sign, inner_loop):
+    push = {"shape": "push", "force": [0.0, 6.0, 0.0]}
+    scheme = impedance_control(wrench=WrenchOptions(sign=sign), inner_loop=inner_loop)
+    _, last = run(scheme, duration=0.3, environment={"push": push})
+    displaced = (last.state.p_e - MIDDLE.p_d)[1]
+    assert sign * displaced > 1e-3
+    assert sign * last.wrench[1] == pytest.approx(6.0, rel=BY_CONTACT)
+
+
+def test_a_sensor_that_says_the_opposite_is_put_right_by_the_sign():
+    found = []
+    for sign in (1, -1):
+        scheme = impedance_control(wrench=WrenchOptions(sign=sign))
+        scheme.reset(at_the_middle())
+        sensed = sensed_at_tip(np.arange(1.0, 7.0), MIDDLE.R_d)
+        scheme.sense(sensed._replace(w=sign * sensed.w))
+        found.append(scheme.tick(DT, at_the_middle(), STILL, MIDDLE).command.effort)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=ALGEBRAIC)
+
+
+# --- E20 ------------------------------------------------------------------------------------------
+
+DISTURBANCE = np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])  # [Nm]
+
+
+def e20(inner_loop):
+    """Return the final errors [m], [rad] of an arm that is disturbed, without contact."""
+    _, last = run(
+        impedance_control(inner_loop=inner_loop), duration=1.0, enforce_limits=False,
+        disturbance_effort=DISTURBANCE.tolist(),
+    )  # fmt: skip
+    return np.linalg.norm(last.dp_de), angle(MIDDLE.R_d, last.state.R_e)
+
+
+def test_E20_the_inner_loop_rejects_disturbances():
+    position, rotation = e20(inner_loop=True)
+    state = UR5.dynamic_state(at_the_middle(), STILL)
+    a = state.arm.J @ np.linalg.solve(state.B, DISTURBANCE)  # what the loop has to balance
+    assert position == pytest.approx(np.linalg.norm(a[:3]) / 3600, rel=SEEN)
+    assert rotation == pytest.approx(2 * math.asin(np.linalg.norm(a[3:]) / 7200), rel=SEEN)
+    assert 1e3 * position == pytest.approx(0.364, rel=SEEN)
+    assert math.degrees(rotation) == pytest.approx(0.933, rel=SEEN)
+    open_position, open_rotation = e20(inner_loop=False)
+    assert open_position > 20 * position
+    assert open_rotation > 50 * rotation
+    assert 0.010 < open_position < 0.0139
+    assert np.linalg.norm(a[3:]) > 50  # more than K_o can hold: it turns on and on
+
+
+# --- eqs. (48)-(52): one instant ---------------------------------------------------------------
+
+
+class Plant:
+    """The arm that moves as eq. (32) says, touched at the tip."""
+
+    def __init__(self, arm):
+        description, self.robot, _ = arm_named(arm)
+        model = pin.buildModelFromXML(description.urdf)
+        others = [model.getJointId(j) for j in model.names[1:] if j not in self.robot.joints]
+        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        self.data = self.model.createData()
+        self.tip = self.model.getFrameId(self.robot.tip_frame)
+
+    def acceleration(self, q, dq, tau, w):
+        """Return ddq (n,) under the efforts and the wrench w (6,) of the environment on the tip."""
+        pin.framesForwardKinematics(self.model, self.data, q)
+        frame, placed = self.model.frames[self.tip], self.data.oMf[self.tip]
+        turn = pin.SE3(placed.rotation.T, O)  # base axes, about the tip
+        in_joint = frame.placement.act(turn.act(pin.Force(w)))
+        forces = pin.StdVec_Force()
+        for joint in range(self.model.njoints):
+            forces.append(in_joint if joint == frame.parentJoint else pin.Force.Zero())
+        return pin.aba(self.model, self.data, q, dq, tau, forces).copy()
+
+    def tip_acceleration(self, q, dq, ddq):
+        """Return the acceleration (6,) of the tip, base axes."""
+        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.getFrameClassicalAcceleration(self.model, self.data, self.tip, axes).vector
+
+
+def situations(arm, count=5):
+    """Return random q, dq near home, desired frames near the tip, and contacts."""
+    _, robot, home = arm_named(arm)
+    random = generator(1000)
+    for _ in range(count):
+        q, dq = home + 0.2 * random.uniform(-1, 1, robot.n), random.normal(size=robot.n)
+        state = robot.state(q, dq)
+        x = random.normal(size=3)
+        turn = rodrigues(0.3, x / np.linalg.norm(x))
+        p_d = state.p_e + 0.02 * random.normal(size=3)
+        desired = DesiredFrame(p_d, turn @ state.R_e, *random.normal(size=(4, 3)))
+        yield q, dq, desired, 20 * random.normal(size=6)
+
+
+@pytest.mark.parametrize("arm", ["ur5", "panda"])
+def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(arm):  # (48)
+    plant, (_, robot, _) = Plant(arm), arm_named(arm)
+    motion = DynamicControl(robot, resolved(), InverseDynamics(), NO_LIMITS)
+    for q, dq, desired, w in situations(arm):
+        state = robot.dynamic_state(q, dq)
+        motion.reset(q)
+        free = motion.tick_at(DT, state, desired).command.effort
+        motion.reset(q)
+        touched = motion.tick_at(DT, state, desired, -w).command.effort
+        expected = plant.acceleration(q, dq, free, NO_WRENCH)
+        found = plant.acceleration(q, dq, touched, w)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=ERROR_EQUATION)
+        wrong = plant.acceleration(q, dq, motion.dynamics.effort(state, expected, w), w)
+        assert np.abs(wrong - expected).max() > 1  # h for w
+
+
+@every_representation
+@pytest.mark.parametrize("arm", ["ur5", "panda"])
+def test_the_tip_accelerates_as_the_motion_loop_asks_for_the_compliant_frame(arm, name):
+    plant, (_, robot, _) = Plant(arm), arm_named(arm)  # (49)-(51)
+    for q, dq, desired, w in situations(arm):
+        scheme = impedance_control(robot=robot, name=name, inner=name)
+        scheme.reset(q)
+        arm_state = robot.state(q, dq)
+        scheme.sense(sensed_at_tip(w, arm_state.R_e))
+        tick = scheme.tick(DT, q, dq, desired)
+        frame = tick.command.frame
+        np.testing.assert_allclose(frame.p_d, arm_state.p_e, rtol=0, atol=KINEMATICS)  # it begins
+        np.testing.assert_allclose(frame.omega_d, arm_state.omega_e, rtol=0, atol=1e-9)  # there
+        again = scheme.tick(0.05, q, dq, desired)  # the arm has stayed behind
+        frame = again.command.frame
+        assert np.linalg.norm(frame.p_d - arm_state.p_e) > 1e-3
+        assert angle(frame.R_d, arm_state.R_e) > 1e-3
+        ddq = plant.acceleration(q, dq, again.command.effort, w)
+        found = plant.tip_acceleration(q, dq, ddq)
+        a, _, _ = resolved(name).acceleration(arm_state, frame, None)
+        size = max(1.0, np.abs(a).max())
+        np.testing.assert_allclose(found, a, rtol=0, atol=100 * ERROR_EQUATION * size)
+        commanded = scheme.motion.acceleration(robot.dynamic_state(q, dq), frame)
+        np.testing.assert_allclose(commanded, found, rtol=0, atol=100 * ERROR_EQUATION * size)
+        a_p = frame.ddp_d + 120 * (frame.dp_d - arm_state.dp_e) + 3600 * (frame.p_d - arm_state.p_e)
+        np.testing.assert_allclose(found[:3], a_p, rtol=0, atol=100 * ERROR_EQUATION * size)  # (49)
+
+
+@pytest.mark.parametrize("arm", ["ur5", "panda"])
+def test_without_inner_loop_the_tip_itself_obeys_the_impedance_at_each_tick(arm):  # (52), (59)
+    plant, (_, robot, _) = Plant(arm), arm_named(arm)
+    scheme = impedance_control(robot=robot, inner_loop=False)
+    for q, dq, desired, w in situations(arm):
+        scheme.sense(sensed_at_tip(w, robot.state(q, dq).R_e))
+        tick = scheme.tick(DT, q, dq, desired)
+        a = plant.tip_acceleration(q, dq, plant.acceleration(q, dq, tick.command.effort, w))
+        e, d = tick.state, desired
+        forces = 10 * (a[:3] - d.ddp_d) + 500 * (e.dp_e - d.dp_d) + 1000 * (e.p_e - d.p_d)
+        np.testing.assert_allclose(forces, w[:3], rtol=0, atol=1e-5)
+        turn = turn_of(d.R_d.T @ e.R_e)
+        theta = np.linalg.norm(turn)
+        x = d.R_d.T @ (e.omega_e - d.omega_d)
+        dx = d.R_d.T @ (a[3:] - d.domega_d - np.cross(d.omega_d, e.omega_e))
+        moments = dx + 20 * x + 50 * math.sin(theta) / theta * turn
+        np.testing.assert_allclose(moments, d.R_d.T @ w[3:], rtol=0, atol=1e-5)
+
+
+def test_the_inner_loop_may_have_another_representation_than_the_impedance():
+    scheme = impedance_control(name="relative_euler_angles", inner="angle_axis")
+    _, last = run(scheme, duration=0.05, environment=plane_below(MIDDLE.p_d))
+    assert type(last.x_de).__name__ == "RelativeEulerAnglesDisplacement"
+
+
+# --- the tick --------------------------------------------------------------------------------
+
+
+def test_the_tick_tells_the_error_to_the_desired_frame_and_the_contact_at_the_tip():
+    q, dq, desired, w = next(situations("ur5"))
+    scheme = impedance_control()
+    scheme.reset(q)
+    scheme.sense(sensed_at_tip(w, UR5.state(q, dq).R_e))
+    tick = scheme.tick(DT, q, dq, desired)
+    assert tick.desired is desired
+    np.testing.assert_allclose(tick.wrench, w, rtol=0, atol=AT_POINT_WRENCH)
+    np.testing.assert_array_equal(tick.dp_de, desired.p_d - tick.state.p_e)
+    expected = make("euler_parameters").displacement(desired.R_d, tick.state.R_e)
+    np.testing.assert_array_equal(tick.x_de.error, expected.error)
+    assert tick.command.q is None
+    assert tick.command.dq is None
+
+
+def test_after_a_reset_the_start_frame_is_the_measured_pose_and_has_no_error():
+    q, _, _, _ = next(situations("ur5"))
+    for scheme in (impedance_control(), admittance()):
+        scheme.reset(q)
+        start, state = scheme.start_frame(), UR5.state(q, STILL)
+        np.testing.assert_allclose(start.p_d, state.p_e, rtol=0, atol=KINEMATICS)
+        scheme.sense(sensed_at_tip(NO_WRENCH, state.R_e))
+        tick = scheme.tick(DT, q, STILL, start)
+        np.testing.assert_allclose(tick.command.frame.ddp_d, 0, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(tick.command.frame.domega_d, 0, rtol=0, atol=1e-9)
+
+
+# --- the compliant frame alone: an arm that stands still ------------------------------------------
+
+
+def lead(scheme, w, duration, desired=MIDDLE, dt=0.02, q=None):
+    """Return the ticks of a scheme whose arm stands still under a wrench (6,), base axes."""
+    q = at_the_middle() if q is None else q
+    sensed = sensed_at_tip(w, scheme.robot.state(q, STILL).R_e)
+    ticks = []
+    for _ in range(round(duration / dt)):
+        scheme.sense(sensed)
+        ticks.append(scheme.tick(dt, q, STILL, desired))
+    return ticks
+
+
+def test_without_a_motion_loop_nothing_but_the_compliant_frame_is_commanded():
+    scheme = admittance()
+    tick = lead(scheme, np.array([5.0, -10.0, 20.0, 1.0, 0.5, -1.0]), 4.0)[-1]
+    frame = tick.command.frame
+    assert tick.command._replace(frame=None) == (None, None, None, None)
+    np.testing.assert_allclose(frame.p_d - MIDDLE.p_d, [5e-3, -0.01, 0.02], rtol=0, atol=1e-4)
+    turn = turn_of(frame.R_d @ MIDDLE.R_d.T)
+    np.testing.assert_allclose(50 * np.sin(turn), [1, 0.5, -1], rtol=1e-2)
+    first = lead(admittance(), np.array([5.0, -10.0, 20.0, 1.0, 0.5, -1.0]), 0.02)[0].command.frame
+    told = scheme.motion.acceleration(UR5.dynamic_state(HOME, STILL), first)
+    np.testing.assert_array_equal(told, [*first.ddp_d, *first.domega_d])
+    assert np.abs(told).min() > 0.1
+    for command in (scheme.hold(DT, HOME, STILL), scheme.last_command(HOME, STILL)):
+        assert command._replace(frame=None) == (None, None, None, None)
+        np.testing.assert_allclose(command.frame.p_d, UR5.state(HOME, STILL).p_e, atol=KINEMATICS)
+        np.testing.assert_array_equal(command.frame.dp_d, 0)
+    assert scheme.start_frame().p_d == pytest.approx(UR5.state(HOME, STILL).p_e)
+
+
+def test_an_arm_that_does_not_follow_the_compliant_frame_is_a_fault():
+    far = limits_of(position=0.015)
+    for scheme in (admittance(far), impedance_control(far)):
+        scheme.reset(at_the_middle())
+        with pytest.raises(FollowingError, match=r"0\.01\d m from the desired frame"):
+            lead(scheme, np.array([0, 0, 30.0, 0, 0, 0]), 2.0)
+
+
+def about_point(p, R, force):
+    """Return the wrench (6,) about the tip of a force at the point p of the tip frame R."""
+    return np.concatenate((force, np.cross(R @ p, force)))
+
+
+CENTRE = Placement(rodrigues(0.7, unit_vectors(1, key=20)[0]), np.array([0.05, -0.02, 0.15]))
+
+
+def test_a_force_through_the_centre_of_compliance_does_not_turn_the_frame():
+    force, R = np.array([4.0, -3.0, 6.0]), MIDDLE.R_d
+    own = admittance(centre=CENTRE)
+    frames = [t.command.frame for t in lead(own, about_point(CENTRE.p, R, force), 4.0)]
+    for frame in frames:
+        assert angle(frame.R_d, R) < SETTLED
+    np.testing.assert_allclose(frames[-1].p_d - MIDDLE.p_d, force / 1000, rtol=0, atol=1e-5)
+    at_tip = lead(admittance(), about_point(CENTRE.p, R, force), 4.0)[-1].command.frame
+    assert angle(at_tip.R_d, R) > 5e-3  # about the tip it has a moment
+
+
+def test_a_force_beside_the_centre_turns_the_frame_about_it_by_its_moment():
+    R, force, beside = MIDDLE.R_d, np.array([4.0, -3.0, 6.0]), np.array([0.0, 0.1, 0.05])
+    w = about_point(CENTRE.p + beside, R, force)
+    frame = lead(admittance(centre=CENTRE), w, 6.0)[-1].command.frame
+    moment = np.cross(R @ beside, force)
+    turn = turn_of(frame.R_d @ R.T)
+    theta = np.linalg.norm(turn)
+    np.testing.assert_allclose(50 * math.sin(theta) * turn / theta, moment, rtol=0, atol=1e-5)
+    there, desired = frame.carrying(CENTRE), MIDDLE.carrying(CENTRE)
+    np.testing.assert_allclose(there.p_d - desired.p_d, force / 1000, rtol=0, atol=1e-5)
+    assert np.linalg.norm(frame.p_d - MIDDLE.p_d - force / 1000) > 1e-3  # the tip goes round it
+
+
+def test_the_axes_of_the_centre_are_those_of_the_stiffness():
+    soft = Impedance(2 * I, 100 * I, np.diag([500.0, 1000.0, 2000.0]))
+    R = MIDDLE.R_d @ CENTRE.R
+    own = admittance(p=soft, frame="desired", centre=CENTRE)
+    for i, stiffness in enumerate((500.0, 1000.0, 2000.0)):
+        own.reset(at_the_middle())
+        w = about_point(CENTRE.p, MIDDLE.R_d, 10 * R[:, i])
+        frame = lead(own, w, 2.0)[-1].command.frame
+        expected = 10 / stiffness * R[:, i]
+        np.testing.assert_allclose(frame.p_d - MIDDLE.p_d, expected, rtol=0, atol=1e-4)
+    K_o = Impedance(0.2 * I, 5 * I, np.diag([20.0, 50.0, 100.0]))
+    moment = 2 * R[:, 0]
+    last = lead(admittance(o=K_o, centre=CENTRE), np.array([*O, *moment]), 2.0)[-1]
+    turn = turn_of(last.command.frame.R_d @ MIDDLE.R_d.T)
+    np.testing.assert_allclose(turn, math.asin(2 / 20) * R[:, 0], rtol=0, atol=1e-4)
+
+
+def test_a_simulated_push_through_the_centre_does_not_turn_the_arm():
+    point = (0.0, 0.0, 0.2)
+    push = {"shape": "push", "force": [8.0, 0.0, 0.0], "point": list(point)}
+    turns = []
+    for centre in (Placement(I, np.array(point)), AT_TIP):
+        _, last = run(impedance_control(centre=centre), duration=0.4, environment={"push": push})
+        turns.append(angle(last.state.R_e, MIDDLE.R_d))
+    assert turns[0] < 0.02 * turns[1]
+
+
+def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
+    Z = Impedance(
+        np.diag([0.5, 1.0, 2.0]), np.diag([8.0, 12.0, 16.0]), np.diag([20.0, 50.0, 100.0])
+    )
+    scheme = admittance(o=Z, centre=CENTRE)
+    controller = Controller(scheme, ControllerOptions(), at_the_middle())
+    controller.follow(SetPoint(MIDDLE, 10.0), 0)
+    R, rates = UR5.state(at_the_middle(), STILL).R_e, []
+    for k in range(200):
+        w = np.array([20.0, -30.0, 0.0, 8 * math.sin(0.03 * k), 5.0, -4 * math.cos(0.05 * k)])
+        scheme.sense(sensed_at_tip(w, R))
+        controller.step(k * MS, at_the_middle(), STILL)
+        told = controller.lyapunov()
+        if told is not None:
+            rates.append(told)
+    V, by_paper, measured = np.array(rates).T
+    np.testing.assert_allclose(
+        measured[1:], (by_paper[1:] + by_paper[:-1]) / 2, rtol=0,
+        atol=V_3_SAMPLED * np.abs(by_paper).max(),
+    )  # fmt: skip
+    tick = controller.tick_now
+    there, desired = (f.carrying(CENTRE) for f in (tick.command.frame, tick.desired))
+    x, turn = desired.R_d.T @ there.omega_d, turn_of(desired.R_d.T @ there.R_d)
+    theta = np.linalg.norm(turn)
+    eps = math.sin(theta / 2) / theta * turn
+    expected = x @ Z.M @ x / 2 + 2 * eps @ Z.K @ eps  # (68)
+    assert V[-1] == pytest.approx(expected, rel=1e-9)
+    assert V[-1] > 0.01
+
+
+def test_without_a_frame_or_a_wrench_there_is_no_V_3():
+    scheme = admittance()
+    tick = lead(scheme, NO_WRENCH, 0.02)[-1]
+    assert scheme.lyapunov(tick) is not None
+    assert scheme.lyapunov(tick._replace(wrench=None)) is None
+    assert scheme.lyapunov(tick._replace(command=tick.command._replace(frame=None))) is None
+    angles = admittance(name="euler_angles")
+    assert angles.lyapunov(lead(angles, NO_WRENCH, 0.02)[-1]) is None
+
+
+# --- a wrench that is lost, and found again -------------------------------------------------------
+
+STOP_TIME = 0.05  # [s] in which a frozen frame comes to rest
+BLEND_TIME = 0.1  # [s] in which a wrench goes, or comes back
+
+
+def test_while_the_wrench_is_lost_the_frame_comes_to_rest_and_stays_there():
+    scheme, w, dt = admittance(), np.array([10.0, 0, 5.0, 0, 1.0, 0]), 0.01
+    begin = lead(scheme, w, 0.2, dt=dt)[-1].command.frame
+    assert np.abs(begin.dp_d).max() > 1e-3
+    assert np.abs(begin.omega_d).max() > 1e-3
+    assert not scheme.is_frozen
+    for k in range(1, 60):
+        scheme.sense(None)
+        assert scheme.is_frozen
+        tick = scheme.tick(dt, at_the_middle(), STILL, MIDDLE)
+        assert tick.wrench is None
+        left, frame = math.exp(-k * dt / STOP_TIME), tick.command.frame
+        np.testing.assert_allclose(frame.dp_d, left * begin.dp_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.omega_d, left * begin.omega_d, rtol=0, atol=ALGEBRAIC)
+        way = STOP_TIME * (1 - left)
+        moved, turned = frame.p_d - begin.p_d, turn_of(frame.R_d @ begin.R_d.T)
+        np.testing.assert_allclose(moved, way * begin.dp_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(turned, way * begin.omega_d, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(frame.ddp_d, -frame.dp_d / STOP_TIME, rtol=0, atol=ALGEBRAIC)
+    back = lead(scheme, w, 1.5, dt=dt)
+    for before, now in pairwise([tick, *back]):
+        assert np.abs(now.command.frame.p_d - before.command.frame.p_d).max() < 1e-4
+    np.testing.assert_allclose(back[-1].wrench, w, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("lost", [0.05, 1.0])
+def test_a_wrench_fades_when_it_is_lost_and_comes_back_as_slowly(lost):
+    """The motion loop compensates what is known of it, eq. (48)."""
+    scheme, w, q = impedance_control(), np.array([10.0, 0, 5.0, 0, 1.0, 0]), at_the_middle()
+    lead(scheme, w, 0.1, dt=0.01)
+    fade, steps = math.exp(-DT / BLEND_TIME), round(lost / DT)
+    state, reference = UR5.dynamic_state(q, STILL), impedance_control()
+
+    def known():
+        """Return the wrench that the efforts of the last tick compensate."""
+        frame = tick.command.frame
+        reference.motion.reset(q)
+        without = reference.motion.tick_at(DT, state, frame).command.effort
+        return np.linalg.solve(state.arm.J.T, without - tick.command.effort)
+
+    for k in range(steps):
+        scheme.sense(None)
+        tick = scheme.tick(DT, q, STILL, MIDDLE)
+        if k in (0, steps // 2, steps - 1):
+            np.testing.assert_allclose(known(), fade**k * w, rtol=0, atol=1e-9)
+    for k in range(300):
+        tick = lead(scheme, w, DT, dt=DT)[0]
+        expected = (1 - (1 - fade ** (steps - 1)) * fade ** (k + 1)) * w
+        np.testing.assert_allclose(tick.wrench, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(known(), expected, rtol=0, atol=1e-9)
+
+
+def test_without_any_wrench_the_frame_stands_where_the_tip_was_first():
+    scheme, (q, dq, desired, w) = impedance_control(), next(situations("ur5"))
+    scheme.reset(q)
+    first = UR5.state(q, dq)
+    for k in range(3):
+        scheme.sense(None)
+        tick = scheme.tick(DT, q + k * DT * dq, dq, desired)
+        np.testing.assert_allclose(tick.command.frame.p_d, first.p_e, rtol=0, atol=KINEMATICS)
+        np.testing.assert_array_equal(tick.command.frame.dp_d, 0)
+        assert tick.wrench is None
+        assert scheme.lyapunov(tick) is None
+    scheme.sense(sensed_at_tip(w, first.R_e))
+    after = scheme.tick(DT, q, dq, desired).command.frame
+    np.testing.assert_allclose(after.p_d, first.p_e, rtol=0, atol=1e-4)
+
+
+def test_a_trajectory_waits_while_the_wrench_is_lost():
+    there = MIDDLE._replace(p_d=MIDDLE.p_d + [0.0, 0.03, 0.0])
+    scheme, R = admittance(), MIDDLE.R_d
+    controller = Controller(scheme, ControllerOptions(), at_the_middle())
+    path = Trajectory([0.0, 0.2], [MIDDLE, there])
+    controller.follow(path, 0)
+    for k in range(400):
+        lost = 100 <= k < 200
+        scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
+        controller.step(k * MS, at_the_middle(), STILL)
+        t = k if k < 100 else max(99, k - 100)
+        found, expected = controller.tick_now.desired, path.sample(t * DT)
+        np.testing.assert_allclose(found.p_d, expected.p_d, rtol=0, atol=1e-9)
+    controller.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
+    controller.step(400 * MS, at_the_middle(), STILL)
+    controller.step(500 * MS, at_the_middle(), STILL)  # the next one waits no more
+    assert controller.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
+
+
+def largest_step(efforts):
+    return np.abs(np.diff(efforts, axis=0)).max()
+
+
+def assert_goes_on(frames):
+    """Assert that compliant frames move on by their velocities, and these by the accelerations."""
+    for before, now in pairwise(frames):
+        most = 1.3 * max(np.abs((f.ddp_d, f.domega_d)).max() for f in (before, now))
+        assert np.abs(now.dp_d - before.dp_d).max() <= most * DT + NO_JUMP
+        assert np.abs(now.omega_d - before.omega_d).max() <= most * DT + NO_JUMP
+        step = now.p_d - before.p_d - DT * (now.dp_d + before.dp_d) / 2
+        turn = turn_of(now.R_d @ before.R_d.T) - DT * (now.omega_d + before.omega_d) / 2
+        assert np.abs(step).max() <= most * DT**2 + NO_JUMP
+        assert np.abs(turn).max() <= most * DT**2 + NO_JUMP
+
+
+TWISTED = {"twist": {"shape": "push", "moment": [2.0, 1.0, 0.0]}}
+
+
+def test_in_contact_the_wrench_is_lost_and_found_within_the_rate_of_the_efforts():
+    over = Run(
+        impedance_control(limits_of()), at_the_middle(), MIDDLE,
+        environment=plane_below(MIDDLE.p_d) | TWISTED,
+    ).go(0.1)  # fmt: skip
+    assert np.abs(over.frames[-1].dp_d).max() > 1e-3  # on its way
+    over.go(0.2, sensing=False)
+    held = over.ticks[-1]
+    assert np.linalg.norm(held.state.p_e - over.frames[-1].p_d) < 1e-3
+    assert np.abs(held.state.dp_e).max() < 5e-3
+    over.go(0.6)
+    assert_goes_on(over.frames)
+    last = over.end()
+    assert largest_step(over.efforts) <= RATE * DT + ALGEBRAIC
+    assert last.wrench[2] == pytest.approx(9.5238, rel=BY_CONTACT)
+
+
+# --- another law -------------------------------------------------------------------------------
+
+
+def test_the_law_is_replaced_while_the_arm_moves_in_contact_without_a_jump():
+    stiff = {"p": Impedance(20 * I, 900 * I, 2000 * I), "o": Impedance(2 * I, 40 * I, 100 * I)}
+    along_tool = np.diag([800.0, 1000.0, 1500.0])
+    others = [
+        *({"name": name} for name in ORIENTATIONS),
+        {"name": "relative_euler_angles", "sequence": "ZYX"},
+        stiff,
+        {"frame": "desired", "p": Impedance(10 * I, 500 * I, along_tool)},
+        {"name": "euler_angles", **stiff},
+        {},
+    ]
+    over = Run(
+        impedance_control(limits_of()), at_the_middle(), MIDDLE,
+        environment=plane_below(MIDDLE.p_d) | TWISTED,
+    ).go(0.03)  # fmt: skip
+    for given in others:
+        name = given.get("name", "euler_parameters")
+        over.scheme.replace_law(
+            impedance_law(**given), resolved(name), InverseDynamics(), limits_of()
+        )
+        assert over.scheme.law.compliance.orientation.name == name
+        speed = np.abs(over.frames[-1].dp_d).max()
+        over.go(0.03)
+        assert speed > 1e-4
+    assert_goes_on(over.frames)
+    over.go(0.5)
+    last = over.end()
+    assert largest_step(over.efforts) <= RATE * DT + ALGEBRAIC
+    assert last.wrench[2] == pytest.approx(9.5238, rel=BY_CONTACT)
+    assert type(last.x_de).__name__ == "QuaternionDisplacement"
+
+
+def test_another_sensor_is_taken_over_without_a_step_of_the_wrench():
+    scheme, w = admittance(), np.arange(1.0, 7.0)
+    tick = lead(scheme, w, 0.02)[-1]
+    np.testing.assert_allclose(tick.wrench, w, rtol=0, atol=AT_POINT_WRENCH)
+    other = impedance_law(wrench=WrenchOptions(sign=-1))
+    scheme.replace_law(other, resolved(), InverseDynamics(), NO_LIMITS)
+    assert scheme.law is other
+    for k, tick in enumerate(lead(scheme, w, 0.3, dt=0.01)):
+        share = math.exp(-k * 0.01 / BLEND_TIME)
+        np.testing.assert_allclose(tick.wrench, (2 * share - 1) * w, rtol=0, atol=AT_POINT_WRENCH)
+
+
+def test_a_tare_is_taken_over_without_a_step_of_the_wrench():
+    scheme, w = admittance(), np.arange(1.0, 7.0)
+    tick = lead(scheme, w, 0.02)[-1]
+    scheme.tare(scheme.chain.felt(sensed_at_tip(w, tick.state.R_e), tick.state, None))
+    for k, tick in enumerate(lead(scheme, w, 0.3, dt=0.01)):
+        share = math.exp(-k * 0.01 / BLEND_TIME)
+        np.testing.assert_allclose(tick.wrench, share * w, rtol=0, atol=AT_POINT_WRENCH)
+
+
+def test_other_limits_are_taken_over_with_another_law():
+    for scheme in (admittance(), impedance_control()):
+        scheme.reset(at_the_middle())
+        lead(scheme, np.array([5.0, 0, 0, 0, 0, 0]), 0.2)
+        bounds = EffortLimits(UR5.limits, error_position=1e-6)
+        scheme.replace_law(impedance_law(), resolved(), InverseDynamics(), bounds)
+        with pytest.raises(FollowingError):
+            lead(scheme, np.array([5.0, 0, 0, 0, 0, 0]), 0.2)
+
+
+def test_a_law_with_another_centre_goes_on_from_the_same_frame_of_the_tip():
+    scheme, w = admittance(), np.array([20.0, 0, 0, 0, 3, 0])
+    before = lead(scheme, w, 0.2)[-1].command.frame
+    for centre in (CENTRE, Placement(about(1, 0.4), np.array([0.1, 0.0, -0.1])), AT_TIP):
+        other = impedance_law(centre=centre)
+        scheme.replace_law(other, resolved(), InverseDynamics(), NO_LIMITS)
+        after = lead(scheme, w, 1e-6, dt=1e-6)[-1].command.frame
+        for of in ("p_d", "R_d", "dp_d", "omega_d"):
+            found, expected = getattr(after, of), getattr(before, of)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
+        assert np.abs(after.dp_d).max() > 1e-3
+
+
+@pytest.mark.parametrize("forget", ["lost", "reset", "hold"])
+def test_a_low_pass_begins_anew_where_the_wrench_was_not_followed(forget):
+    scheme = admittance(wrench=WrenchOptions(cutoff=0.5))
+    w, q = np.array([10.0, 0, 5.0, 0, 1.0, 0]), at_the_middle()
+    lead(scheme, NO_WRENCH, 0.1, dt=0.01)
+    slow = lead(scheme, w, 0.02, dt=0.01)[-1]
+    assert np.abs(slow.wrench).max() < 1
+    if forget == "lost":
+        scheme.sense(None)
+        scheme.tick(0.01, q, STILL, MIDDLE)
+    elif forget == "reset":
+        scheme.reset(q)
+    else:
+        scheme.hold(0.01, q, STILL)
+    tick = lead(scheme, w, 2.0, dt=0.01)[-1 if forget == "lost" else 0]  # it fades in again
+    np.testing.assert_allclose(tick.wrench, w, rtol=1e-6, atol=1e-6)
+
+
+# --- contacts that are too large ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("bound", "w", "text"),
+    [
+        ("max_force", [0, 18.0, 24.0, 0, 0, 0], r"30 N; at most 29 N.*max_contact_force"),
+        ("max_moment", [0, 0, 0, 18.0, 0, 24.0], r"30 Nm; at most 29 Nm.*max_contact_torque"),
+        ("max_force", [math.nan, 0, 0, 0, 0, 0], "nan N"),
+    ],
+)
+def test_a_contact_that_is_too_large_is_a_fault_that_holds_the_arm(bound, w, text):
+    scheme, q = impedance_control(limits_of(), **{bound: 29.0}), at_the_middle()
+    controller = Controller(scheme, ControllerOptions(), q)
+    steps = 0
+    for share in (0.5, 0.96, 1.0):
+        scheme.sense(sensed_at_tip(share * np.array(w), MIDDLE.R_d))
+        if share < 1 and np.isfinite(w).all():
+            controller.step(steps * MS, q, STILL)
+            assert not controller.fault
+        steps += 1
+    command = controller.step(steps * MS, q, STILL)
+    assert re.search(text, controller.fault)
+    np.testing.assert_allclose(command.frame.p_d, UR5.state(q, STILL).p_e, atol=KINEMATICS)
+    assert np.isfinite(command.effort).all()
+    scheme.law.refuse_wrench(np.array([28.9, 0, 0, 28.9, 0, 0]))  # is allowed
+
+
+# --- holding, and going on -----------------------------------------------------------------------
+
+
+def test_after_a_fault_the_arm_is_held_and_goes_on_from_the_measured_pose():
+    scheme = impedance_control(limits_of(position=0.004))
+    over = Run(scheme, at_the_middle(), MIDDLE, environment=plane_below(MIDDLE.p_d, 0.003)).go(0.1)
+    blocked = over.simulator.read()
+    w = sensed_at_tip(np.array([0, 0, 30.0, 0, 0, 0]), MIDDLE.R_d)
+    while not over.controller.fault:  # the arm is blocked, but pushed
+        scheme.sense(w)
+        command = over.controller.step(over.k * MS, blocked.q, STILL)
+        over.efforts.append(command.effort)
+        over.k += 1
+        assert over.k < 1000
+    assert "from the desired frame" in over.controller.fault
+    held = UR5.state(blocked.q, STILL)
+    np.testing.assert_allclose(command.frame.p_d, held.p_e, rtol=0, atol=KINEMATICS)
+    np.testing.assert_array_equal(command.frame.dp_d, 0)
+    ticks = len(over.ticks)
+    over.go(0.15)  # it is held, whatever it feels
+    for frame in over.frames[-150:]:  # of where the hold began
+        np.testing.assert_array_equal(frame.p_d, command.frame.p_d)
+    assert over.controller.tick_now is over.ticks[ticks]
+    state = over.simulator.read()
+    assert np.abs(state.q - blocked.q).max() < 0.01
+    assert np.abs(state.dq).max() < 0.05
+    over.controller.follow(Trajectory([0.0, 0.5], [MIDDLE, MIDDLE]), None)
+    over.go(DT)
+    measured = over.ticks[-1].state
+    frame = over.frames[-1]
+    np.testing.assert_allclose(frame.p_d, measured.p_e, rtol=0, atol=KINEMATICS)
+    np.testing.assert_allclose(frame.dp_d, measured.dp_e, rtol=0, atol=1e-9)
+    resumed = len(over.frames) - 1
+    over.go(0.5)
+    assert_goes_on(over.frames[resumed:])
+    last = over.end()
+    assert largest_step(over.efforts) <= RATE * DT + ALGEBRAIC
+    assert last.wrench[2] == pytest.approx(0.003 / (1 / 1000 + 1 / 2e4), rel=BY_CONTACT)
+
+
+def test_a_stop_holds_and_a_reset_forgets_the_compliant_frame():
+    scheme = admittance()
+    frame = lead(scheme, np.array([20.0, 0, 0, 0, 0, 0]), 1.0)[-1].command.frame
+    assert np.linalg.norm(frame.p_d - MIDDLE.p_d) > 5e-3
+    q = at_the_middle()
+    for forget in (
+        lambda: scheme.reset(q), lambda: scheme.resume(q), lambda: scheme.hold(DT, q, STILL)
+    ):  # fmt: skip
+        lead(scheme, np.array([20.0, 0, 0, 0, 0, 0]), 1.0)
+        forget()
+        frame = lead(scheme, NO_WRENCH, 0.02)[-1].command.frame
+        np.testing.assert_allclose(frame.p_d, MIDDLE.p_d, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(frame.dp_d, 0, rtol=0, atol=1e-8)
+
+
+def test_a_hold_and_a_resume_keep_the_efforts_as_they_are():
+    scheme = impedance_control(limits_of(rate=100.0))
+    scheme.reset(q := at_the_middle())
+    scheme.sense(sensed_at_tip(np.array([0, 0, 50.0, 0, 0, 0]), MIDDLE.R_d))
+    before = scheme.tick(DT, q, STILL, MIDDLE).command.effort
+    held = scheme.hold(DT, q, STILL).effort
+    assert largest_step([before, held]) <= 100.0 * DT + ALGEBRAIC
+    scheme.resume(q)
+    after = scheme.tick(DT, q, STILL, MIDDLE).command.effort
+    assert largest_step([held, after]) <= 100.0 * DT + ALGEBRAIC
+    last = scheme.last_command(q, STILL)
+    np.testing.assert_allclose(last.effort, UR5.dynamic_state(q, STILL).g, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(last.frame.p_d, UR5.state(q, STILL).p_e, rtol=0, atol=KINEMATICS)
+
+
+def test_an_arm_that_begins_beside_the_desired_frame_approaches_it_as_the_impedance_says():
+    beside = MIDDLE._replace(p_d=MIDDLE.p_d + [0.03, 0, 0], R_d=about(1, 0.1) @ MIDDLE.R_d)
+    over, last = run(impedance_control(limits_of()), beside, 0.6)
+    np.testing.assert_allclose(over.frames[0].p_d, MIDDLE.p_d, rtol=0, atol=1e-9)
+    assert_goes_on(over.frames)
+    t = DT * (len(over.frames) - 1)
+    s_1, s_2 = np.roots([10.0, 500.0, 1000.0])
+    left = (s_2 * math.exp(s_1 * t) - s_1 * math.exp(s_2 * t)) / (s_2 - s_1)
+    assert beside.p_d[0] - last.command.frame.p_d[0] == pytest.approx(0.03 * left, rel=1e-3)
+    assert np.linalg.norm(last.state.p_e - last.command.frame.p_d) < 1e-5
+    assert over.controller.saturated == 0
+
+
+# --- a tool beyond the sensor ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("inertial", [True, False])
+def test_a_moving_tool_is_no_contact_if_its_inertia_is_taken_out(inertial):
+    tool = Tool(2.0, np.array([0.02, -0.03, 0.08]), np.diag([0.01, 0.02, 0.015]))
+    description, _, _ = arm_named("ur5")
+    robot = Robot(
+        description.urdf, description.base_frame, description.tip_frame, description.joints,
+        tool=tool,
+    )  # fmt: skip
+    sensor = robot.placement(description.sensor_frame)
+    np.testing.assert_allclose(sensor.R, I, atol=KINEMATICS)  # so that the tool is the same there
+    np.testing.assert_allclose(sensor.p, 0, atol=KINEMATICS)
+    there = DesiredFrame(MIDDLE.p_d + [0, 0.05, 0.05], about(2, 0.5) @ MIDDLE.R_d)
+    options = WrenchOptions(tool=tool, inertial=inertial, gravity=tuple(robot.gravity))
+    scheme = impedance_control(robot=robot, wrench=options)
+    over = Run(
+        scheme, at_the_middle(), MIDDLE, follow=False,
+        tool_mass=2.0, tool_com=tool.com.tolist(), tool_inertia=[0.01, 0, 0, 0.02, 0, 0.015],
+    )  # fmt: skip
+    over.controller.follow(Trajectory([0.0, 0.4], [MIDDLE, there]), 0)
+    over.go(0.45).end()
+    felt = np.array([tick.wrench for tick in over.ticks])
+    force, moment = np.abs(felt[2:, :3]).max(), np.abs(felt[2:, 3:]).max()
+    if inertial:
+        assert force < INERTIAL_FORCE
+        assert moment < 0.1 * INERTIAL_FORCE
+    else:
+        assert force > 10 * INERTIAL_FORCE
+
+
+# --- frames that are carried, gravity -------------------------------------------------------------
+
+
+def test_a_carried_frame_moves_rigidly_with_its_carrier():
+    for key in range(10):
+        motion, point = moving(key), Placement(uniform(1, 30 + key)[0], uniform(1, 40 + key)[0][0])
+
+        def carried(t, motion=motion, point=point):
+            return DesiredFrame(*motion(t)).carrying(point)
+
+        p, R, *_ = motion(0.2)
+        here = carried(0.2)
+        np.testing.assert_allclose(here.p_d, p + R @ point.p, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(here.R_d, R @ point.R, rtol=0, atol=ALGEBRAIC)
+
+        def rate(of, carried=carried):
+            return derivative(lambda h: getattr(carried(0.2 + h), of))
+
+        np.testing.assert_allclose(rate("p_d"), here.dp_d, rtol=0, atol=DIFFERENCES)
+        np.testing.assert_allclose(rate("dp_d"), here.ddp_d, rtol=0, atol=DIFFERENCES)
+        np.testing.assert_allclose(rate("omega_d"), here.domega_d, rtol=0, atol=DIFFERENCES)
+        turning = rate("R_d") @ here.R_d.T
+        expected = np.cross(here.omega_d, I, axisb=0, axisc=0)
+        np.testing.assert_allclose(turning, expected, rtol=0, atol=DIFFERENCES)
+        back_again = here.carrying(point.inverse)
+        for found, original in zip(back_again, motion(0.2), strict=True):
+            np.testing.assert_allclose(found, original, rtol=0, atol=10 * ALGEBRAIC)
+
+
+@pytest.mark.parametrize(
+    ("arm", "link"), [("ur5", "wrist_3_link"), ("ur5", "tool0"), ("panda", "")]
+)
+def test_a_link_that_is_fixed_to_the_tip_is_found_from_it(arm, link):
+    description, robot, home = arm_named(arm)
+    link = link or description.sensor_frame
+    other = Robot(description.urdf, description.base_frame, link, description.joints)
+    placement, zero = robot.placement(link), np.zeros(robot.n)
+    for q in home + generator(1001).uniform(-0.5, 0.5, size=(5, robot.n)):
+        tip, there = robot.state(q, zero), other.state(q, zero)
+        found = tip.p_e + tip.R_e @ placement.p
+        np.testing.assert_allclose(found, there.p_e, rtol=0, atol=KINEMATICS)
+        np.testing.assert_allclose(tip.R_e @ placement.R, there.R_e, rtol=0, atol=KINEMATICS)
+
+
+def test_a_link_that_moves_against_the_tip_or_is_none_is_refused():
+    with pytest.raises(RobotError, match=r"'forearm_link' is not fixed to the tip.*wrist_1_joint"):
+        UR5.placement("forearm_link")
+    with pytest.raises((RobotError, UnknownNameError), match="did you mean 'tool0'"):
+        UR5.placement("tool")
+
+
+def test_gravity_is_in_the_axes_of_the_base_frame():
+    description, _, _ = arm_named("ur5")
+    root = Robot(description.urdf, "", description.tip_frame).base_frame
+    urdf = description.urdf.replace(
+        "</robot>",
+        '<link name="ceiling"/><joint name="hung" type="fixed"><parent link="ceiling"/>'
+        f'<child link="{root}"/><origin rpy="1.0 0.5 -0.3" xyz="1 2 3"/></joint></robot>',
+    )
+    hung = Robot(urdf, root, description.tip_frame)
+    R = about(2, -0.3) @ about(1, 0.5) @ about(0, 1.0)  # rpy: about fixed axes
+    np.testing.assert_allclose(hung.gravity, R.T @ [0, 0, -9.81], rtol=0, atol=ALGEBRAIC)
+    np.testing.assert_array_equal(UR5.gravity, [0, 0, -9.81])

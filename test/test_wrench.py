@@ -1,0 +1,507 @@
+"""From the sensor to the contact: each part of the chain against what a rigid body feels.
+
+The truth is made in this file, in base axes and from positions: point forces on a tool, its
+weight, and the rate of its momentum.
+"""
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from samples import generator, moving, positive_definite, rodrigues, uniform, unit_vectors, vectors
+from tolerances import ALGEBRAIC, CUT_OFF, DISTINCT, MOMENTUM
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.motion import Placement
+from eulerparams_control.robot import Robot, RobotState, Tool
+from eulerparams_control.wrench import (
+    RestingWrench,
+    SensedWrench,
+    WrenchChain,
+    WrenchOptions,
+    at_point,
+)
+
+COUNT = 40
+DT = 1e-3  # [s]
+I = np.eye(3)
+AT_TIP = Placement(I, np.zeros(3))
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+class Truth(NamedTuple):
+    """A contact at the tip (6,), in base axes and about its origin, with the arm and the sensor."""
+
+    contact: np.ndarray
+    arm: RobotState
+    sensor: Placement
+
+
+def arm_at(R_e, p_e=(0.3, -0.2, 0.5), dp_e=(0.0,) * 3, omega_e=(0.0,) * 3):
+    """Return the state of some arm whose tip is there."""
+    none = np.zeros(6)
+    tip = np.array(p_e), R_e, np.array(dp_e), np.array(omega_e)
+    return RobotState(none, none, *tip, np.zeros((6, 6)))
+
+
+def sensors(count, key=0):
+    """Return where sensor frames may be, seen from the tip."""
+    places = 0.1 * generator(800, key).normal(size=(count, 3))
+    return [Placement(R, p) for R, p in zip(uniform(count, 801 + key), places, strict=True)]
+
+
+def of_point_forces(points, forces, origin):
+    """Return force and moment (6,) about ``origin`` of forces at points, all in one frame."""
+    moments = np.cross(points - origin, forces)
+    return np.concatenate((forces.sum(axis=0), moments.sum(axis=0)))
+
+
+def truths(count=COUNT, key=0):
+    """Return contacts of three point forces each, and what an exact sensor says of them."""
+    random = generator(802, key)
+    for R_e, sensor in zip(uniform(count, 803 + key), sensors(count, key), strict=True):
+        arm = arm_at(R_e, random.normal(size=3))
+        points, forces = random.normal(size=(2, 3, 3))
+        contact = of_point_forces(points, forces, arm.p_e)
+        R_s, p_s = R_e @ sensor.R, arm.p_e + R_e @ sensor.p
+        about_sensor = of_point_forces(points, forces, p_s)
+        said = np.concatenate((R_s.T @ about_sensor[:3], R_s.T @ about_sensor[3:]))
+        yield Truth(contact, arm, sensor), said
+
+
+def chain(**options):
+    """Return a new chain."""
+    return WrenchChain(WrenchOptions(**options))
+
+
+def contact(options, said, truth, acceleration=None, dt=DT):
+    """Return what a new chain makes of one sample."""
+    sensed = SensedWrench(said, truth.sensor)
+    return WrenchChain(options).contact(sensed, truth.arm, acceleration, dt)
+
+
+def assert_is(found, expected, atol=ALGEBRAIC):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+# --- frame, point, sign -----------------------------------------------------------------------
+
+
+def test_a_contact_is_found_wherever_the_sensor_is():
+    for truth, said in truths():
+        assert_is(contact(WrenchOptions(), said, truth), truth.contact)
+
+
+def test_moving_a_wrench_to_the_tip_keeps_its_power():
+    for (truth, said), v, omega in zip(truths(), vectors(COUNT), vectors(COUNT, 1), strict=True):
+        _, arm, sensor = truth
+        R_s = arm.R_e @ sensor.R
+        v_s = v + np.cross(omega, arm.R_e @ sensor.p)  # the sensor moves with the tip
+        power = said @ np.concatenate((R_s.T @ v_s, R_s.T @ omega))
+        found = contact(WrenchOptions(), said, truth)
+        assert found @ np.concatenate((v, omega)) == pytest.approx(power, abs=ALGEBRAIC)
+
+
+def test_a_sensor_that_says_the_opposite_gives_the_same_contact():
+    for truth, said in truths():
+        assert_is(contact(WrenchOptions(sign=-1), -said, truth), truth.contact)
+        assert_is(contact(WrenchOptions(sign=-1), said, truth), -truth.contact)
+
+
+def test_a_wrench_about_another_point_has_the_same_power():
+    samples = zip(*(vectors(COUNT, key) for key in range(5)), strict=True)
+    for force, moment, r, v, omega in samples:
+        w = np.concatenate((force, moment))
+        v_there = v + np.cross(omega, r)
+        power = at_point(w, r) @ np.concatenate((v_there, omega))
+        assert power == pytest.approx(w @ np.concatenate((v, omega)), abs=10 * ALGEBRAIC)
+        assert_is(at_point(w, r)[:3], force)
+
+
+def test_a_force_has_no_moment_about_a_point_of_its_line_of_action():
+    for truth, _ in truths(10):
+        force, r = truth.contact[:3], truth.contact[3:]
+        w = of_point_forces(r[None], force[None], np.zeros(3))
+        assert_is(at_point(w, r)[3:], 0)
+
+
+# --- the tool ---------------------------------------------------------------------------------
+
+
+def tools(count=COUNT, key=0):
+    """Return tools of up to 3 kg whose centre of mass is up to 0.2 m away, in the tip frame."""
+    random = generator(804, key)
+    for inertia in positive_definite(count, 805 + key, 0.005, 0.02):
+        yield Tool(random.uniform(0.5, 3), random.uniform(-0.2, 0.2, 3), inertia)
+
+
+def at_rest(arm):
+    """Return the motion of a tip that does not move."""
+    return lambda t: (arm.p_e, arm.R_e, *np.zeros((4, 3)))
+
+
+def momentum(tool, motion, t):
+    """Return momentum and angular momentum about the base's origin (6,) of a tool at the tip."""
+    p, R, dp, omega, _, _ = motion(t)
+    r = R @ tool.com
+    P = tool.mass * (dp + np.cross(omega, r))
+    return np.concatenate((P, np.cross(p + r, P) + R @ tool.inertia @ R.T @ omega))
+
+
+def felt_of(tool, motion, t, gravity=GRAVITY, step=1e-5):
+    """Return what a sensor feels of a tool that moves (6,): base axes, about the tip.
+
+    It holds the tool against its weight and makes it move: minus the rate of its momentum.
+    """
+    rate = (momentum(tool, motion, t + step) - momentum(tool, motion, t - step)) / (2 * step)
+    p, R = motion(t)[:2]
+    weight = tool.mass * gravity
+    about_base = np.concatenate((weight, np.cross(p + R @ tool.com, weight))) - rate
+    return np.concatenate((about_base[:3], about_base[3:] - np.cross(p, about_base[:3])))
+
+
+def said_of(felt, arm, sensor):
+    """Return the wrench (6,), base axes, about the tip, as the sensor says it."""
+    R_s, r = arm.R_e @ sensor.R, arm.R_e @ sensor.p
+    return np.concatenate((R_s.T @ felt[:3], R_s.T @ (felt[3:] - np.cross(r, felt[:3]))))
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (3.0, -9.0, 2.0)], ids=["floor", "wall"])
+def test_the_weight_of_the_tool_is_no_contact_in_any_orientation(gravity):
+    cases = zip(truths(), tools(), strict=True)
+    for (truth, said), tool in cases:
+        weight = felt_of(tool, at_rest(truth.arm), 0.0, np.array(gravity))
+        loaded = said + said_of(weight, truth.arm, truth.sensor)
+        options = WrenchOptions(tool=tool, gravity=gravity)
+        assert_is(contact(options, loaded, truth), truth.contact, 10 * ALGEBRAIC)
+        left_in = contact(WrenchOptions(), loaded, truth) - truth.contact
+        assert_is(left_in, weight, 10 * ALGEBRAIC)
+
+
+def test_the_inertia_of_a_moving_tool_is_no_contact_if_it_is_taken_out():
+    cases = zip(truths(), tools(key=1), range(COUNT), strict=True)
+    for (truth, _), tool, key in cases:
+        motion = moving(key)
+        p, R, dp, omega, ddp, domega = motion(0.3)
+        arm = arm_at(R, p, dp, omega)
+        true = truth.contact
+        said = said_of(true + felt_of(tool, motion, 0.3), arm, truth.sensor)
+        moved = truth._replace(arm=arm)
+        options = WrenchOptions(tool=tool, inertial=True)
+        acceleration = np.concatenate((ddp, domega))
+        assert_is(contact(options, said, moved, acceleration), true, MOMENTUM)
+        still = contact(replace(options, inertial=False), said, moved, acceleration)
+        assert np.abs(still - true).max() > DISTINCT  # it matters
+
+
+@pytest.mark.parametrize("inertial", [True, False])
+def test_weight_and_inertia_are_taken_out_each_by_its_own_switch(inertial):
+    (tool,), motion = tools(1, key=2), moving(5)
+    p, R, dp, omega, ddp, domega = motion(0.3)
+    truth = next(truths(1))[0]._replace(arm=arm_at(R, p, dp, omega))
+    both = felt_of(tool, motion, 0.3)
+    weight = felt_of(tool, at_rest(truth.arm), 0.0)
+    said = said_of(truth.contact + both, truth.arm, truth.sensor)
+    options = WrenchOptions(tool=tool, weight=False, inertial=inertial)
+    found = contact(options, said, truth, np.concatenate((ddp, domega)))
+    left_in = weight if inertial else both
+    assert_is(found, truth.contact + left_in, MOMENTUM)
+
+
+def test_without_a_known_acceleration_only_the_weight_is_taken_out():
+    (tool,), (truth, said) = tools(1), next(truths(1))
+    moving_arm = truth._replace(arm=truth.arm._replace(omega_e=np.array([1.0, 2.0, 3.0])))
+    options = WrenchOptions(tool=tool, inertial=True)
+    expected = contact(replace(options, inertial=False), said, truth)
+    assert_is(contact(options, said, moving_arm), expected)
+
+
+# --- bias, tare ---------------------------------------------------------------------------------
+
+
+def test_the_bias_is_that_of_the_sensor_in_its_frame_after_the_sign():
+    biases = generator(806).normal(size=(COUNT, 6))
+    for (truth, said), bias, sign in zip(truths(), biases, (1, -1) * (COUNT // 2), strict=True):
+        options = WrenchOptions(sign=sign, bias=tuple(bias))
+        assert_is(contact(options, sign * (said + bias), truth), truth.contact)
+        wrong = contact(options, sign * said + bias, truth)  # the bias before the sign
+        assert_is(wrong, truth.contact) if sign == 1 else None
+        assert sign == 1 or np.abs(wrong - truth.contact).max() > DISTINCT
+
+
+def test_the_bias_is_taken_out_before_the_wrench_is_moved_to_the_tip():
+    bias = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    truth, said = next(truths(1))
+    found = contact(WrenchOptions(), said, truth) - contact(WrenchOptions(bias=bias), said, truth)
+    force = truth.arm.R_e @ truth.sensor.R @ [1.0, 0.0, 0.0]
+    moment = np.cross(truth.arm.R_e @ truth.sensor.p, force)
+    assert_is(found, [*force, *moment])
+    assert np.abs(moment).max() > DISTINCT
+
+
+def tared(options, truth, said):
+    """Return a chain that takes what it feels now for no contact."""
+    own = WrenchChain(options)
+    own.tare(own.felt(SensedWrench(said, truth.sensor), truth.arm, None))
+    return own
+
+
+def test_after_a_tare_nothing_is_felt_there():
+    for truth, said in truths(10):
+        own = tared(WrenchOptions(), truth, said)
+        found = own.contact(SensedWrench(said, truth.sensor), truth.arm, None, DT)
+        assert_is(found, 0)
+
+
+def test_a_tare_takes_out_an_unknown_bias_in_every_orientation():
+    bias = generator(807).normal(size=6)
+    (tool,) = tools(1)
+    options = WrenchOptions(sign=-1, tool=tool)
+    own = None
+    for R, (truth, _) in zip(uniform(COUNT, 9), truths(), strict=True):
+        arm, sensor = truth.arm._replace(R_e=R), sensors(1)[0]  # it stays where it is on the tip
+        weight = said_of(felt_of(tool, at_rest(arm), 0.0), arm, sensor)
+        if own is None:  # at the first, without contact
+            own = tared(options, truth._replace(arm=arm, sensor=sensor), -(weight + bias))
+        touch = said_of(truth.contact, arm, sensor)
+        found = own.contact(SensedWrench(-(weight + bias + touch), sensor), arm, None, DT)
+        assert_is(found, truth.contact, 10 * ALGEBRAIC)
+
+
+def test_a_second_tare_replaces_the_first_and_other_options_and_resets_keep_it():
+    truth, said = next(truths(1))
+    own = tared(WrenchOptions(), truth, 3 * said)
+    again = own.felt(SensedWrench(said, truth.sensor), truth.arm, None)
+    own.tare(again)
+    assert_is(own.tared, again)
+    own.replace_options(WrenchOptions(dead_force=1e-9))
+    own.reset()
+    found = own.contact(SensedWrench(said, truth.sensor), truth.arm, None, DT)
+    assert_is(found, 0)
+
+
+def test_a_tare_keeps_no_array_of_others_and_ends_what_the_low_pass_has_seen():
+    truth, said = next(truths(1))
+    own = chain(cutoff=1.0)
+    sensed = SensedWrench(said, truth.sensor)
+    own.contact(sensed, truth.arm, None, DT)
+    felt = own.felt(sensed, truth.arm, None)
+    own.tare(felt)
+    felt += 100.0
+    assert_is(own.contact(sensed, truth.arm, None, DT), 0)
+
+
+# --- dead band ----------------------------------------------------------------------------------
+
+
+def through_a_dead_band(w, force, torque):
+    """Return what is left of a wrench at the tip, in base axes."""
+    truth = Truth(w, arm_at(I), AT_TIP)
+    return contact(WrenchOptions(dead_force=force, dead_torque=torque), w, truth)
+
+
+def test_a_dead_band_shortens_force_and_moment_each_by_its_own_width():
+    widths = generator(808).uniform(0, 3, size=(COUNT, 2))
+    for w, (force, torque) in zip(generator(809).normal(size=(COUNT, 6)), widths, strict=True):
+        found = through_a_dead_band(2 * w, force, torque)
+        for part, v, width in ((found[:3], 2 * w[:3], force), (found[3:], 2 * w[3:], torque)):
+            length = np.linalg.norm(v)
+            expected = max(0.0, length - width) * v / length  # the direction is kept
+            assert_is(part, expected)
+
+
+def test_within_a_dead_band_there_is_nothing_and_at_its_edge_no_step():
+    for u in unit_vectors(10):
+        for length, left in ((0.0, 0.0), (0.5, 0.0), (2.0, 0.0), (2.0 + 1e-6, 1e-6), (3.0, 1.0)):
+            w = np.concatenate((length * u, np.zeros(3)))
+            found = through_a_dead_band(w, 2.0, 0.0)
+            assert np.linalg.norm(found) == pytest.approx(left, abs=ALGEBRAIC)
+
+
+def test_the_dead_band_is_the_same_in_all_orientations_and_about_the_tip():
+    for truth, said in truths():
+        options = WrenchOptions(dead_force=0.5, dead_torque=0.7)
+        expected = through_a_dead_band(truth.contact, 0.5, 0.7)
+        assert_is(contact(options, said, truth), expected)
+
+
+def test_the_dead_band_comes_after_tool_bias_and_tare():
+    (tool,) = tools(1)
+    bias = (5.0, -6.0, 7.0, 1.0, -1.0, 2.0)
+    truth, said = next(truths(1))
+    options = WrenchOptions(tool=tool, bias=bias, dead_force=1e-6, dead_torque=1e-6)
+    own = tared(options, truth, said)
+    touch = said_of(np.array([0.1, 0, 0, 0, 0, 0.1]), truth.arm, truth.sensor)
+    found = own.contact(SensedWrench(said + touch, truth.sensor), truth.arm, None, DT)
+    assert_is(found, [0.1, 0, 0, 0, 0, 0.1], 1e-5)
+
+
+# --- low-pass -----------------------------------------------------------------------------------
+
+LOAD = np.array([3.0, -1.0, 2.0, 0.3, 0.2, -0.1])
+
+
+def filtered(own, w, dt=DT, arm=None):
+    """Return what the chain gives for a wrench at the tip."""
+    return own.contact(SensedWrench(w, AT_TIP), arm or arm_at(I), None, dt)
+
+
+@pytest.mark.parametrize("dt", [1e-4, 1e-3, 7e-3, 0.04])
+@pytest.mark.parametrize("cutoff", [2.0, 20.0])
+def test_the_step_response_is_exponential_whatever_the_rate(dt, cutoff):
+    own = chain(cutoff=cutoff)
+    filtered(own, np.zeros(6), dt)
+    for k in range(1, 50):
+        expected = (1 - math.exp(-2 * math.pi * cutoff * k * dt)) * LOAD
+        assert_is(filtered(own, LOAD, dt), expected)
+
+
+def test_the_step_response_does_not_depend_on_how_the_time_is_divided():
+    own, t = chain(cutoff=5.0), 0.0
+    filtered(own, np.zeros(6))
+    for dt in generator(810).uniform(0, 0.02, size=50):
+        t += dt
+        assert_is(filtered(own, LOAD, dt), (1 - math.exp(-2 * math.pi * 5 * t)) * LOAD)
+    before = filtered(own, LOAD, 0.0)
+    assert_is(filtered(own, -LOAD, 0.0), before)  # in no time nothing changes
+
+
+def test_at_the_cut_off_3_dB_are_lost_and_45_degrees():
+    cutoff, dt, periods = 10.0, 1e-4, 6
+    own, count = chain(cutoff=cutoff), round(6 / (10.0 * 1e-4))
+    t = dt * np.arange(count)
+    given = np.exp(2j * np.pi * cutoff * t)
+    found = np.array([filtered(own, x * LOAD, dt)[0] / LOAD[0] for x in given.imag])
+    last = slice(count - count // periods, None)  # one period, when it has settled
+    response = 2 * np.mean(found[last] * np.conj(given[last])) * 1j
+    assert abs(response) == pytest.approx(math.sqrt(0.5), rel=CUT_OFF)
+    assert np.angle(response) == pytest.approx(-math.pi / 4, abs=CUT_OFF)
+
+
+def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
+    own, low = chain(), chain(cutoff=1.0)
+    for w in generator(811).normal(size=(10, 6)):
+        assert_is(filtered(own, w), w)
+    assert_is(filtered(low, LOAD), LOAD)
+    assert np.abs(filtered(low, 0 * LOAD)).max() > 0.9  # not the second
+    low.reset()
+    assert_is(filtered(low, 2 * LOAD), 2 * LOAD)
+
+
+def test_the_low_pass_is_in_the_axes_of_the_tip():
+    own = chain(cutoff=1.0)  # the arm turns, its sensor feels the same
+    for k in range(20):
+        R_e = rodrigues(0.1 * k, unit_vectors(1)[0])
+        found = filtered(own, LOAD, arm=arm_at(R_e))
+        assert_is(found, np.concatenate((R_e @ LOAD[:3], R_e @ LOAD[3:])))
+
+
+def test_the_dead_band_is_before_the_low_pass():
+    own = chain(cutoff=1.0, dead_force=1.0)
+    filtered(own, np.zeros(6))
+    share = 1 - math.exp(-2 * math.pi * DT)
+    force = np.array([4.0, 0, 0, 0, 0, 0])
+    assert filtered(own, force)[0] == pytest.approx(share * 3.0, rel=1e-9)  # 0 the other way round
+
+
+def test_another_cut_off_goes_on_from_where_the_first_was():
+    own = chain(cutoff=2.0)
+    filtered(own, np.zeros(6))
+    before = filtered(own, LOAD)
+    own.replace_options(WrenchOptions(cutoff=8.0))
+    share = 1 - math.exp(-2 * math.pi * 8 * DT)
+    assert_is(filtered(own, LOAD), before + share * (LOAD - before))
+
+
+# --- all together -------------------------------------------------------------------------------
+
+
+def test_all_parts_together_find_the_contact():
+    biases = generator(812).normal(size=(COUNT, 6))
+    for (truth, _), tool, bias, key in zip(truths(), tools(), biases, range(COUNT), strict=True):
+        motion = moving(key)
+        p, R, dp, omega, ddp, domega = motion(0.1)
+        arm = arm_at(R, p, dp, omega)
+        felt = said_of(truth.contact + felt_of(tool, motion, 0.1), arm, truth.sensor)
+        options = WrenchOptions(
+            sign=-1, tool=tool, inertial=True, bias=tuple(bias), dead_force=0.4, dead_torque=0.2,
+            cutoff=50.0,
+        )  # fmt: skip
+        moved = truth._replace(arm=arm)
+        found = contact(options, -(felt + bias), moved, np.concatenate((ddp, domega)))
+        assert_is(found, through_a_dead_band(truth.contact, 0.4, 0.2), MOMENTUM)
+
+
+@pytest.mark.parametrize("sign", [0, 2, -2, 0.5])
+def test_a_sign_other_than_1_and_minus_1_is_refused(sign):
+    with pytest.raises(ConfigurationError, match=f"wrench_sign is {sign}; expected 1 or -1"):
+        WrenchOptions(sign=sign)
+
+
+@pytest.mark.parametrize("count", [0, 3, 5, 7])
+def test_a_bias_of_another_size_is_refused(count):
+    with pytest.raises(ConfigurationError, match=f"wrench_bias has {count} values; expected 6"):
+        WrenchOptions(bias=(0.0,) * count)
+
+
+@pytest.mark.parametrize("name", ["dead_force", "dead_torque", "cutoff"])
+@pytest.mark.parametrize("value", [-1e-9, math.nan, math.inf])
+def test_impossible_options_are_refused(name, value):
+    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected >= 0"):
+        WrenchOptions(**{name: value})
+
+
+# --- the mean at rest ---------------------------------------------------------------------------
+
+
+@cache
+def ur5():
+    """Return an arm and its home."""
+    description = load_robot("ur5")
+    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
+    return robot, np.array(description.home)
+
+
+def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_the_last_samples():
+    (robot, home), (tool,), still = ur5(), tools(1), np.zeros(6)
+    own, resting = chain(tool=tool, sign=-1, cutoff=1.0, dead_force=9.0), RestingWrench(20)
+    own.tare(np.arange(6.0))  # what is felt is before the tare
+    sensor, noise = sensors(1)[0], generator(813).normal(size=(30, 6))
+    assert resting.count == 0
+    for count, w in enumerate(noise, start=1):
+        resting.add(SensedWrench(w, sensor), home, still)
+        assert resting.count == min(count, 20)
+    expected = own.felt(
+        SensedWrench(noise[10:].mean(axis=0), sensor), robot.state(home, still), None
+    )
+    assert_is(resting.mean(own, robot), expected)
+    assert_is(resting.spread(), noise[10:].std(axis=0))
+    resting.clear()
+    assert resting.count == 0
+
+
+def test_an_arm_is_still_if_no_joint_moves_by_more_than_its_bound():
+    (_, home), resting = ur5(), RestingWrench(10)
+    sensed = SensedWrench(np.zeros(6), AT_TIP)
+    for k in range(10):
+        resting.add(sensed, home + 0.004 * (k % 2) * np.eye(6)[k % 6], np.zeros(6))
+    assert resting.is_still
+    resting.add(sensed, home + 0.006 * np.eye(6)[2], np.zeros(6))
+    assert not resting.is_still
+    for _ in range(10):  # what was before is forgotten
+        resting.add(sensed, home, np.zeros(6))
+    assert resting.is_still
+
+
+def test_the_mean_is_that_of_the_poses_at_which_the_samples_were_taken():
+    (robot, home), (tool,) = ur5(), tools(1)
+    own, resting = chain(tool=tool), RestingWrench(10)
+    for q in home + generator(814).uniform(-1, 1, size=(10, 6)):
+        arm = robot.state(q, np.zeros(6))
+        weight = said_of(felt_of(tool, at_rest(arm), 0.0), arm, AT_TIP)
+        resting.add(SensedWrench(weight, AT_TIP), q, np.zeros(6))
+    assert_is(resting.mean(own, robot), 0, 10 * ALGEBRAIC)
