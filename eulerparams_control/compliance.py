@@ -34,7 +34,7 @@ _STEP = 0.5
 _STOP_TIME = 0.05
 
 # A desired frame that is so far from where its velocity led [m, rad; m/s, rad/s] has jumped.
-_JUMP, _VELOCITY_JUMP = 1e-5, 1e-3
+_JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
 _NONE = np.zeros(3)
 
@@ -267,16 +267,22 @@ def _runge_kutta(
 
 
 def _moved(frame: DesiredFrame, dt: float) -> DesiredFrame:
-    """Return the frame dt [s] later, at constant velocity."""
+    """Return the frame dt [s] later, at constant acceleration."""
+    ddp, domega = dt * frame.ddp_d, dt * frame.domega_d
     return frame._replace(
-        p_d=frame.p_d + dt * frame.dp_d, R_d=exp(dt * frame.omega_d) @ frame.R_d
+        p_d=frame.p_d + dt * (frame.dp_d + ddp / 2),
+        R_d=exp(dt * (frame.omega_d + domega / 2)) @ frame.R_d,
+        dp_d=frame.dp_d + ddp,
+        omega_d=frame.omega_d + domega,
     )
 
 
 def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
     """Return whether the desired frame is not where, or as fast as, its motion led."""
-    p = before.p_d + dt * (before.dp_d + now.dp_d) / 2
-    R = exp(dt * (before.omega_d + now.omega_d) / 2) @ before.R_d
+    bend = dt * dt / 12  # the trapezoidal rule with its first correction
+    p = before.p_d + dt * (before.dp_d + now.dp_d) / 2 - bend * (now.ddp_d - before.ddp_d)
+    turn = dt * (before.omega_d + now.omega_d) / 2 - bend * (now.domega_d - before.domega_d)
+    R = exp(turn) @ before.R_d
     dv = now.dp_d - before.dp_d - dt * (before.ddp_d + now.ddp_d) / 2
     domega = now.omega_d - before.omega_d - dt * (before.domega_d + now.domega_d) / 2
     jump = max(float(np.abs(now.p_d - p).max()), float(np.abs(now.R_d - R).max()))

@@ -68,6 +68,8 @@ class WrenchOptions:
             raise ConfigurationError(f"wrench_sign is {self.sign}; expected 1 or -1")
         if len(self.bias) != 6:
             raise ConfigurationError(f"wrench_bias has {len(self.bias)} values; expected 6")
+        if not np.isfinite(self.bias).all():
+            raise ConfigurationError(f"wrench_bias is {self.bias}; expected finite numbers")
         for name in ("dead_force", "dead_torque", "cutoff"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")

@@ -51,7 +51,7 @@ from eulerparams_control.schemes.dynamic import (
 )
 from eulerparams_control.schemes.impedance import ImpedanceControl, ImpedanceLaw, NoMotionLoop
 from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
-from eulerparams_control.wrench import SensedWrench, WrenchOptions
+from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions
 from sim_bridge.simulator import Simulator, SimulatorParameters
 
 DT = 1e-3  # [s]
@@ -709,13 +709,13 @@ def test_while_the_wrench_is_lost_the_frame_comes_to_rest_and_stays_there():
         np.testing.assert_allclose(frame.ddp_d, -frame.dp_d / STOP_TIME, rtol=0, atol=ALGEBRAIC)
     back = lead(scheme, w, 1.5, dt=dt)
     for before, now in pairwise([tick, *back]):
-        assert np.abs(now.command.frame.p_d - before.command.frame.p_d).max() < 1e-4
+        assert np.abs(now.command.frame.p_d - before.command.frame.p_d).max() < 2e-4
     np.testing.assert_allclose(back[-1].wrench, w, rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("lost", [0.05, 1.0])
 def test_a_wrench_fades_when_it_is_lost_and_comes_back_as_slowly(lost):
-    """The motion loop compensates what is known of it, eq. (48)."""
+    """In (48), that is; the impedance takes it at once when it is back."""
     scheme, w, q = impedance_control(), np.array([10.0, 0, 5.0, 0, 1.0, 0]), at_the_middle()
     lead(scheme, w, 0.1, dt=0.01)
     fade, steps = math.exp(-DT / BLEND_TIME), round(lost / DT)
@@ -736,8 +736,9 @@ def test_a_wrench_fades_when_it_is_lost_and_comes_back_as_slowly(lost):
     for k in range(300):
         tick = lead(scheme, w, DT, dt=DT)[0]
         expected = (1 - (1 - fade ** (steps - 1)) * fade ** (k + 1)) * w
-        np.testing.assert_allclose(tick.wrench, expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(known(), expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(tick.wrench, w, rtol=0, atol=1e-9)
+        if k in (0, 100, 299):
+            np.testing.assert_allclose(known(), expected, rtol=0, atol=1e-9)
 
 
 def test_without_any_wrench_the_frame_stands_where_the_tip_was_first():
@@ -989,6 +990,42 @@ def test_a_stop_holds_and_a_reset_forgets_the_compliant_frame():
         frame = lead(scheme, NO_WRENCH, 0.02)[-1].command.frame
         np.testing.assert_allclose(frame.p_d, MIDDLE.p_d, rtol=0, atol=1e-8)
         np.testing.assert_allclose(frame.dp_d, 0, rtol=0, atol=1e-8)
+
+
+def test_a_hold_begins_anew_after_a_tick():
+    for scheme in (impedance_control(), admittance()):
+        first, second = at_the_middle(), at_the_middle() + 0.1
+        for q in (first, second):
+            scheme.sense(sensed_at_tip(NO_WRENCH, MIDDLE.R_d))
+            scheme.tick(DT, q, STILL, MIDDLE)
+            for sagging in (0.0, 0.01):  # it is where the hold began
+                frame = scheme.hold(DT, q + sagging, STILL).frame
+                expected = UR5.state(q, STILL).p_e
+                np.testing.assert_allclose(frame.p_d, expected, rtol=0, atol=KINEMATICS)
+
+
+def test_a_chain_that_is_given_keeps_its_tare_and_takes_the_options_of_the_law():
+    w, R = np.arange(1.0, 7.0), UR5.state(at_the_middle(), STILL).R_e
+    chain = WrenchChain(WrenchOptions(sign=-1, cutoff=1.0))
+    chain.tare(sensed_at_tip(w, R).w)
+    scheme = ImpedanceControl(NoMotionLoop(UR5, NO_LIMITS), impedance_law(), chain)
+    scheme.reset(at_the_middle())
+    assert scheme.chain is chain
+    tick = lead(scheme, 3 * w, 0.02)[-1]
+    np.testing.assert_allclose(tick.wrench, 2 * w, rtol=0, atol=AT_POINT_WRENCH)
+
+
+def test_a_reset_ends_the_going_over_to_another_wrench():
+    scheme, w, q = admittance(), np.arange(1.0, 7.0), at_the_middle()
+    for forget in (lambda: scheme.reset(q), lambda: scheme.hold(DT, q, STILL)):
+        lead(scheme, w, 0.1, dt=0.01)
+        for _ in range(3):
+            scheme.sense(None)
+            scheme.tick(0.1, q, STILL, MIDDLE)
+        scheme.sense(sensed_at_tip(w, UR5.state(q, STILL).R_e))
+        forget()
+        tick = lead(scheme, w, 0.02, dt=0.01)[0]
+        np.testing.assert_allclose(tick.wrench, w, rtol=0, atol=AT_POINT_WRENCH)
 
 
 def test_a_hold_and_a_resume_keep_the_efforts_as_they_are():

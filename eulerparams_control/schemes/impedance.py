@@ -174,7 +174,8 @@ class ImpedanceControl(Scheme):
         self.chain = chain or WrenchChain(law.wrench)
         self.chain.replace_options(law.wrench)
         self._compliant = CompliantFrame(law.compliance)
-        self._blend = Blend(_BLEND_TIME)
+        self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
         self._acceleration: Array | None = None  # of the tip, as it was commanded
         self._x_de: Any = None
@@ -183,7 +184,7 @@ class ImpedanceControl(Scheme):
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
         if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
-            self._blend.replace(self._w)
+            self._fade.replace(-self._h)
         self._sensed = wrench
 
     def replace_law(
@@ -231,7 +232,8 @@ class ImpedanceControl(Scheme):
         self._compliant.reset()
         self.chain.reset()
         self._blend.reset()
-        self._w = np.zeros(6)
+        self._fade.reset()
+        self._w, self._h = np.zeros(6), np.zeros(6)
         self._acceleration, self._x_de = None, None
         self._held: DesiredFrame | None = None
 
@@ -262,7 +264,7 @@ class ImpedanceControl(Scheme):
         self._held = None
         self._feel(arm, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
-        tick = self.motion.tick_at(dt, state, compliant, -self._w)  # h of eq. (48)
+        tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
         self._acceleration = self.motion.acceleration(state, compliant)
         self._x_de = self.law.compliance.orientation.displacement(
             desired.R_d, arm.R_e, self._x_de
@@ -304,6 +306,8 @@ class ImpedanceControl(Scheme):
             w = self.chain.contact(self._sensed, arm, self._acceleration, dt)
             self.law.refuse_wrench(w)
         self._w = w + self._blend.offset(dt, w)
+        # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
+        self._h = -(self._w + self._fade.offset(dt, self._w))
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
