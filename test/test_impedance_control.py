@@ -572,7 +572,28 @@ def test_without_a_motion_loop_nothing_but_the_compliant_frame_is_commanded():
         assert command._replace(frame=None) == (None, None, None, None)
         np.testing.assert_allclose(command.frame.p_d, UR5.state(HOME, STILL).p_e, atol=KINEMATICS)
         np.testing.assert_array_equal(command.frame.dp_d, 0)
-    assert scheme.start_frame().p_d == pytest.approx(UR5.state(HOME, STILL).p_e)
+
+
+def test_where_it_begins_anew_in_contact_the_desired_frame_balances_the_contact():
+    """Else the arm would go where the contact pushes it, by f / K_p, after each gap and stop."""
+    scheme, w = admittance(), np.array([5.0, -10.0, 20.0, 1.0, 0.5, -1.0])
+    lead(scheme, w, 0.1)
+    home = UR5.state(HOME, STILL)
+    for begin_anew in (scheme.reset, scheme.resume):
+        begin_anew(HOME)
+        desired = scheme.start_frame()
+        np.testing.assert_allclose(1000 * (home.p_e - desired.p_d), w[:3], atol=1e-9)
+        turn = turn_of(home.R_e @ desired.R_d.T)
+        np.testing.assert_allclose(50 * turn, w[3:], rtol=1e-6, atol=1e-9)
+        assert scheme.frame_at(HOME).p_d == pytest.approx(desired.p_d)
+        scheme.sense(sensed_at_tip(w, home.R_e))
+        ticks = [scheme.tick(DT, HOME, STILL, desired) for _ in range(500)]
+        moved = ticks[-1].command.frame.p_d - home.p_e
+        assert np.abs(moved).max() < 1e-9
+    scheme.hold(DT, HOME, STILL)
+    scheme.sense(sensed_at_tip(NO_WRENCH, home.R_e))
+    scheme.hold(DT, HOME, STILL)  # the contact is gone meanwhile
+    assert scheme.start_frame().p_d == pytest.approx(home.p_e)
 
 
 def test_an_arm_that_does_not_follow_the_compliant_frame_is_a_fault():

@@ -110,6 +110,10 @@ class ControlNode(LifecycleNode):
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
         return {}
 
+    def values_now(self) -> dict[str, str | int | float]:
+        """Return what /diagnostics shows once a second, whether there are ticks or not."""
+        return {}
+
     def note(self, text: str) -> None:
         """Show a warning with the state from now on; "" takes it back."""
         self._note, self._said = text, ("", "")
@@ -457,7 +461,8 @@ class ControlNode(LifecycleNode):
         """Report that joint_states has stopped; without it nothing is commanded."""
         if self._controller is None or not self._received:
             return
-        if self._commands.count_subscribers() == 0:
+        self._health.values.update(self.values_now())
+        if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
             )

@@ -124,17 +124,22 @@ class ImpedanceControlNode(ControlNode):
         try:
             self._refuse_two_publishers(self._wrench)
             self._input.take(msg, self._placement(msg.header.frame_id))
-        except (InvalidMessageError, RobotError) as error:
+        except InvalidMessageError as error:
             self._input.refuse(msg)
             self._reject("wrench", error)
         self._answer()
 
     def _placement(self, frame_id: str) -> Placement:
-        """Return where the sensor is, seen from the tip; raises RobotError."""
+        """Return where the sensor is, seen from the tip; raises InvalidMessageError."""
         frame = self._params.wrench_frame or frame_id
         assert self._robot is not None
         if frame not in self._placements:
-            self._placements[frame] = self._robot.placement(frame)
+            try:
+                self._placements[frame] = self._robot.placement(frame)
+            except RobotError as error:
+                raise InvalidMessageError(
+                    f"{error}; set wrench_frame if the driver names another frame than the URDF"
+                ) from error
         return self._placements[frame]
 
     def is_complete(self, t: int) -> bool:
@@ -217,6 +222,17 @@ class ImpedanceControlNode(ControlNode):
             f"tared: force {_text(felt[:3])} N, moment {_text(felt[3:])} Nm about the tip in its "
             f"axes, standard deviations {_text(spread[:3])} N, {_text(spread[3:])} Nm"
         )
+
+    def values_now(self) -> dict[str, str | int | float]:
+        """Return the contact that is felt while the arm is held."""
+        held = self._controller is not None and self._controller.fault
+        if not held or self._robot is None:
+            return {}
+        if not self._resting.count:
+            return dict.fromkeys(("contact force [N]", "contact moment [Nm]"), "unknown")
+        felt = self._resting.mean(self._chain, self._robot) - self._chain.tared
+        force, moment = _norms(felt)
+        return {"contact force [N]": force, "contact moment [Nm]": moment}
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""

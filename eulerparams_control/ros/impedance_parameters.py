@@ -120,10 +120,10 @@ class ImpedanceParameters(DynamicParameters):
         "", "link of the sensor, fixed to the tip; empty: the frame_id of the wrench"
     )
     max_contact_force: float = parameter(
-        1000.0, "a larger one stops the motion", unit="N", bounds=(0.0, 1e6), live=True
+        200.0, "a larger one stops the motion", unit="N", bounds=(0.0, 1e6), live=True
     )
     max_contact_torque: float = parameter(
-        200.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
+        60.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
     )
     damping_eps: float = parameter(
         0.2, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True

@@ -104,6 +104,7 @@ class ReferenceNode(Node):
         if self._params.motion == "circle":
             self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
+        self._goal: DesiredFrame | None = None  # end of the last motion
         self._latest = b""
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
         self._health.set(diagnostics.OK, "waiting for a robot description")
@@ -173,9 +174,13 @@ class ReferenceNode(Node):
 
     def _duration(self, pose: DesiredFrame, p: Array, R: Array) -> float:
         """Return the time [s] of a motion at the speeds wanted."""
-        distance, angle = float(np.linalg.norm(p - pose.p_d)), angle_between(pose.R_d, R)
         speeds = self._params
-        return max(distance / speeds.linear_speed, angle / speeds.angular_speed, 0.1)
+        times = [0.1]
+        for begin in filter(None, (pose, self._goal)):  # a compliant arm is not at the last goal
+            distance = float(np.linalg.norm(p - begin.p_d))
+            times.append(distance / speeds.linear_speed)
+            times.append(angle_between(begin.R_d, R) / speeds.angular_speed)
+        return max(times)
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
@@ -201,6 +206,7 @@ class ReferenceNode(Node):
         assert self._robot is not None
         msg = motion_to_ros(trajectory, self._robot.base_frame, self._robot.tip_frame)
         self._publisher.publish(msg)
+        self._goal = trajectory.frames[-1]
         self._health.set(
             diagnostics.OK,
             f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points",

@@ -168,7 +168,8 @@ class EffortLimits:
             raise FollowingError(
                 f"the tip is {distance:.3f} m from the desired frame; at most "
                 f"{self.error_position} m is allowed: is the arm braked or blocked? then send "
-                "the reference again, else raise max_error_position"
+                "the reference again; is the computer late? then lower the gains k_P and k_V; else "
+                "raise max_error_position"
             )
         if self.error_rotation < math.pi:
             angle = angle_between(desired.R_d, arm.R_e)

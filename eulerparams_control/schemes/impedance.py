@@ -19,7 +19,7 @@ from eulerparams_control.errors import FollowingError
 from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import DynamicState, Robot, RobotState
-from eulerparams_control.rotations import Array
+from eulerparams_control.rotations import Array, exp
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
 from eulerparams_control.schemes.blend import Blend
 from eulerparams_control.schemes.dynamic import (
@@ -179,6 +179,8 @@ class ImpedanceControl(Scheme):
         self._sensed: SensedWrench | None = None
         self._acceleration: Array | None = None  # of the tip, as it was commanded
         self._x_de: Any = None
+        self._w, self._h = np.zeros(6), np.zeros(6)
+        self._balance = np.zeros(6)  # the contact before it began anew
         self.reset(np.zeros(self.robot.n))
 
     def sense(self, wrench: SensedWrench | None) -> None:
@@ -229,6 +231,8 @@ class ImpedanceControl(Scheme):
         self._forget()
 
     def _forget(self) -> None:
+        if self._compliant.now is not None:
+            self._balance = self._w
         self._compliant.reset()
         self.chain.reset()
         self._blend.reset()
@@ -239,18 +243,39 @@ class ImpedanceControl(Scheme):
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return what holds the joints, and the tip, where they were when this began."""
-        held = self._held or self.frame_at(q)
+        held = self._held or super().frame_at(q)
         self._forget()
         self._held = held
+        if self._sensed is not None:
+            self._balance = self.chain.contact(self._sensed, self.robot.state(q, dq), None, dt)
         return self.motion.hold(dt, q, dq)._replace(frame=held)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command of the motion loop that may stay for good."""
-        return self.motion.last_command(q, dq)._replace(frame=self.frame_at(q))
+        return self.motion.last_command(q, dq)._replace(frame=super().frame_at(q))
+
+    def frame_at(self, q: Array) -> DesiredFrame:
+        """Return the desired frame with which the tip stays at q (n,).
+
+        That is its pose there; after a contact, moved by what balances the contact: p_d = p_e -
+        K_p^+ f, and R_d likewise.
+        """
+        return self._balanced(super().frame_at(q))
 
     def start_frame(self) -> DesiredFrame:
-        """Return the pose of the tip at the measured q."""
-        return self.motion.start_frame()
+        """Return the desired frame with which the tip stays where it was measured."""
+        return self._balanced(self.motion.start_frame())
+
+    def _balanced(self, tip: DesiredFrame) -> DesiredFrame:
+        if not self._balance.any():
+            return tip
+        law, frame = self.law.compliance, tip.carrying(self.law.centre)
+        f, mu = np.split(at_point(self._balance, frame.p_d - tip.p_d), 2)
+        R = np.eye(3) if law.frame == "base" else frame.R_d
+        x = R @ (np.linalg.pinv(law.translation.K) @ (R.T @ f))
+        turn = frame.R_d @ (np.linalg.pinv(law.rotation.K) @ (frame.R_d.T @ mu))
+        desired = DesiredFrame(frame.p_d - x, exp(-turn) @ frame.R_d)
+        return desired.carrying(self.law.centre.inverse)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the efforts and the compliant frame for this instant.
