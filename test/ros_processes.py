@@ -12,7 +12,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ from tolerances import HELD, LAW_IN_A_NODE
 
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.robot import Robot
+from eulerparams_control.robot import DynamicState, Robot, RobotState, Tool
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -43,7 +44,9 @@ DOMAINS = range(215, 232)
 MODULES = {
     "clik": "eulerparams_control.ros.clik_node",
     "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
+    "impedance_control": "eulerparams_control.ros.impedance_control_node",
     "reference": "eulerparams_control.ros.reference_node",
+    "identify_tool": "eulerparams_control.ros.identify_tool_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "experiment": "eulerparams_control.experiments.main",
 }
@@ -93,15 +96,29 @@ def assert_may_stay(command: Any, arm: "Arm") -> None:
 
 
 def free_domain() -> int:
-    """Return a domain whose first participant's port, 7410 + 250 d (RTPS 9.6.1.1), is free."""
+    """Return a domain that nobody uses now."""
+    domain, reserved = reserve_domain()
+    reserved.close()
+    return domain
+
+
+def reserve_domain() -> tuple[int, socket.socket]:
+    """Return a domain that nobody uses, and what reserves it among the tests until it is closed.
+
+    The port of the first participant, 7410 + 250 d (RTPS 9.6.1.1), is free; it is taken only
+    when a node starts, and another run of the tests would find it free until then.
+    """
     for offset in range(len(DOMAINS)):
         domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
+        reserved = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
+                reserved.bind(f"\0eulerparams_control_tests_{domain}")
                 probe.bind(("", 7410 + 250 * domain))
             except OSError:
+                reserved.close()
                 continue
-            return domain
+            return domain, reserved
     raise AssertionError("no ROS domain of the tests is free")
 
 
@@ -115,6 +132,7 @@ def environment(folder: Path, domain: int) -> dict[str, str]:
         "RCUTILS_COLORIZED_OUTPUT": "0",
         # one that the caller has set wins over the source tree, so that a changed copy can be tried
         "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(":"),
+        "PYTHONSAFEPATH": "1",  # or the folder that pytest is started in would win over both
         "PYTHONUNBUFFERED": "1",
         "COLUMNS": "200",
     }
@@ -171,7 +189,7 @@ class Graph:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.domain = free_domain()
+        self.domain, self._reserved = reserve_domain()
         self.processes: list[Process] = []
         self._peer: Peer | None = None
         self._numbers = itertools.count()
@@ -184,6 +202,7 @@ class Graph:
             process.kill()
         if self._peer is not None:
             self._peer.close()
+        self._reserved.close()
 
     @property
     def peer(self) -> "Peer":
@@ -198,6 +217,7 @@ class Graph:
         *,
         files: tuple[Path, ...] = (),
         namespace: str = "",
+        remap: Sequence[str] = (),
     ) -> Process:
         """Start a node; ``files`` of parameters come before ``parameters``."""
         name = f"{executable}_{next(self._numbers)}"
@@ -206,7 +226,8 @@ class Graph:
         own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
         given = [*files, own] if parameters else files
         options = [word for file in given for word in ("--params-file", str(file))]
-        options += ["-r", f"__ns:={namespace}"] if namespace else []
+        remap = [f"__ns:={namespace}", *remap] if namespace else remap
+        options += [word for rule in remap for word in ("-r", rule)]
         return self.run(executable, "--ros-args", *options, name=name)
 
     def run(self, executable: str, *arguments: str, name: str = "") -> Process:
@@ -399,10 +420,74 @@ def values(status: Any) -> dict[str, str]:
     return {pair.key: pair.value for pair in status.values}
 
 
+class WristSensor:
+    """The force/torque sensor of an arm: says what the environment exerts on its tool.
+
+    Attributes:
+        on: whether it says anything.
+        late: whether it says it after the joint_states of the same stamp, not before.
+        frame: link in whose axes, and about whose origin, it measures.
+        mass, com: [kg], (3,) [m] in the tip frame, of the tool whose weight and inertia it feels.
+        bias: (6,) [N, Nm] that it adds, in its frame.
+        sign: -1 reports what the tool exerts on the environment.
+    """
+
+    def __init__(self, graph: Graph, robot: Any, namespace: str = "") -> None:
+        from geometry_msgs.msg import WrenchStamped
+
+        self._robot = robot
+        self.on, self.late = True, False
+        self.frame, self.sign = str(robot.tip_frame), 1.0
+        self.mass, self.com, self.bias = 0.0, np.zeros(3), np.zeros(6)
+        self.wrenches = graph.peer.publisher(WrenchStamped, f"{namespace}/wrench")
+
+    def send(self, arm: "Arm", stamp: Any) -> None:
+        """Say what it measures on an arm, if it is on."""
+        if self.on:
+            self.wrenches.publish(self.message(arm, stamp))
+
+    def message(self, arm: "Arm", stamp: Any) -> Any:
+        """Return what it says of the contact of an arm, and of the tool."""
+        from geometry_msgs.msg import Vector3, WrenchStamped
+
+        contact = arm.contact()
+        tip, sensor = (self._state(link, arm) for link in (self._robot.tip_frame, self.frame))
+        r, omega = tip.arm.R_e @ self.com, tip.arm.omega_e
+        a = tip.arm.J @ arm.ddq + tip.dJ_dq
+        a_com = a[:3] + np.cross(a[3:], r) + np.cross(omega, np.cross(omega, r))
+        weight = self.mass * (np.array([0.0, 0.0, -9.81]) - a_com)
+        force = contact[:3] + weight
+        moment = contact[3:] + np.cross(r, weight)
+        moment = moment + np.cross(tip.arm.p_e - sensor.arm.p_e, force)
+        R_s = sensor.arm.R_e
+        measured = np.concatenate((R_s.T @ force, R_s.T @ moment)) + self.bias
+        x, y, z, *rest = (self.sign * measured).tolist()
+        msg = WrenchStamped()
+        msg.header.frame_id, msg.header.stamp = self.frame, stamp
+        msg.wrench.force = Vector3(x=x, y=y, z=z)
+        x, y, z = rest
+        msg.wrench.torque = Vector3(x=x, y=y, z=z)
+        return msg
+
+    def _state(self, link: str, arm: "Arm") -> DynamicState:
+        model = _model(self._robot.urdf, self._robot.base_frame, link)
+        return model.dynamic_state(arm.q, arm.dq)
+
+
+@cache
+def _model(urdf: str, base_frame: str, link: str) -> Robot:
+    return Robot(urdf, base_frame, link)
+
+
 class Arm:
     """Plays the robot of a controller: publishes joint_states, takes commands.
 
     It obeys a command at once, unless a test says where the joints are.
+
+    Attributes:
+        sensor: its force/torque sensor, whose wrench comes before the joint_states; or None.
+        frames: what was received on ``compliant_frame``, if there is a sensor.
+        environment: what exerts a wrench (6,) [N, Nm] on the tool, about the tip, base axes.
     """
 
     topic = "joint_reference"
@@ -415,12 +500,74 @@ class Arm:
         self.joints = list(robot.joints)
         self.q = np.array(robot.home)
         self.dq = np.zeros(len(self.q))
+        self.ddq = np.zeros(len(self.q))
         self.t = 1_000_000_000
         peer = graph.peer
         self.states = peer.publisher(JointState, f"{namespace}/joint_states")
         self._description = peer.publisher(String, f"{namespace}/robot_description", latched=True)
         self._description.publish(String(data=robot.urdf))
         self.commands = peer.listen(command or JointState, f"{namespace}/{self.topic}")
+        self.sensor: WristSensor | None = None
+        self.frames: list[Any] = []
+        self.environment: Callable[[RobotState], Array] = lambda _state: np.zeros(6)
+        self._namespace = namespace
+
+    def wear_sensor(self) -> None:
+        """Put on a force/torque sensor, and listen to what becomes of its wrench."""
+        from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+        self.sensor = WristSensor(self.graph, self.robot, self._namespace)
+        topic = f"{self._namespace}/compliant_frame"
+        self.frames = self.graph.peer.listen(MultiDOFJointTrajectory, topic)
+
+    def push(self, *wrench: float) -> None:
+        """Exert force and moment [N, Nm] on the tool from now on, about the tip, base axes."""
+        constant = np.array([*wrench, *[0.0] * (6 - len(wrench))])
+        self.environment = lambda _state: constant
+
+    def release(self) -> None:
+        """Exert nothing on the tool from now on."""
+        self.push()
+
+    def start_afresh(self, q: Array | None = None) -> Any:
+        """Start anew where nothing is left of the contact before, which is balanced at first."""
+        self.start_anew(q)
+        return self.start_anew(q)
+
+    def contact(self) -> Array:
+        """Return what is exerted on the tool now (6,), about the tip, base axes."""
+        robot = self.robot
+        return self.environment(
+            _model(robot.urdf, robot.base_frame, robot.tip_frame).state(self.q, self.dq)
+        )
+
+    def frame(self) -> DesiredFrame:
+        """Return the compliant frame that answers the present state."""
+        from eulerparams_control.messages import ns_from_ros
+
+        def there() -> bool:
+            return bool(self.frames) and ns_from_ros(self.frames[-1].header.stamp) == self.t
+
+        self.graph.until(there, f"the compliant frame stamped {self.t}")
+        return self._frame(self.frames[-1])
+
+    def frames_of(self, stamps: Sequence[int]) -> list[DesiredFrame]:
+        """Return the compliant frames that answer the states stamped so [ns]."""
+        from eulerparams_control.messages import ns_from_ros
+
+        def found() -> dict[int, Any]:
+            by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
+            return by_stamp if by_stamp.keys() >= set(stamps) else {}
+
+        by_stamp = self.graph.until(found, f"compliant frames stamped {stamps[0]} ... {stamps[-1]}")
+        return [self._frame(by_stamp[stamp]) for stamp in stamps]
+
+    def _frame(self, msg: Any) -> DesiredFrame:
+        from eulerparams_control.messages import motion_from_ros
+
+        point, _ = motion_from_ros(msg, self.robot.base_frame, self.robot.tip_frame, 0.0)
+        (frame,) = point.frames
+        return frame
 
     def message(self, q: Array | None = None) -> Any:
         """Return joint_states for q, or for where the joints are, at the present stamp."""
@@ -433,7 +580,13 @@ class Arm:
         return msg
 
     def send(self, msg: Any) -> None:
+        """Send joint_states, and what the sensor says at the present position."""
+        sensor, stamp = self.sensor, msg.header.stamp
+        if sensor is not None and not sensor.late:
+            sensor.send(self, stamp)
         self.states.publish(msg)
+        if sensor is not None and sensor.late:
+            sensor.send(self, stamp)
 
     def send_next(self, count: int = 1) -> None:
         """Send the state under the next stamps, 1 ms apart, and wait for nothing."""
@@ -446,6 +599,8 @@ class Arm:
 
         def answered() -> bool:
             if not self.commands:
+                if self.sensor is not None:  # the stamp of a wrench must not repeat
+                    self.t += 1_000_000
                 self.send(self.message())
             return bool(self.commands)
 
@@ -512,7 +667,11 @@ class Arm:
 
 
 class TorqueArm(Arm):
-    """An arm that takes efforts and moves as its dynamics say, eq. (32), from tick to tick."""
+    """An arm that takes efforts and moves as its dynamics say, eq. (32), from tick to tick.
+
+    Attributes:
+        disturbance: (n,) [Nm] on the joints that no model knows.
+    """
 
     topic = "joint_effort"
 
@@ -520,32 +679,64 @@ class TorqueArm(Arm):
         super().__init__(graph, robot, namespace, command)
         self._dynamics = Robot(robot.urdf, robot.base_frame, robot.tip_frame)
         self._effort = np.zeros(len(self.q))
+        self.disturbance = np.zeros(len(self.q))
 
     def _pass(self, dt: float, q: Array | None) -> None:
         if q is not None:
-            self.q = q
+            self.q, self.ddq = q, 0.0 * q
             return
         state = self._dynamics.dynamic_state(self.q, self.dq)
-        self.dq = self.dq + dt * np.linalg.solve(state.B, self._effort - state.C_dq - state.g)
+        tau = self._effort + self.disturbance + state.arm.J.T @ self.environment(state.arm)
+        self.ddq = np.linalg.solve(state.B, tau - state.C_dq - state.g)
+        self.dq = self.dq + dt * self.ddq
         self.q = self.q + dt * self.dq
 
     def _obey(self, command: Any) -> None:
         self._effort = np.array(command.effort)
 
 
+class FeelingArm(TorqueArm):
+    """A torque-controlled arm with a force/torque sensor."""
+
+    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+        super().__init__(graph, robot, namespace, command)
+        self.wear_sensor()
+
+    def carry(self, mass: float, com: Array) -> None:
+        """Carry a tool of a mass [kg] with its centre at com (3,) [m] in the tip frame."""
+        assert self.sensor is not None
+        self.sensor.mass, self.sensor.com = mass, com
+        robot = self.robot
+        self._dynamics = Robot(
+            robot.urdf,
+            robot.base_frame,
+            robot.tip_frame,
+            tool=Tool(mass, com, np.zeros((3, 3))),
+        )
+
+
 class Controlled:
     """A controller process with its arm, and a publisher of its reference."""
 
-    ARMS: ClassVar[dict[str, type[Arm]]] = {"clik": Arm, "dynamic_control": TorqueArm}
+    ARMS: ClassVar[dict[str, type[Arm]]] = {
+        "clik": Arm,
+        "dynamic_control": TorqueArm,
+        "impedance_control": FeelingArm,
+    }
 
     def __init__(
-        self, graph: Graph, executable: str, parameters: dict[str, Any], namespace: str = ""
+        self,
+        graph: Graph,
+        executable: str,
+        parameters: dict[str, Any],
+        namespace: str = "",
+        arm: type[Arm] | None = None,
     ) -> None:
         from trajectory_msgs.msg import MultiDOFJointTrajectory
 
         self.graph, self.peer = graph, graph.peer
         self.name = f"{namespace}/{executable}".lstrip("/")  # as on /diagnostics
-        self.arm = self.ARMS[executable](graph, UR5, namespace)
+        self.arm = (arm or self.ARMS[executable])(graph, UR5, namespace)
         self.process = graph.start(executable, parameters, namespace=namespace)
         self.arm.connect()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
@@ -573,6 +764,7 @@ class Controlled:
         assert self.peer.set_parameters(self.name, **parameters) == []
 
     def restore(self) -> None:
-        """Set the parameters back that were changed."""
-        assert self.peer.set_parameters(self.name, **self._before) == []
+        """Set the parameters back that were changed, the last of them first."""
+        before = dict(reversed(self._before.items()))
+        assert self.peer.set_parameters(self.name, **before) == []
         self._before.clear()
