@@ -481,8 +481,6 @@ def test_the_tip_accelerates_as_the_motion_loop_asks_for_the_compliant_frame(arm
         a, _, _ = resolved(name).acceleration(arm_state, frame, None)
         size = max(1.0, np.abs(a).max())
         np.testing.assert_allclose(found, a, rtol=0, atol=100 * ERROR_EQUATION * size)
-        commanded = scheme.motion.acceleration(robot.dynamic_state(q, dq), frame)
-        np.testing.assert_allclose(commanded, found, rtol=0, atol=100 * ERROR_EQUATION * size)
         a_p = frame.ddp_d + 120 * (frame.dp_d - arm_state.dp_e) + 3600 * (frame.p_d - arm_state.p_e)
         np.testing.assert_allclose(found[:3], a_p, rtol=0, atol=100 * ERROR_EQUATION * size)  # (49)
 
@@ -564,10 +562,6 @@ def test_without_a_motion_loop_nothing_but_the_compliant_frame_is_commanded():
     np.testing.assert_allclose(frame.p_d - MIDDLE.p_d, [5e-3, -0.01, 0.02], rtol=0, atol=1e-4)
     turn = turn_of(frame.R_d @ MIDDLE.R_d.T)
     np.testing.assert_allclose(50 * np.sin(turn), [1, 0.5, -1], rtol=1e-2)
-    first = lead(admittance(), np.array([5.0, -10.0, 20.0, 1.0, 0.5, -1.0]), 0.02)[0].command.frame
-    told = scheme.motion.acceleration(UR5.dynamic_state(HOME, STILL), first)
-    np.testing.assert_array_equal(told, [*first.ddp_d, *first.domega_d])
-    assert np.abs(told).min() > 0.1
     for command in (scheme.hold(DT, HOME, STILL), scheme.last_command(HOME, STILL)):
         assert command._replace(frame=None) == (None, None, None, None)
         np.testing.assert_allclose(command.frame.p_d, UR5.state(HOME, STILL).p_e, atol=KINEMATICS)
@@ -580,6 +574,7 @@ def test_where_it_begins_anew_in_contact_the_desired_frame_balances_the_contact(
     lead(scheme, w, 0.1)
     home = UR5.state(HOME, STILL)
     for begin_anew in (scheme.reset, scheme.resume):
+        scheme.sense(sensed_at_tip(w, home.R_e))
         begin_anew(HOME)
         desired = scheme.start_frame()
         np.testing.assert_allclose(1000 * (home.p_e - desired.p_d), w[:3], atol=1e-9)
@@ -590,10 +585,11 @@ def test_where_it_begins_anew_in_contact_the_desired_frame_balances_the_contact(
         ticks = [scheme.tick(DT, HOME, STILL, desired) for _ in range(500)]
         moved = ticks[-1].command.frame.p_d - home.p_e
         assert np.abs(moved).max() < 1e-9
-    scheme.hold(DT, HOME, STILL)
-    scheme.sense(sensed_at_tip(NO_WRENCH, home.R_e))
-    scheme.hold(DT, HOME, STILL)  # the contact is gone meanwhile
-    assert scheme.start_frame().p_d == pytest.approx(home.p_e)
+    for begin_anew in (scheme.reset, lambda q: scheme.hold(DT, q, STILL)):
+        scheme.sense(sensed_at_tip(NO_WRENCH, home.R_e))  # the contact is gone meanwhile
+        scheme.tick(DT, HOME, STILL, desired)
+        begin_anew(HOME)
+        assert scheme.start_frame().p_d == pytest.approx(home.p_e)
 
 
 def test_an_arm_that_does_not_follow_the_compliant_frame_is_a_fault():

@@ -88,7 +88,9 @@ CONTROLLERS = {
         (
             ControlNode("impedance_control", _PAIRED | {"command_type": "none"}, _TURNED_DYNAMIC),
             ControlNode(
-                "clik", {"reference_pairing": "stamp"}, remaps={"reference": "compliant_frame"}
+                "clik",
+                {"reference_pairing": "stamp", "reference_timeout": 0.02},
+                remaps={"reference": "compliant_frame"},
             ),
         ),
         "joint_reference",

@@ -329,7 +329,7 @@ class ControlNode(LifecycleNode):
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
-        if self._unanswered is not None:
+        if self._unanswered is not None and self._controller is not None:
             self._health.count("states dropped, waiting for what belongs to them")
         self._unanswered = msg.header.stamp
         self._answer()
@@ -459,9 +459,9 @@ class ControlNode(LifecycleNode):
 
     def _check_age(self) -> None:
         """Report that joint_states has stopped; without it nothing is commanded."""
+        self._health.values.update(self.values_now())
         if self._controller is None or not self._received:
             return
-        self._health.values.update(self.values_now())
         if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"

@@ -224,9 +224,9 @@ class ImpedanceControlNode(ControlNode):
         )
 
     def values_now(self) -> dict[str, str | int | float]:
-        """Return the contact that is felt while the arm is held."""
-        held = self._controller is not None and self._controller.fault
-        if not held or self._robot is None:
+        """Return the contact that is felt while the arm is held, or not yet controlled."""
+        is_moved = self._controller is not None and not self._controller.fault
+        if is_moved or self._robot is None:
             return {}
         if not self._resting.count:
             return dict.fromkeys(("contact force [N]", "contact moment [Nm]"), "unknown")

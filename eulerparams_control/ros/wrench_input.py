@@ -68,7 +68,7 @@ class WrenchInput:
         if self._pairing == LATEST or self._last is None or t in (self._stamp, self._refused):
             return True
         if self._clock.ros_time_is_active:
-            return self._age(t) > self._timeout
+            return self._age(t) > self._timeout / 2
         return time.monotonic() - self._paired > self._timeout / 2
 
     def choose(self, t: int) -> bool:

@@ -311,10 +311,6 @@ class DynamicControl(Scheme):
         self._x_de = x_de
         return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, self._saturated)
 
-    def acceleration(self, state: DynamicState, desired: DesiredFrame) -> Array:
-        """Return the acceleration (6,) [m/s^2, rad/s^2] of the tip that was commanded last."""
-        return state.arm.J @ self._ddq + state.dJ_dq
-
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
         omega_de = tick.desired.omega_d - tick.state.omega_e

@@ -58,9 +58,6 @@ class MotionLoop(Protocol):
     ) -> Tick:
         """See DynamicControl."""
 
-    def acceleration(self, state: DynamicState, desired: DesiredFrame) -> Array:
-        """See DynamicControl."""
-
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
     ) -> None:
@@ -106,10 +103,6 @@ class NoMotionLoop:
         self._q = state.arm.q
         self._limits.refuse_error(desired, state.arm)
         return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
-
-    def acceleration(self, state: DynamicState, desired: DesiredFrame) -> Array:
-        """Return the acceleration (6,) of the compliant frame."""
-        return np.concatenate((desired.ddp_d, desired.domega_d))
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -177,10 +170,10 @@ class ImpedanceControl(Scheme):
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
-        self._acceleration: Array | None = None  # of the tip, as it was commanded
+        self._dq: Array | None = None  # of the tick before
         self._x_de: Any = None
         self._w, self._h = np.zeros(6), np.zeros(6)
-        self._balance = np.zeros(6)  # the contact before it began anew
+        self._balance = np.zeros(6)  # the contact where it began anew
         self.reset(np.zeros(self.robot.n))
 
     def sense(self, wrench: SensedWrench | None) -> None:
@@ -223,22 +216,32 @@ class ImpedanceControl(Scheme):
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
         self.motion.reset(q)
-        self._forget()
+        self._begin_anew(q)
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
         self.motion.resume(q)
+        self._begin_anew(q)
+
+    def _begin_anew(self, q: Array) -> None:
+        if self._compliant.now is not None:
+            self._balance = self._contact(q, np.zeros_like(q))
         self._forget()
 
+    def _contact(self, q: Array, dq: Array) -> Array:
+        """Return the contact wrench (6,) that is felt at the state q, dq (n,)."""
+        if self._sensed is None:
+            return np.zeros(6)
+        self.chain.reset()
+        return self.chain.contact(self._sensed, self.robot.state(q, dq), None, 0.0)
+
     def _forget(self) -> None:
-        if self._compliant.now is not None:
-            self._balance = self._w
         self._compliant.reset()
         self.chain.reset()
         self._blend.reset()
         self._fade.reset()
         self._w, self._h = np.zeros(6), np.zeros(6)
-        self._acceleration, self._x_de = None, None
+        self._dq, self._x_de = None, None
         self._held: DesiredFrame | None = None
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
@@ -246,8 +249,7 @@ class ImpedanceControl(Scheme):
         held = self._held or super().frame_at(q)
         self._forget()
         self._held = held
-        if self._sensed is not None:
-            self._balance = self.chain.contact(self._sensed, self.robot.state(q, dq), None, dt)
+        self._balance = self._contact(q, dq)
         return self.motion.hold(dt, q, dq)._replace(frame=held)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
@@ -287,10 +289,9 @@ class ImpedanceControl(Scheme):
         state = self.robot.dynamic_state(q, dq)
         arm, centre = state.arm, self.law.centre
         self._held = None
-        self._feel(arm, dt)
+        self._feel(state, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
-        self._acceleration = self.motion.acceleration(state, compliant)
         self._x_de = self.law.compliance.orientation.displacement(
             desired.R_d, arm.R_e, self._x_de
         )
@@ -318,7 +319,7 @@ class ImpedanceControl(Scheme):
             desired.R_d.T @ mu,
         )
 
-    def _feel(self, arm: RobotState, dt: float) -> None:
+    def _feel(self, state: DynamicState, dt: float) -> None:
         """Take the contact wrench for this tick; what is not known any more fades away.
 
         Raises:
@@ -328,11 +329,18 @@ class ImpedanceControl(Scheme):
         if self._sensed is None:
             self.chain.reset()
         else:
-            w = self.chain.contact(self._sensed, arm, self._acceleration, dt)
+            w = self.chain.contact(self._sensed, state.arm, self._acceleration(state, dt), dt)
             self.law.refuse_wrench(w)
         self._w = w + self._blend.offset(dt, w)
         # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
         self._h = -(self._w + self._fade.offset(dt, self._w))
+
+    def _acceleration(self, state: DynamicState, dt: float) -> Array | None:
+        """Return J ddq + dJ dq (6,) of the tip as it was measured over the last step."""
+        before, self._dq = self._dq, state.arm.dq
+        if before is None or dt <= 0:
+            return None
+        return state.arm.J @ ((state.arm.dq - before) / dt) + state.dJ_dq
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
