@@ -195,7 +195,7 @@ ONE_NODE = {"use_sim_time": True, "require_reference": True, "wait_for_subscribe
             ("compliant_frame",),
             {
                 "impedance_control": {"wrench_pairing": "stamp", "command_type": "none"},
-                "clik": {"reference_pairing": "stamp"},
+                "clik": {"reference_pairing": "stamp", "reference_timeout": 0.02},
             },
         ),
     ],
