@@ -758,6 +758,21 @@ def test_a_wrench_fades_when_it_is_lost_and_comes_back_as_slowly(lost):
             np.testing.assert_allclose(known(), expected, rtol=0, atol=1e-9)
 
 
+def test_the_inertia_of_the_tool_is_that_of_the_last_step_when_a_wrench_is_found_again():
+    """The arm goes on while no wrench comes: its change of speed since then is no acceleration."""
+    tool = Tool(2.0, np.array([0.0, 0.02, 0.05]), 0.002 * I)
+    options = WrenchOptions(tool=tool, gravity=(0.0, 0.0, 0.0))
+    scheme, q = impedance_control(wrench=options), at_the_middle()
+    R, dq = MIDDLE.R_d, np.full(6, 0.2)
+    scheme.sense(sensed_at_tip(NO_WRENCH, R))
+    scheme.tick(DT, q, STILL, MIDDLE)
+    scheme.sense(None)
+    scheme.tick(DT, q, dq, MIDDLE)
+    scheme.sense(sensed_at_tip(NO_WRENCH, R))
+    found = scheme.tick(DT, q, dq, MIDDLE).wrench
+    assert np.abs(found).max() < 1.0  # centripetal; 0.2 rad/s within 1 ms would be above 100 N
+
+
 def test_without_any_wrench_the_frame_stands_where_the_tip_was_first():
     scheme, (q, dq, desired, w) = impedance_control(), next(situations("ur5"))
     scheme.reset(q)

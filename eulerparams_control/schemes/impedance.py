@@ -326,10 +326,11 @@ class ImpedanceControl(Scheme):
             FollowingError: if it is too large.
         """
         w = np.zeros(6)
+        acceleration = self._acceleration(state, dt)
         if self._sensed is None:
             self.chain.reset()
         else:
-            w = self.chain.contact(self._sensed, state.arm, self._acceleration(state, dt), dt)
+            w = self.chain.contact(self._sensed, state.arm, acceleration, dt)
             self.law.refuse_wrench(w)
         self._w = w + self._blend.offset(dt, w)
         # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
