@@ -172,7 +172,7 @@ class CompliantFrame:
         if self.now is None:
             self.begin(desired, desired)
         elif self._desired is None or _jumped(self._desired, desired, dt):
-            self.begin(_moved(desired, -dt), self.now)  # as if it had come from there
+            self.begin(desired.moved(-dt), self.now)  # as if it had come from there
         before = self._input
         if before is None:
             last = wrench if self._wrench is None else self._wrench
@@ -264,17 +264,6 @@ def _runge_kutta(
     k_3 = rate(y + dt / 2 * k_2, middle)
     k_4 = rate(y + dt * k_3, end)
     return y + dt / 6 * (k_1 + 2 * (k_2 + k_3) + k_4)
-
-
-def _moved(frame: DesiredFrame, dt: float) -> DesiredFrame:
-    """Return the frame dt [s] later, at constant acceleration."""
-    ddp, domega = dt * frame.ddp_d, dt * frame.domega_d
-    return frame._replace(
-        p_d=frame.p_d + dt * (frame.dp_d + ddp / 2),
-        R_d=exp(dt * (frame.omega_d + domega / 2)) @ frame.R_d,
-        dp_d=frame.dp_d + ddp,
-        omega_d=frame.omega_d + domega,
-    )
 
 
 def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:

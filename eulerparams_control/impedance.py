@@ -6,7 +6,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -100,6 +100,33 @@ def symmetric_matrix(name: str, values: Sequence[float], axes: Sequence[float] =
         return np.diag(np.array(values, dtype=float))
     U = _orthonormal(name, axes)
     return U @ np.diag(values) @ U.T
+
+
+def impedance_of(
+    part: str,
+    M: Sequence[float],
+    D: Sequence[float],
+    K: Sequence[float],
+    axes: Sequence[float],
+    ratio: float,
+) -> Impedance:
+    """Return the impedance that parameters state.
+
+    Args:
+        part: "p" or "o", for the error messages.
+        M, D, K: numbers of the matrices, see :func:`symmetric_matrix`; D may be empty.
+        axes: of K.
+        ratio: damping of each mode where D is empty.
+
+    Raises:
+        ConfigurationError: if they are impossible.
+    """
+    mass = symmetric_matrix(f"M_{part}", M)
+    stiffness = symmetric_matrix(f"K_{part}", K, axes)
+    undamped = Impedance(mass, np.zeros((3, 3)), stiffness)  # only of such a root can be taken
+    if len(D):
+        return replace(undamped, D=symmetric_matrix(f"D_{part}", D))
+    return replace(undamped, D=damping_of_ratio(mass, stiffness, ratio))
 
 
 def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:

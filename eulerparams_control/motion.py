@@ -89,6 +89,21 @@ class DesiredFrame(NamedTuple):
             self.domega_d,
         )
 
+    def moved(self, dt: float) -> "DesiredFrame":
+        """Return the frame dt [s] later, at constant acceleration.
+
+        Raises:
+            SingularityError: if it turns beyond all numbers.
+        """
+        ddp_d, domega_d = dt * self.ddp_d, dt * self.domega_d
+        turn = dt * (self.omega_d + domega_d / 2)
+        return self._replace(
+            p_d=self.p_d + dt * (self.dp_d + ddp_d / 2),
+            R_d=exp(_with_an_angle(turn)) @ self.R_d,
+            dp_d=self.dp_d + ddp_d,
+            omega_d=self.omega_d + domega_d,
+        )
+
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""
         return DesiredFrame(self.p_d, self.R_d)
@@ -329,21 +344,9 @@ class SetPoint:
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
         if t > self.lasting:
-            self._held = self._held or self._moved(self.lasting).at_rest()
+            self._held = self._held or self.frames[0].moved(self.lasting).at_rest()
             return self._held
-        return self._moved(t) if t > 0 else self.frames[0]
-
-    def _moved(self, dt: float) -> DesiredFrame:
-        """Return the frame dt [s] later, at constant acceleration."""
-        frame = self.frames[0]
-        ddp_d, domega_d = dt * frame.ddp_d, dt * frame.domega_d
-        turn = dt * (frame.omega_d + domega_d / 2)
-        return frame._replace(
-            p_d=frame.p_d + dt * (frame.dp_d + ddp_d / 2),
-            R_d=exp(_with_an_angle(turn)) @ frame.R_d,
-            dp_d=frame.dp_d + ddp_d,
-            omega_d=frame.omega_d + domega_d,
-        )
+        return self.frames[0].moved(t) if t > 0 else self.frames[0]
 
 
 class DesiredMotion:

@@ -14,7 +14,7 @@ import pinocchio as pin
 from eulerparams_control.errors import RobotError, UnknownNameError
 from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
-from eulerparams_control.motion import Placement
+from eulerparams_control.motion import AT_ORIGIN, Placement
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import UrdfTree, joint_friction, joint_limits
 
@@ -150,13 +150,19 @@ class Robot:
         """Gravity (3,) [m/s^2] in the base frame."""
         return np.array(self._R_base.T @ self._model.gravity.linear)
 
-    def placement(self, frame: str) -> Placement:
+    def placement(self, frame: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
         """Return where a link that is fixed to the tip is, seen from the tip.
+
+        Args:
+            frame: the link; "" is the tip.
+            offset: (3,) [m] in the link, of the point that is meant.
 
         Raises:
             RobotError: if there is no such link, or a joint can move between it and the tip.
         """
-        _frame(self._tree, frame, "frame")
+        if frame in ("", self.tip_frame) and not any(offset):
+            return AT_ORIGIN
+        frame = _frame(self._tree, frame or self.tip_frame, "frame")
         between = set(self._tree.chain(self._tree.root, frame)) ^ set(
             self._tree.chain(self._tree.root, self.tip_frame)
         )
@@ -169,7 +175,8 @@ class Robot:
         tip = self._model.frames[self._tip].placement
         there = self._model.frames[self._model.getFrameId(frame)].placement
         relative = tip.actInv(there)
-        return Placement(relative.rotation.copy(), relative.translation.copy())
+        R = relative.rotation.copy()
+        return Placement(R, relative.translation + R @ np.array(offset))
 
     def state(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).

@@ -185,9 +185,13 @@ class RestingWrench:
         q = np.array([q for _, q, _ in self._samples])
         return bool((np.ptp(q, axis=0) <= _STILL).all())
 
-    def mean(self, chain: WrenchChain, robot: Robot) -> Array:
-        """Return the mean (6,) of what ``chain`` feels, see :meth:`WrenchChain.felt`."""
-        felt = [chain.felt(w, robot.state(q, dq), None) for w, q, dq in self._samples]
+    def mean(self, chain: WrenchChain, robot: Robot, last: int = 0) -> Array:
+        """Return the mean (6,) of what ``chain`` feels, see :meth:`WrenchChain.felt`.
+
+        Of the ``last`` ones, which is soon done; 0 is all.
+        """
+        samples = list(self._samples)[-last:]
+        felt = [chain.felt(w, robot.state(q, dq), None) for w, q, dq in samples]
         return np.array(np.mean(felt, axis=0))
 
     def spread(self) -> Array:

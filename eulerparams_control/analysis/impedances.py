@@ -1,13 +1,12 @@
 """The impedance that the recorded node impedance_control was told."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
-from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
-from eulerparams_control.motion import AT_ORIGIN, Placement
+from eulerparams_control.impedance import Impedance, impedance_of
+from eulerparams_control.motion import Placement
 from eulerparams_control.robot import Robot
 
 IMPEDANCE_NODE = "impedance_control"
@@ -37,25 +36,22 @@ def rotational_impedance(node: Mapping[str, Any]) -> Impedance:
 
 def _impedance(node: Mapping[str, Any], part: str) -> Impedance:
     try:
-        M = symmetric_matrix(f"M_{part}", node[f"M_{part}"])
-        K = symmetric_matrix(f"K_{part}", node[f"K_{part}"], node.get(f"K_{part}_axes") or ())
-        if node.get(f"D_{part}"):
-            D = symmetric_matrix(f"D_{part}", node[f"D_{part}"])
-        else:
-            D = damping_of_ratio(M, K, float(node[f"damping_ratio_{part}"]))
-        return Impedance(M, D, K)
+        return impedance_of(
+            part,
+            node[f"M_{part}"],
+            node.get(f"D_{part}") or (),
+            node[f"K_{part}"],
+            node.get(f"K_{part}_axes") or (),
+            float(node.get(f"damping_ratio_{part}", math.nan)),
+        )
     except (KeyError, TypeError, ValueError, ConfigurationError) as error:
         raise BagError(f"the parameters of {IMPEDANCE_NODE} give no impedance: {error}") from error
 
 
 def centre_of_compliance(node: Mapping[str, Any], robot: Robot) -> Placement:
     """Return the centre of compliance seen from the tip; raises BagError if it is none."""
-    offset = np.array(node.get("compliance_offset") or (0.0,) * 3, dtype=float)
-    link = str(node.get("compliance_frame") or robot.tip_frame)
-    if link == robot.tip_frame and not offset.any():
-        return AT_ORIGIN
+    offset = node.get("compliance_offset") or (0.0,) * 3
     try:
-        place = robot.placement(link)
-        return Placement(place.R, place.p + place.R @ offset)
-    except (ValueError, RobotError) as error:
+        return robot.placement(str(node.get("compliance_frame") or ""), offset)
+    except (TypeError, ValueError, RobotError) as error:
         raise BagError(f"the parameters of {IMPEDANCE_NODE} give no centre: {error}") from error

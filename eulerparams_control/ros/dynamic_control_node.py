@@ -8,6 +8,7 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.friction import JointFriction
+from eulerparams_control.impedance import symmetric_matrix
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.robot import Robot, Tool
 from eulerparams_control.ros.commands import CommandPublisher
@@ -137,8 +138,7 @@ class DynamicParameters(ControlParameters):
         mass, com, six = (getattr(self, f"{name}_{part}") for part in ("mass", "com", "inertia"))
         require_size(f"{name}_com", com, 3)
         require_size(f"{name}_inertia", six, 6)
-        xx, xy, xz, yy, yz, zz = six
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = symmetric_matrix(f"{name}_inertia", six)
         moments = np.linalg.eigvalsh(inertia)
         if moments[-1] > (moments[0] + moments[1]) * (1 + 1e-9) or moments[0] < 0:
             raise ConfigurationError(

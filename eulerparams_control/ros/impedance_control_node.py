@@ -173,7 +173,7 @@ class ImpedanceControlNode(ControlNode):
             return f"{self._input.trouble} (topic {self._wrench.topic_name})"
         if self._resting.count < min(_FEW, p.tare_samples):
             return f"waiting for {_FEW} wrenches on {self._wrench.topic_name}"
-        felt = self._resting.mean(self._chain, self._robot) - self._chain.tared
+        felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
         force, torque = _norms(felt)
         if force <= p.max_activation_force and torque <= p.max_activation_torque:
             return ""
@@ -230,7 +230,7 @@ class ImpedanceControlNode(ControlNode):
             return {}
         if not self._resting.count:
             return dict.fromkeys(("contact force [N]", "contact moment [Nm]"), "unknown")
-        felt = self._resting.mean(self._chain, self._robot) - self._chain.tared
+        felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
         force, moment = _norms(felt)
         return {"contact force [N]": force, "contact moment [Nm]": moment}
 

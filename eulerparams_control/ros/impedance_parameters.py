@@ -1,14 +1,14 @@
 """Parameters of the node ``impedance_control``, and what is made of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from eulerparams_control.compliance import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
-from eulerparams_control.motion import AT_ORIGIN, Placement
+from eulerparams_control.impedance import Impedance, impedance_of
+from eulerparams_control.motion import Placement
 from eulerparams_control.robot import Robot, Tool
 from eulerparams_control.ros.control_parameters import LATEST, PAIRINGS
 from eulerparams_control.ros.dynamic_control_node import DynamicParameters, require_size
@@ -158,13 +158,10 @@ class ImpedanceParameters(DynamicParameters):
         def value(name: str) -> Any:
             return getattr(self, name + suffix)
 
-        M = symmetric_matrix("M" + suffix, value("M"))
-        K = symmetric_matrix("K" + suffix, value("K"), getattr(self, f"K{suffix}_axes"))
-        given, ratio = value("D"), value("damping_ratio")
+        given, axes = value("D"), getattr(self, f"K{suffix}_axes")
+        numbers = value("M"), given, value("K"), axes, value("damping_ratio")
         try:
-            checked = Impedance(M, np.zeros((3, 3)), K)
-            D = symmetric_matrix("D", given) if given else damping_of_ratio(M, K, ratio)
-            checked = replace(checked, D=D)
+            checked = impedance_of(suffix[1:], *numbers)
         except ConfigurationError as error:
             raise ConfigurationError(f"impedance{suffix}: {error}") from error
         if not checked.least_damping >= _LEAST_DAMPING:
@@ -179,13 +176,10 @@ class ImpedanceParameters(DynamicParameters):
     def centre(self, robot: Robot) -> Placement:
         """Return the centre of compliance seen from the tip; raises ConfigurationError."""
         require_size("compliance_offset", self.compliance_offset, 3)
-        if self.compliance_frame in ("", robot.tip_frame) and not any(self.compliance_offset):
-            return AT_ORIGIN
         try:
-            link = robot.placement(self.compliance_frame or robot.tip_frame)
+            return robot.placement(self.compliance_frame, self.compliance_offset)
         except RobotError as error:
             raise ConfigurationError(f"compliance_frame: {error}") from error
-        return Placement(link.R, link.p + link.R @ np.array(self.compliance_offset))
 
     def wrench_options(self, robot: Robot) -> WrenchOptions:
         """Return how the contact is made of what the sensor says; raises ConfigurationError."""

@@ -50,9 +50,6 @@ class MotionLoop(Protocol):
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """See Scheme."""
 
-    def start_frame(self) -> DesiredFrame:
-        """See Scheme."""
-
     def tick_at(
         self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
@@ -74,33 +71,24 @@ class NoMotionLoop:
 
     def __init__(self, robot: Robot, limits: EffortLimits) -> None:
         self.robot, self._limits = robot, limits
-        self.reset(np.zeros(robot.n))
 
     def reset(self, q: Array) -> None:
-        """Begin at the measured q (n,)."""
-        self._q = q.copy()
+        """Begin: there is nothing to forget."""
 
     resume = reset
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return no command."""
-        self._q = q
         return JointCommand()
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return no command."""
         return JointCommand()
 
-    def start_frame(self) -> DesiredFrame:
-        """Return the pose of the tip at the measured q."""
-        arm = self.robot.state(self._q, np.zeros_like(self._q))
-        return DesiredFrame(arm.p_e, arm.R_e)
-
     def tick_at(
         self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
-        self._q = state.arm.q
         self._limits.refuse_error(desired, state.arm)
         return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
 
@@ -216,16 +204,17 @@ class ImpedanceControl(Scheme):
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
         self.motion.reset(q)
-        self._begin_anew(q)
+        self._begin_anew(q.copy())
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
         self.motion.resume(q)
-        self._begin_anew(q)
+        self._begin_anew(q.copy())
 
     def _begin_anew(self, q: Array) -> None:
         if self._compliant.now is not None:
             self._balance = self._contact(q, np.zeros_like(q))
+        self._q = q
         self._forget()
 
     def _contact(self, q: Array, dq: Array) -> Array:
@@ -246,6 +235,7 @@ class ImpedanceControl(Scheme):
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return what holds the joints, and the tip, where they were when this began."""
+        self._q = q
         held = self._held or super().frame_at(q)
         self._forget()
         self._held = held
@@ -266,7 +256,7 @@ class ImpedanceControl(Scheme):
 
     def start_frame(self) -> DesiredFrame:
         """Return the desired frame with which the tip stays where it was measured."""
-        return self._balanced(self.motion.start_frame())
+        return self.frame_at(self._q)
 
     def _balanced(self, tip: DesiredFrame) -> DesiredFrame:
         if not self._balance.any():
@@ -288,7 +278,7 @@ class ImpedanceControl(Scheme):
         """
         state = self.robot.dynamic_state(q, dq)
         arm, centre = state.arm, self.law.centre
-        self._held = None
+        self._q, self._held = q, None
         self._feel(state, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
