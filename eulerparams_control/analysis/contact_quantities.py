@@ -119,9 +119,10 @@ MOTION_LOOP_ORIENTATION = Quantity(
 )
 
 VECTORS = (
-    VectorQuantity("Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f),
-    VectorQuantity("Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu),
+    VectorQuantity("f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f),
+    VectorQuantity("mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu),
     VectorQuantity(
+        "p_cd_d",
         "Displacement of the compliant frame, desired axes",
         "displacement [mm]",
         "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
@@ -130,6 +131,7 @@ VECTORS = (
         _p_cd_d,
     ),
     VectorQuantity(
+        "rho_cd_d",
         "Turn of the compliant frame, desired axes",
         "turn [deg]",
         "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "

@@ -162,6 +162,7 @@ SERVO_LAG = Quantity(
 )
 
 JOINT_SPEEDS = JointQuantity(
+    "joint_speeds",
     "Speed of each joint",
     "|dq| [rad/s]",
     "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near.",
@@ -171,6 +172,7 @@ JOINT_SPEEDS = JointQuantity(
     _velocity_limits,
 )
 JOINT_EFFORTS = JointQuantity(
+    "joint_efforts",
     "Effort of each joint",
     "|tau| [Nm]",
     "Commanded effort of each joint. Dashed: its effort limit in the URDF, where it is near.",

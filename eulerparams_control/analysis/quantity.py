@@ -37,6 +37,7 @@ class JointQuantity(NamedTuple):
     """A quantity of each joint over time.
 
     Attributes:
+        name: by which it is known.
         title: of the plots.
         label: of their axes, with the unit.
         caption: what it means.
@@ -46,6 +47,7 @@ class JointQuantity(NamedTuple):
         limits: returns (n,) limits of the URDF to draw.
     """
 
+    name: str
     title: str
     label: str
     caption: str
@@ -59,6 +61,7 @@ class VectorQuantity(NamedTuple):
     """The three components of a quantity over time.
 
     Attributes:
+        name: by which it is known.
         title: of the plots.
         label: of their axes, with the unit.
         caption: what it means, and the equation it belongs to.
@@ -67,9 +70,26 @@ class VectorQuantity(NamedTuple):
         of: returns instants (N,) [s] and values (N, 3); both empty if nothing was recorded.
     """
 
+    name: str
     title: str
     label: str
     caption: str
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
+
+
+class Prediction(NamedTuple):
+    """What theory says of a quantity, drawn dashed.
+
+    Attributes:
+        quantity: its name.
+        text: what it is, with its equation.
+        t: (M,) [s] instants.
+        y: (M,) values in the unit of the quantity.
+    """
+
+    quantity: str
+    text: str
+    t: Array
+    y: Array

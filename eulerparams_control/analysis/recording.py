@@ -9,7 +9,7 @@ Needs no ROS.
 import bisect
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -57,6 +57,7 @@ class Recording:
             controller gave up; None if it did not.
         sensed: from wrench; None if there is none.
         compliant: from compliant_frame; None if there is none.
+        urdf: text of the robot's description.
     """
 
     path: Path
@@ -69,6 +70,7 @@ class Recording:
     diverged: float | None = None
     sensed: SensorSeries | None = None
     compliant: CompliantMotion | None = None
+    urdf: str = field(default="", repr=False)
 
     @classmethod
     def load(cls, path: str | PathLike[str], urdf: str = "", tip_frame: str = "") -> "Recording":
@@ -88,7 +90,8 @@ class Recording:
         references = list(topics.messages("reference"))
         base, tip = _frames(references, bag, tip_frame)
         parameters = _parameters(bag)
-        robot = _robot(urdf or bag.robot_description(), base, tip, parameters)
+        urdf = urdf or bag.robot_description()
+        robot = _robot(urdf, base, tip, parameters)
         states = list(topics.messages("joint_states"))
         if not states:
             raise BagError(f"{path}: no joint_states; found {', '.join(bag.topics) or 'nothing'}")
@@ -112,6 +115,7 @@ class Recording:
             bag.warning,
             sensed=sensed,
             compliant=compliant,
+            urdf=urdf,
         )
 
     @property

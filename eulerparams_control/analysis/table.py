@@ -82,6 +82,20 @@ def rows(recordings: Sequence[Recording]) -> list[Row]:
     ]
 
 
+def values(recording: Recording) -> list[float | None]:
+    """Return the numbers of a run, None where it has none."""
+    return [_computed(row, recording) for row in _NUMBERS]
+
+
+def _computed(row: _Number, recording: Recording) -> float | None:
+    if not _has(recording, row.needs):
+        return None
+    try:
+        return get_metric(row.metric).compute(recording, **row.options)
+    except BagError:
+        return None
+
+
 def _has(recording: Recording, needs: str) -> bool:
     return not needs or getattr(recording, needs) is not None
 
@@ -116,9 +130,5 @@ def _title(row: _Number, recordings: Sequence[Recording]) -> str:
 
 
 def _value(row: _Number, recording: Recording) -> str:
-    if not _has(recording, row.needs):
-        return MISSING
-    try:
-        return number(get_metric(row.metric).compute(recording, **row.options))
-    except BagError:
-        return MISSING
+    value = _computed(row, recording)
+    return MISSING if value is None else number(value)
