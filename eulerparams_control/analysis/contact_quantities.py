@@ -120,7 +120,9 @@ MOTION_LOOP_ORIENTATION = Quantity(
 
 VECTORS = (
     VectorQuantity("f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f),
-    VectorQuantity("mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu),
+    VectorQuantity(
+        "mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu
+    ),
     VectorQuantity(
         "p_cd_d",
         "Displacement of the compliant frame, desired axes",
