@@ -8,6 +8,7 @@ import numpy as np
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
 from eulerparams_control.rotations import Array, EulerParameters, S, angle_between, mutual_R
+from eulerparams_control.stacked import quaternions, transposed, turn
 
 
 class AngleAxisDisplacement(NamedTuple):
@@ -41,6 +42,14 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
         eta, eps = mutual_R(R_e, R_d)
         Q = R_d @ R_e.T
         return AngleAxisDisplacement(2 * eta * (R_e @ eps), Q, _L(Q))
+
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: AngleAxisDisplacement | None = None
+    ) -> AngleAxisDisplacement:
+        """Return o_de (N, 3), Q and L (N, 3, 3)."""
+        eta, eps = quaternions(transposed(R_e) @ R_d)
+        Q = R_d @ transposed(R_e)
+        return AngleAxisDisplacement(2 * np.expand_dims(eta, 1) * turn(R_e, eps), Q, _L(Q))
 
     def resolved_velocity(
         self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float
@@ -87,7 +96,8 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = 2 eta eps."""
-        return 2 * Q_cd.eta**2 * float(Q_cd.eps @ K_o @ Q_cd.eps)
+        energy: float = 2 * Q_cd.eta**2 * np.vecdot(Q_cd.eps, Q_cd.eps @ K_o)
+        return energy
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""
@@ -96,8 +106,9 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
 
 
 def _L(Q: Array) -> Array:
-    """Return (tr(Q) I - Q') / 2 (3, 3), linear in Q."""
-    L: Array = (np.trace(Q) * np.eye(3) - Q.T) / 2
+    """Return (tr(Q) I - Q') / 2 (..., 3, 3), linear in Q (..., 3, 3)."""
+    trace = np.trace(Q, axis1=-2, axis2=-1)
+    L: Array = (trace[..., None, None] * np.eye(3) - transposed(Q)) / 2
     return L
 
 

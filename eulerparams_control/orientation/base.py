@@ -17,6 +17,7 @@ from eulerparams_control.impedance import Impedance
 from eulerparams_control.orientation.sequences import EulerSequence
 from eulerparams_control.orientation.sign import SignRule
 from eulerparams_control.rotations import Array
+from eulerparams_control.stacked import stack
 
 
 class Displacement(Protocol):
@@ -31,7 +32,7 @@ class Lyapunov(NamedTuple):
     """A Lyapunov function of the orientation error along the closed loop.
 
     Attributes:
-        V: its value.
+        V: its value; (N,) of N displacements at once.
         dV: its time derivative [1/s] as the paper gives it.
     """
 
@@ -98,6 +99,21 @@ class OrientationRepresentation(ABC):
             previous: the displacement of the sample before, or None at the first; what
                 is not unique (a sign, an angle at the pole) follows from it.
         """
+
+    def displacements(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
+        """Return the displacements of N successive samples as one, its fields stacked.
+
+        For recorded runs; this does one after the other, which any representation may do faster.
+
+        Args:
+            R_d, R_e: (N, 3, 3) orientations, N > 0.
+            previous: the displacement of the sample before, or None.
+        """
+        samples = []
+        for R_d_t, R_e_t in zip(R_d, R_e, strict=True):
+            previous = self.displacement(R_d_t, R_e_t, previous)
+            samples.append(previous)
+        return stack(samples)
 
     @abstractmethod
     def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:

@@ -43,6 +43,15 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         phi_e = extract(R_e, None if previous is None else previous.phi_e)
         return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
 
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: EulerAnglesDisplacement | None = None
+    ) -> EulerAnglesDisplacement:
+        """Return phi_d, phi_e and phi_d - phi_e, each (N, 3), eq. (22)."""
+        extracts = self.options.sequence.extracts
+        phi_d = extracts(R_d, None if previous is None else previous.phi_d)
+        phi_e = extracts(R_e, None if previous is None else previous.phi_e)
+        return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
+
     def resolved_velocity(
         self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float
     ) -> Array:

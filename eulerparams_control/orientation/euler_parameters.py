@@ -3,9 +3,12 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eulerparams_control.orientation.base import Lyapunov
 from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
 from eulerparams_control.rotations import Array, EulerParameters, cross
+from eulerparams_control.stacked import turn
 
 
 class QuaternionDisplacement(NamedTuple):
@@ -37,6 +40,13 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
 
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
+    ) -> QuaternionDisplacement:
+        """Return {eta_de (N,), eps_de_e (N, 3)} and eps_de (N, 3), eq. (27)."""
+        Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
+        return QuaternionDisplacement(Q_de, turn(R_e, Q_de.eps))
+
     def resolved_velocity(
         self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float
     ) -> Array:
@@ -57,7 +67,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
-        eps_2 = float(x_de.eps_de @ x_de.eps_de)
+        eps_2 = np.vecdot(x_de.eps_de, x_de.eps_de)
         return Lyapunov((x_de.Q_de.eta - 1) ** 2 + eps_2, -k_Po * eps_2)
 
     def lyapunov_2(
@@ -67,7 +77,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
         V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2 = -k_Vo omega_de' omega_de.
         """
-        omega_2 = float(omega_de @ omega_de)
+        omega_2 = np.vecdot(omega_de, omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
@@ -77,7 +87,8 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return 2 eps' K_o eps, of eq. (68)."""
-        return 2 * float(Q_cd.eps @ K_o @ Q_cd.eps)
+        energy: float = 2 * np.vecdot(Q_cd.eps, Q_cd.eps @ K_o)
+        return energy
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return inf: there is no singularity."""

@@ -8,6 +8,7 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.impedance import Impedance
 from eulerparams_control.orientation.base import CompliantRotation, OrientationRepresentation
 from eulerparams_control.rotations import Array, cross
+from eulerparams_control.stacked import transposed
 
 
 class RelativeEulerAnglesDisplacement(NamedTuple):
@@ -41,6 +42,15 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
         sequence = self.options.sequence
         phi_de = sequence.extract(R_e.T @ R_d, None if previous is None else previous.phi_de)
         return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.T(phi_de))
+
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
+    ) -> RelativeEulerAnglesDisplacement:
+        """Return phi_de (N, 3) of R_e' R_d, R_e and T_e (N, 3, 3)."""
+        sequence = self.options.sequence
+        R_de = transposed(R_e) @ R_d
+        phi_de = sequence.extracts(R_de, None if previous is None else previous.phi_de)
+        return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.Ts(phi_de))
 
     def resolved_velocity(
         self, x_de: RelativeEulerAnglesDisplacement, omega_d: Array, k_Po: float

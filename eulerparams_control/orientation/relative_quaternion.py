@@ -17,6 +17,7 @@ from eulerparams_control.orientation.base import (
     OrientationRepresentation,
 )
 from eulerparams_control.rotations import Array, EulerParameters, cross
+from eulerparams_control.stacked import quaternions
 
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):
@@ -79,5 +80,6 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
         Eqs. (68), (69), the latter with the power of the contact moment.
         """
-        energy = self.elastic_energy(EulerParameters.from_R(R_cd), Z.K)
-        return Lyapunov(float(x @ Z.M @ x) / 2 + energy, float(mu_d @ x - x @ Z.D @ x))
+        energy = self.elastic_energy(quaternions(R_cd), Z.K)
+        kinetic = np.vecdot(x, x @ Z.M) / 2
+        return Lyapunov(kinetic + energy, np.vecdot(mu_d, x) - np.vecdot(x @ Z.D, x))

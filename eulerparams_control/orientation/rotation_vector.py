@@ -13,6 +13,7 @@ from eulerparams_control.rotations import (
     right_jacobian,
     rotation_vector,
 )
+from eulerparams_control.stacked import rotation_vectors, turn
 
 
 class RotationVectorDisplacement(NamedTuple):
@@ -44,6 +45,13 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
         Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return RotationVectorDisplacement(Q_de, R_e @ rotation_vector(Q_de))
 
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None
+    ) -> RotationVectorDisplacement:
+        """Return the quaternions and theta r (N, 3) of R_e' R_d, in the base frame."""
+        Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
+        return RotationVectorDisplacement(Q_de, turn(R_e, rotation_vectors(Q_de)))
+
     def resolved_velocity(
         self, x_de: RotationVectorDisplacement, omega_d: Array, k_Po: float
     ) -> Array:
@@ -69,8 +77,9 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = theta r."""
-        o = rotation_vector(_short(Q_cd))
-        return float(o @ K_o @ o) / 2
+        o = rotation_vectors(Q_cd)  # of eta_cd >= 0
+        energy: float = np.vecdot(o, o @ K_o) / 2
+        return energy
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.rotations import Array, R_axis, cross
+from eulerparams_control.stacked import exps
 
 SEQUENCES = (
     *("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
@@ -137,6 +138,44 @@ class EulerSequence:
             return math.atan2(R[j][i], -s * R[l][i]), math.atan2(sine, R[i][i]), sine
         sine = math.hypot(R[i][i], R[i][j])
         return math.atan2(-s * R[j][k], R[k][k]), math.atan2(s * R[i][k], sine), sine
+
+    def Ts(self, phi: Array) -> Array:
+        """Return T(phi) (N, 3, 3) of N angles phi (N, 3), eq. (3)."""
+        i, j, k = self.axes
+        R_i = exps(np.outer(phi[:, 0], np.eye(3)[i]))
+        T = np.zeros((len(phi), 3, 3))
+        T[:, i, 0] = 1.0
+        T[:, :, 1] = R_i[:, :, j]
+        T[:, :, 2] = (R_i @ exps(np.outer(phi[:, 1], np.eye(3)[j])))[:, :, k]
+        return T
+
+    def extracts(self, R: Array, previous: Array | None = None) -> Array:
+        """Return phi (N, 3) [rad] of N successive rotation matrices: see :meth:`extract`."""
+        i, j, _ = self.axes
+        s, l = self._s_and_l
+        alpha, beta, sine = self._alpha_betas(R)
+        v = np.cos(alpha)[:, None] * R[:, j] + s * np.sin(alpha)[:, None] * R[:, l]
+        y = -s * v[:, l] if self.is_proper else s * v[:, i]
+        phi = np.stack([alpha, beta, np.arctan2(y, v[:, j])], axis=1)
+        for index in np.flatnonzero(sine == 0).tolist():  # at the pole gamma is kept
+            phi[index] = self.extract(R[index], phi[index - 1] if index else previous)
+        return phi
+
+    def _alpha_betas(self, R: Array) -> tuple[Array, Array, Array]:
+        """Return alpha, beta and the sine of the distance to the pole, each (N,)."""
+        i, j, k = self.axes
+        s, l = self._s_and_l
+        if self.is_proper:
+            sine = np.hypot(R[:, i, j], R[:, i, l])
+            beta = np.arctan2(sine, R[:, i, i])
+            return np.arctan2(R[:, j, i], -s * R[:, l, i]), beta, sine
+        sine = np.hypot(R[:, i, i], R[:, i, j])
+        return np.arctan2(-s * R[:, j, k], R[:, k, k]), np.arctan2(s * R[:, i, k], sine), sine
+
+    def pole_distances(self, R: Array) -> Array:
+        """Return the angle (N,) [rad] from R (N, 3, 3) to the nearest singularity of T."""
+        distances: Array = np.arcsin(np.minimum(1.0, self._alpha_betas(R)[2]))
+        return distances
 
     def pole_distance(self, R: Array) -> float:
         """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest singularity of T."""

@@ -13,8 +13,11 @@ that a small error can then look like a turn of almost 360 deg.
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.rotations import Array, EulerParameters, mutual, mutual_R
+from eulerparams_control.stacked import quaternions, stack, transposed
 
 SIGNS = ("shortest", "hysteretic", "continuous")
 SEPARATE = "separate"
@@ -60,6 +63,34 @@ class SignRule:
         if self.name == SEPARATE:
             return mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
         return self.choose(mutual_R(R_e, R_d), previous)
+
+    def mutuals(
+        self, R_e: Array, R_d: Array, previous: EulerParameters | None
+    ) -> EulerParameters:
+        """Return eta_de (N,), eps_de_e (N, 3) of N successive samples: see :meth:`mutual`."""
+        if self.name == SEPARATE:
+            pairs = zip(R_e, R_d, strict=True)
+            return stack([self.mutual(R_e_t, R_d_t, None) for R_e_t, R_d_t in pairs])
+        Q = quaternions(transposed(R_e) @ R_d)
+        signs = self._signs(np.column_stack([Q.eta, Q.eps]), previous)
+        return EulerParameters(signs * Q.eta, signs[:, None] * Q.eps)  # type: ignore[arg-type]
+
+    def _signs(self, Q: Array, previous: EulerParameters | None) -> Array:
+        """Return the sign (N,) that each of the quaternions Q (N, 4), eta >= 0, gets."""
+        if self.name == "shortest":
+            return np.ones(len(Q))
+        first = self.choose(EulerParameters(Q[0, 0], Q[0, 1:]), previous)
+        begin = 1.0 if first.eta * Q[0, 0] + first.eps @ Q[0, 1:] > 0 else -1.0
+        follows = np.where(np.vecdot(Q[1:], Q[:-1]) < 0, -1.0, 1.0)
+        signs = np.cumprod(np.concatenate(([begin], follows)))
+        at = 0
+        while self.name == "hysteretic":
+            beyond = np.flatnonzero(signs[at:] * Q[at:, 0] < -self.delta)
+            if not len(beyond):
+                break
+            at += int(beyond[0])
+            signs[at:] *= -1
+        return signs
 
     def choose(self, Q: EulerParameters, previous: EulerParameters | None) -> EulerParameters:
         """Return Q or -Q, given what was returned for the sample before (None: eta >= 0)."""
