@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.rotations import (
@@ -26,6 +27,7 @@ from eulerparams_control.rotations import (
     log,
     right_jacobian,
 )
+from eulerparams_control.stacked import body_rates_of, exps, turn
 
 # Points of one trajectory: more would be a message of megabytes.
 MAX_POINTS = 20000
@@ -138,6 +140,16 @@ class _Segment:
         omega, domega = body_rates(x, drow[3:], ddrow[3:])  # in the desired frame
         return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
 
+    def samples(self, t: Array) -> DesiredFrame:
+        """Return the frames at the times t (M,) [s] as one, its fields stacked."""
+        rows, drows, ddrows = np.moveaxis(_powers_of(t) @ self.coefficients, 1, 0)
+        x = rows[:, 3:]
+        R_d = self.R_0 @ exps(x)
+        omega, domega = body_rates_of(x, drows[:, 3:], ddrows[:, 3:])
+        return DesiredFrame(
+            rows[:, :3], R_d, drows[:, :3], turn(R_d, omega), ddrows[:, :3], turn(R_d, domega)
+        )
+
 
 def _rotation_vector_at_end(
     start: DesiredFrame, end: DesiredFrame
@@ -184,6 +196,27 @@ def _powers(t: float) -> Array:
     )
 
 
+def _powers_of(t: Array) -> Array:
+    """Return the matrices (M, 3, 6) of ``_powers`` for t (M,)."""
+    powers = np.zeros((len(t), 3, 6))
+    for n in range(6):
+        powers[:, 0, n] = t**n
+        powers[:, 1, n] = n * t ** max(n - 1, 0)
+        powers[:, 2, n] = n * (n - 1) * t ** max(n - 2, 0)
+    return powers
+
+
+def _repeated(frame: DesiredFrame, count: int) -> DesiredFrame:
+    """Return a frame ``count`` times, its fields stacked."""
+    return DesiredFrame(*(np.repeat(value[None], count, axis=0) for value in frame))
+
+
+def _write(frames: DesiredFrame, here: NDArray[np.bool_], part: DesiredFrame) -> None:
+    """Put some frames into others, both stacked."""
+    for field, values in zip(frames, part, strict=True):
+        field[here] = values
+
+
 class Trajectory:
     """A motion through frames at given times; it holds the last one afterwards.
 
@@ -225,6 +258,22 @@ class Trajectory:
         if index not in self._segments:
             self._segments = {index: self._segment(index)}
         return self._segments[index].sample(t - self.times[index])
+
+    def samples(self, t: Array) -> DesiredFrame:
+        """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
+        found = _repeated(self.frames[0].at_rest(), len(t))
+        last = len(self.times) - 1
+        at = np.searchsorted(self.times, t, side="right") - 1
+        for index in np.unique(at[at >= 0]).tolist():
+            here = at == index
+            if index < last:
+                part = self._segment(index).samples(t[here] - self.times[index])
+            else:
+                part = _repeated(self.frames[-1].at_rest(), int(here.sum()))
+            _write(found, here, part)
+        end = t == self.times[-1]
+        _write(found, end, _repeated(self.frames[-1], int(end.sum())))
+        return found
 
     def _segment(self, index: int) -> _Segment:
         duration = self.times[index + 1] - self.times[index]

@@ -196,6 +196,28 @@ class Robot:
         v_e = J @ dq  # eq. (20)
         return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
 
+    def states(self, q: Array, dq: Array) -> RobotState:
+        """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked.
+
+        Raises:
+            RobotError: if q or dq has not n columns.
+        """
+        if q.shape != dq.shape or q.shape != (len(q), self.n):
+            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
+        p_e, R_e = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+        J = np.empty((len(q), 6, self.n))
+        model, data, tip, placement = self._model, self._data, self._tip, self._placement
+        for k, q_k in enumerate(q):
+            configuration = self._configuration(q_k)
+            J_k = pin.computeFrameJacobian(model, data, configuration, tip, _REFERENCE)
+            J[k] = J_k.reshape(6, self.n)
+            p_e[k], R_e[k] = placement.translation, placement.rotation
+        if not self._base_is_root:
+            p_e, R_e = (p_e - self._p_base) @ self._R_base, self._R_base.T @ R_e
+            J = np.concatenate([self._R_base.T @ J[:, :3], self._R_base.T @ J[:, 3:]], axis=1)
+        v_e = np.einsum("kij,kj->ki", J, dq)  # eq. (20)
+        return RobotState(q, dq, p_e, R_e, v_e[:, :3], v_e[:, 3:], J)
+
     def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
         """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
 

@@ -14,6 +14,8 @@ from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main
@@ -264,9 +266,8 @@ def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None
     began = 5 * PERIOD_NS
     run = Recording.load(write_run(tmp_path / "run", [0.0] * 30, lasting=0.1, began=began))
     for index, along in ((4, 0.0), (5, 0.0), (10, 0.5), (15, 1.0), (29, 1.0)):
-        frame = run.measured.desired[index]
-        assert frame is not None
-        assert frame.p_d == pytest.approx([1.0, 0.0, along * DISTANCE], abs=1e-12)
+        expected = [1.0, 0.0, along * DISTANCE]
+        assert run.measured.desired.p[index] == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(("published", "known"), [(True, 4), (False, 1)])
@@ -410,9 +411,10 @@ def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers() 
     frame = DesiredFrame(state.p_e, exp(np.array([0.1, 0.0, 0.0])) @ state.R_e)
     wild = np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]) * np.finfo(float).max  # parallel axes
     motion = Series(robot, np.arange(3.0), np.array([home] * 3), np.array([still, wild, wild]),
-                    [frame] * 3)  # fmt: skip
+                    Frames.of([frame] * 3))  # fmt: skip
     assert np.isfinite(motion.omega_e).all(axis=1).tolist() == [True, False, False]
-    V = lyapunov_series(motion, {"/dynamic_control": GAINS})
+    parameters = {"/dynamic_control": GAINS}
+    V = lyapunov_series(Recording(Path(), robot, motion, None, None, parameters, ""))
     assert V.V[0] == pytest.approx(100.0 * 2 * (1 - math.cos(0.05)))
     assert V.V[1:].tolist() == [math.inf, math.inf]
     assert V.dV[1:].tolist() == [-math.inf, -math.inf]
@@ -460,14 +462,14 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> N
         fill("{servo_lag.fare}", runs)
     with pytest.raises(UnknownNameError, match="unknown metric 'lag'"):
         fill("{lag.far}", runs)
-    assert describe(list(runs.values())) == (
+    assert describe(list(map(Digest.of, runs.values()))) == (
         "Largest orientation error: 5.73 deg (near), 28.6 deg (far)."
     )
 
 
 def test_runs_with_nothing_desired_are_described_by_their_speed(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False)
-    assert describe([Recording.load(folder, tip_frame="tip")]) == (
+    assert describe([Digest.of(Recording.load(folder, tip_frame="tip"))]) == (
         "Largest joint speed: 2.00 rad/s (run)."
     )
 

@@ -17,6 +17,7 @@ from synthetic_runs import write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, STEP
 
 from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.metrics.contact import desired_rotations
@@ -179,12 +180,12 @@ def test_a_number_of_the_contact_is_what_it_is_by_hand(
 def test_an_axis_can_be_that_of_the_desired_frame(tmp_path: Path) -> None:
     run = loaded(tmp_path, measured=[0.0] * 5, wrenches=WRENCHES)
     turned = DesiredFrame(P_D, R_angle_axis(math.pi / 2, np.array([1.0, 0.0, 0.0])))  # y is z
-    run = replace(run, measured=replace(run.measured, desired=[turned] * 5))
+    run = replace(run, measured=replace(run.measured, desired=Frames.of([turned] * 5)))
     assert measure("final_force", run, axis=[0, 1, 0], frame="desired") == pytest.approx(4.5)
     assert measure("final_force", run, axis=[0, 0, 1], frame="desired") == pytest.approx(2.0)
     assert measure("final_moment", run, axis=[0, 1, 0], frame="desired") == pytest.approx(7.0)
     assert measure("peak_force", run, frame="desired") == pytest.approx(5.0)
-    nothing = replace(run, measured=replace(run.measured, desired=[None] * 5))
+    nothing = replace(run, measured=replace(run.measured, desired=Frames.of([None] * 5)))
     with pytest.raises(BagError, match="no desired frame"):
         measure("final_force", nothing, frame="desired")
 
@@ -255,7 +256,7 @@ def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves() -> None:
         P_D + [0.0, 0.5, 0.1], R_d @ exp(np.array([0.3, 0.0, 0.0])), np.zeros(3),
         np.array([0.0, 1.0, 5.0]),
     )  # fmt: skip
-    motion = CompliantMotion(np.zeros(2), (c, c), [d, None])
+    motion = CompliantMotion(np.zeros(2), Frames.of([c, c]), Frames.of([d, None]))
     np.testing.assert_allclose(motion.p_cd_d[0], [0.5, 0.0, 0.1], atol=ALGEBRAIC)
     np.testing.assert_allclose(motion.rho_cd_d[0], [0.3, 0.0, 0.0], atol=ALGEBRAIC)
     np.testing.assert_allclose(motion.x[0], [1.0, 0.0, 3.0], atol=ALGEBRAIC)
@@ -417,7 +418,9 @@ def derivative(of: Callable[[float], Array], t: float) -> Array:
 
 
 def motion(t: float) -> CompliantMotion:
-    return CompliantMotion(np.array([t]), (COMPLIANT.sample(t),), [DESIRED.sample(t)])
+    return CompliantMotion(
+        np.array([t]), Frames.of([COMPLIANT.sample(t)]), Frames.of([DESIRED.sample(t)])
+    )
 
 
 @pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
@@ -455,7 +458,7 @@ def test_the_translational_equation_leaves_nothing_in_either_frame(t: float, fra
 
 
 def test_residuals_are_not_known_without_a_desired_frame() -> None:
-    alone = replace(motion(0.5), desired=[None])
+    alone = replace(motion(0.5), desired=Frames.of([None]))
     assert np.isnan(rotational_residual(alone, np.zeros((1, 3)), Z)).all()
     assert np.isnan(translational_residual(alone, np.zeros((1, 3)), Z, "base")).all()
 
@@ -496,7 +499,7 @@ def test_what_is_about_the_desired_frame_turns_with_it(tmp_path: Path) -> None:
         tmp_path, measured=[0.0], compliant=[frame], wrenches=[balance], parameters=told, node=NODE
     )
     assert run.compliant is not None
-    run = replace(run, compliant=replace(run.compliant, desired=[desired]))
+    run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
     assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.poles import Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import JOINT_QUANTITIES, QUANTITIES
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.series import Frames
 from eulerparams_control.orientation import EulerSequence
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
@@ -165,8 +166,6 @@ def _track(recording: Recording) -> Track:
     )
 
 
-def _poses(frames: Frames, chosen: Array) -> tuple[Array, Array]:
-    some = [frames[i] for i in chosen.tolist()]
-    p = np.array([np.full(3, np.nan) if d is None else d.p_d for d in some])
-    R = np.array([np.full((3, 3), np.nan) if d is None else d.R_d for d in some])
-    return p, R
+def _poses(frames: Frames, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+    some = frames.take(chosen)
+    return some.p, some.R

@@ -1,55 +1,73 @@
 """The plots of runs over time, laid over each other."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
+import numpy as np
 
 from eulerparams_control.analysis.contact_quantities import VECTORS
-from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.grids import joint_panel, vector_panel
-from eulerparams_control.analysis.labels import colour, sequences
+from eulerparams_control.analysis.labels import colour, labels, sequences
 from eulerparams_control.analysis.plots import (
-    GREY,
+    Drawing,
+    Figure,
     Panel,
-    Runs,
-    draw_limits,
-    finish,
-    present,
-    trace,
+    layout,
+    limit_lines,
+    limits_of,
+    predicted,
+    reached,
+    time_range,
+    traces,
 )
-from eulerparams_control.analysis.poles import NEAR, Approach, approach, near_pole
 from eulerparams_control.analysis.quantities import (
     JOINT_QUANTITIES,
     ORIENTATION_ERROR,
     POLE_DISTANCE,
     QUANTITIES,
 )
-from eulerparams_control.analysis.quantity import JointQuantity, Quantity, VectorQuantity
-from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.scale import axis
-from eulerparams_control.analysis.text import number
+from eulerparams_control.analysis.quantity import (
+    JointQuantity,
+    Prediction,
+    Quantity,
+    VectorQuantity,
+)
+from eulerparams_control.analysis.scale import axis, signed_axis
+from eulerparams_control.analysis.shades import (
+    approach_lines,
+    approach_notes,
+    bands,
+    closest,
+    top_margin,
+)
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.rotations import Array
 
-_POINTS = 150_000  # of the whole page, which keeps it below 8 MB
+_POINTS = 600_000  # of the whole page, which keeps them below 7 MB
 _MOST_BINS = 700  # of a line: more than a screen has pixels for
-_SHADE = "rgba(204, 121, 167, 0.20)"
+
+type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 
 
 class Panels(NamedTuple):
     """The plots of the page.
 
     Attributes:
-        over_time: of the runs, the one that matters first.
-        vectors: of contact and compliance, by component.
-        joints: of each joint.
+        first: the picture that matters.
+        groups: the others by the heading they are under, in order.
     """
 
-    over_time: list[Panel]
-    vectors: list[Panel]
-    joints: list[Panel]
+    first: Panel
+    groups: dict[str, list[Panel]]
+
+    @property
+    def figures(self) -> list[Figure]:
+        """All plots in the order of the page."""
+        others = [panel for panels in self.groups.values() for panel in panels]
+        return [figure for panel in (self.first, *others) for figure in panel.figures]
 
 
 def picture(name: str) -> Quantity:
@@ -60,94 +78,120 @@ def picture(name: str) -> Quantity:
     return names[name]
 
 
-def panels(recordings: Sequence[Recording], first: Quantity = ORIENTATION_ERROR) -> Panels:
-    """Return the plots of the page, ``first`` first; those without data left out."""
-    ordered = dict.fromkeys((first, *QUANTITIES))
-    over_time = {quantity: _runs(quantity, recordings) for quantity in ordered}
-    vectors = {quantity: _runs(quantity, recordings) for quantity in VECTORS}
-    joints = {quantity: _runs(quantity, recordings) for quantity in JOINT_QUANTITIES}
-    bins = _bins([*over_time.values(), *vectors.values(), *joints.values()])
-    return Panels(
-        _drawn(_panel(q, recordings, runs, bins, q is first) for q, runs in over_time.items()),
-        _drawn(vector_panel(q, recordings, runs, bins) for q, runs in vectors.items()),
-        _drawn(joint_panel(q, recordings, runs, bins) for q, runs in joints.items()),
-    )
+def panels(
+    digests: Sequence[Digest],
+    first: Quantity = ORIENTATION_ERROR,
+    predictions: Sequence[Prediction] = (),
+) -> Panels:
+    """Return the plots of the page, ``first`` first; those without data left out.
+
+    Raises:
+        UnknownNameError: if a prediction is of no quantity.
+    """
+    quantities: list[AnyQuantity] = [*dict.fromkeys((first, *QUANTITIES)), *VECTORS]
+    quantities += JOINT_QUANTITIES
+    _check(predictions, quantities)
+    drawing = Drawing(digests, labels(digests), predictions, _bins(digests))
+    has_first = any(first.name in digest.curves for digest in digests)
+    drawn = list(_drawn(drawing, quantities, first if has_first else None))
+    if not has_first:
+        drawn[0] = _enlarged(drawn[0])
+    return Panels(drawn[0], _by_group(drawn[1:]))
 
 
-def _runs(
-    quantity: Quantity | VectorQuantity | JointQuantity, recordings: Sequence[Recording]
-) -> Runs:
-    return [quantity.of(recording) for recording in recordings]
+def _check(predictions: Iterable[Prediction], quantities: Sequence[AnyQuantity]) -> None:
+    names = {quantity.name: quantity for quantity in quantities}
+    for prediction in predictions:
+        if prediction.quantity not in names:
+            raise UnknownNameError("quantity", prediction.quantity, names)
 
 
-def _drawn(drawn: Iterator[Panel | None]) -> list[Panel]:
-    return [panel for panel in drawn if panel is not None]
-
-
-def _bins(quantities: Sequence[Runs]) -> int:
+def _bins(digests: Sequence[Digest]) -> int:
     """Return the number of bins of a line with which the page does not grow too large."""
-    shapes = [y.shape for runs in quantities for t, y in runs if len(t)]
-    lines = sum(math.prod(shape[1:]) for shape in shapes)
+    lines = sum(len(curves) for digest in digests for curves in digest.curves.values())
     return max(20, min(_MOST_BINS, _POINTS // (4 * max(1, lines))))
 
 
-def _panel(
-    quantity: Quantity, recordings: Sequence[Recording], runs: Runs, bins: int, is_first: bool
-) -> Panel | None:
-    if not any(len(t) for t, _ in runs):
+def _drawn(
+    drawing: Drawing, quantities: Sequence[AnyQuantity], first: Quantity | None
+) -> Iterator[Panel]:
+    for quantity in quantities:
+        panel: Panel | None
+        if isinstance(quantity, Quantity):
+            group = getattr(quantity, "group", "") or "Over time"
+            panel = _panel(quantity, drawing, group, quantity is first)
+        elif isinstance(quantity, JointQuantity):
+            group = getattr(quantity, "group", "") or "Each joint"
+            panel = joint_panel(quantity, drawing, group)
+        else:
+            group = getattr(quantity, "group", "") or "Components"
+            panel = vector_panel(quantity, drawing, group)
+        if panel is not None:
+            yield panel
+
+
+def _by_group(drawn: Sequence[Panel]) -> dict[str, list[Panel]]:
+    order = list(dict.fromkeys(panel.group for panel in drawn))
+    ordered = sorted(drawn, key=lambda panel: order.index(panel.group))
+    return {group: list(some) for group, some in groupby(ordered, key=lambda p: p.group)}
+
+
+def _panel(quantity: Quantity, drawing: Drawing, group: str, is_first: bool) -> Panel | None:
+    digests, name = drawing.digests, quantity.name
+    lines = {i: d.curves[name][0] for i, d in enumerate(digests) if name in d.curves}
+    if not lines:
         return None
-    figure = go.Figure()
-    for index, (t, y) in enumerate(runs):
-        if len(t):
-            figure.add_trace(trace(recordings, index, *decimate(t, y, bins), quantity.unit))
-    label = quantity.label.format(sequence=sequences(recordings))
-    values = [y for _, y in runs]
+    approaches = closest(digests)
+    shapes = [*bands(digests), *approach_lines(approaches)]
+    values = _values(quantity, drawing, lines)
     if quantity.limits is not None:
-        limits = present(quantity.limits, recordings, runs)
-        values += draw_limits(figure, limits, values)
-    figure.update_yaxes(title=label, title_standoff=14, **_y_axis(quantity, values))
-    _mark_poles(figure, recordings, is_first)
+        limits = limits_of(quantity.limits, digests, list(lines))
+        shapes += limit_lines(limits)
+        values += reached(limits, values)
+    data = traces(drawing, lines, quantity.unit) + predicted(drawing, name, quantity.unit)
     if quantity is POLE_DISTANCE:
-        figure.add_traces(list(_markers(recordings)))
-    finish(figure, recordings)
-    if not is_first:
-        return Panel(quantity.title, quantity.caption, figure, 300)
-    figure.update_layout(showlegend=len(recordings) > 1)
-    return Panel(quantity.title, quantity.caption, figure, 420)
+        data += _markers(digests)
+    label = quantity.label.format(sequence=sequences(digests))
+    look = layout(digests, _y_axis(quantity, values), label, shapes)
+    if is_first:
+        look["annotations"] = list(approach_notes(approaches, *time_range(digests)))
+        look["margin"]["t"] = top_margin(approaches)
+    texts = [prediction.text for prediction in drawing.of(name)]
+    figure = Figure("", data, look, 420 if is_first else 300)
+    return Panel(name, group, quantity.title, quantity.caption, [figure], texts)
+
+
+def _enlarged(panel: Panel) -> Panel:
+    """Return a panel that stands in for the first one."""
+    return panel._replace(figures=[figure._replace(height=420) for figure in panel.figures])
+
+
+def _values(quantity: Quantity, drawing: Drawing, lines: dict[int, Curve]) -> list[Array]:
+    """Return what the axis has to show: the lines, and what is predicted."""
+    theory = [prediction.y for prediction in drawing.of(quantity.name)]
+    return [curve.y for curve in lines.values()] + theory
 
 
 def _y_axis(quantity: Quantity, runs: Sequence[Array]) -> dict[str, Any]:
+    if any((run[np.isfinite(run)] < -quantity.floor).any() for run in runs):
+        return signed_axis(runs, quantity.floor)
     if quantity.floor:
         return axis(runs, quantity.floor, logarithmic=quantity.logarithmic)
     return {"type": "linear", "rangemode": "tozero"}
 
 
-def _mark_poles(figure: go.Figure, recordings: Sequence[Recording], in_words: bool) -> None:
-    """Shade the time near the pole, mark the closest approach, and say what it is."""
-    for start, end in near_pole(recordings):
-        figure.add_vrect(start, end, fillcolor=_SHADE, line_width=0, layer="below")
-    closest = min(map(approach, recordings), key=lambda a: a.distance)
-    if closest.distance < NEAR:
-        text = _approach_text(closest) if in_words else ""
-        figure.add_vline(closest.t, line={"color": GREY, "width": 1, "dash": "dot"})
-        place = {"x": closest.t, "y": 1, "yref": "paper", "yanchor": "bottom"}
-        figure.add_annotation(text=text, showarrow=False, **place)
-
-
-def _approach_text(closest: Approach) -> str:
-    degrees = number(math.degrees(closest.distance))
-    return f"{degrees} deg from the pole of {closest.sequence}, at {closest.t:.3f} s"
-
-
-def _markers(recordings: Sequence[Recording]) -> Iterator[go.Scatter]:
-    for index, recording in enumerate(recordings):
-        closest = approach(recording)
-        yield go.Scatter(
-            x=[closest.t],
-            y=[math.degrees(closest.distance)],
-            mode="markers",
-            marker={"color": colour(index), "size": 8, "symbol": "diamond"},
-            legendgroup=str(index),
-            showlegend=False,
-            hoverinfo="skip",
-        )
+def _markers(digests: Sequence[Digest]) -> list[dict[str, Any]]:
+    """Return the closest approach of each run to its pole, as a point on its line."""
+    return [
+        {
+            "type": "scatter",
+            "x": [digest.approach.t],
+            "y": [math.degrees(digest.approach.distance)],
+            "mode": "markers",
+            "marker": {"color": colour(index), "size": 8, "symbol": "diamond"},
+            "legendgroup": str(index),
+            "hoverinfo": "skip",
+        }
+        for index, digest in enumerate(digests)
+        if math.isfinite(digest.approach.distance)
+    ]

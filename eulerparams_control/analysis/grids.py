@@ -1,115 +1,120 @@
-"""Plots side by side, on equal axes: one for each joint, one for each component of a vector."""
+"""Small plots side by side, on equal axes: one for each joint, one for each component."""
 
-import math
 from collections.abc import Sequence
-from html import escape
 from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
-from eulerparams_control.analysis.decimation import decimate
-from eulerparams_control.analysis.plots import Panel, Runs, draw_limits, finish, present, trace
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.plots import (
+    Drawing,
+    Figure,
+    Lines,
+    Panel,
+    layout,
+    limit_lines,
+    limits_of,
+    predicted,
+    reached,
+    traces,
+)
 from eulerparams_control.analysis.quantity import JointQuantity, VectorQuantity
-from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.scale import axis, symmetric_axis
+from eulerparams_control.analysis.scale import axis, spans, symmetric_axis
+from eulerparams_control.analysis.shades import bands
 from eulerparams_control.rotations import Array
 
-_COLUMNS = 2  # of the joints
+_HEIGHT = 220  # [px]
+_AXES = ("x", "y", "z")
 
 
-def joint_panel(
-    quantity: JointQuantity, recordings: Sequence[Recording], runs: Runs, bins: int
-) -> Panel | None:
-    """Return a quantity of each joint, one plot a joint; None if there is none.
-
-    Args:
-        quantity: what it is.
-        recordings: the runs.
-        runs: the quantity of each run.
-        bins: of a line.
-    """
-    shown = [r for r, (t, _) in zip(recordings, runs, strict=True) if len(t)]
-    if not shown:
+def joint_panel(quantity: JointQuantity, drawing: Drawing, group: str) -> Panel | None:
+    """Return a quantity of each joint, one plot a joint; None if there is none."""
+    columns = _columns(quantity.name, drawing.digests)
+    if not columns:
         return None
-    titles = _joint_titles(shown)
-    figure = _grid(titles, _COLUMNS)
-    values = [y for _, y in runs if len(y)]
-    limits = present(quantity.limits, recordings, runs)
-    for joint in range(len(titles)):
-        where = {"row": joint // _COLUMNS + 1, "col": joint % _COLUMNS + 1}
-        _draw(figure, where, joint, quantity.unit, recordings, runs, bins)
+    shown = sorted({index for lines in columns for index in lines})
+    values = [lines[index].y for lines in columns for index in lines]
+    limits = limits_of(quantity.limits, drawing.digests, shown)
+    figures = []
+    for joint, (title, lines) in enumerate(
+        zip(_joint_titles([drawing.digests[i] for i in shown]), columns, strict=False)
+    ):
         own = [limit[joint : joint + 1] for limit in limits]
-        reached = draw_limits(figure, own, values, **where)
-        figure.update_yaxes(_equal_axis(values, reached, quantity.floor), **where)
-    return _panel(quantity, figure, recordings, math.ceil(len(titles) / _COLUMNS))
+        y_axis = _equal_axis(columns, reached(own, values), quantity.floor)
+        figures.append(_figure(title, joint, lines, quantity, drawing, y_axis, limit_lines(own)))
+    return _panel(quantity, drawing, group, figures)
 
 
-def vector_panel(
-    quantity: VectorQuantity, recordings: Sequence[Recording], runs: Runs, bins: int
-) -> Panel | None:
-    """Return the components of a vector, one plot each; None if there is none but rounding.
-
-    Args:
-        quantity: what it is.
-        recordings: the runs.
-        runs: the quantity of each run.
-        bins: of a line.
-    """
-    values = [y for _, y in runs if len(y)]
-    if not any((np.abs(y) > quantity.floor).any() for y in values):
+def vector_panel(quantity: VectorQuantity, drawing: Drawing, group: str) -> Panel | None:
+    """Return the components of a vector, one plot each; None if there is none but rounding."""
+    columns = _columns(quantity.name, drawing.digests)
+    values = [curve.y for lines in columns for curve in lines.values()]
+    if not any((np.abs(y[np.isfinite(y)]) > quantity.floor).any() for y in values):
         return None
-    figure = _grid(["x", "y", "z"], 3)
-    for component in range(3):
-        where = {"row": 1, "col": component + 1}
-        _draw(figure, where, component, quantity.unit, recordings, runs, bins)
-        figure.update_yaxes(symmetric_axis(values, quantity.floor), **where)
-    return _panel(quantity, figure, recordings, 1)
+    titles = [*getattr(quantity, "components", _AXES), *[""] * len(columns)]
+    centred = spans([[c.y for c in lines.values()] for lines in columns], quantity.floor)
+    y_axes = centred or [symmetric_axis(values, quantity.floor)] * len(columns)
+    figures = [
+        _figure(title, component, lines, quantity, drawing, y_axis)
+        for component, (title, lines, y_axis) in enumerate(
+            zip(titles, columns, y_axes, strict=False)
+        )
+    ]
+    return _panel(quantity, drawing, group, figures)
 
 
-def _grid(titles: Sequence[str], columns: int) -> go.Figure:
-    rows = math.ceil(len(titles) / columns)
-    gaps = {"vertical_spacing": 0.30 / rows, "horizontal_spacing": 0.2 / columns}
-    return make_subplots(rows, columns, subplot_titles=titles, **gaps)
+def _columns(name: str, digests: Sequence[Digest]) -> list[Lines]:
+    """Return the lines of each component, or joint."""
+    curves = {i: digest.curves[name] for i, digest in enumerate(digests) if name in digest.curves}
+    count = max(map(len, curves.values()), default=0)
+    return [
+        {index: run[column] for index, run in curves.items() if column < len(run)}
+        for column in range(count)
+    ]
+
+
+def _figure(
+    title: str,
+    column: int,
+    lines: Lines,
+    quantity: JointQuantity | VectorQuantity,
+    drawing: Drawing,
+    y_axis: dict[str, Any],
+    shapes: Sequence[dict[str, Any]] = (),
+) -> Figure:
+    data = traces(drawing, lines, quantity.unit)
+    data += predicted(drawing, quantity.name, quantity.unit, column)
+    marks = [*bands(drawing.digests), *shapes]
+    return Figure(title, data, layout(drawing.digests, y_axis, quantity.label, marks), _HEIGHT)
 
 
 def _panel(
-    quantity: JointQuantity | VectorQuantity,
-    figure: go.Figure,
-    recordings: Sequence[Recording],
-    rows: int,
+    quantity: JointQuantity | VectorQuantity, drawing: Drawing, group: str, figures: list[Figure]
 ) -> Panel:
-    figure.update_yaxes(title=quantity.label, title_standoff=14, col=1)
-    return Panel(quantity.title, quantity.caption, finish(figure, recordings), 210 * rows + 60)
+    texts = [prediction.text for prediction in drawing.of(quantity.name)]
+    return Panel(quantity.name, group, quantity.title, quantity.caption, figures, texts)
 
 
-def _draw(
-    figure: go.Figure,
-    where: dict[str, int],
-    column: int,
-    unit: str,
-    recordings: Sequence[Recording],
-    runs: Runs,
-    bins: int,
-) -> None:
-    """Draw one column of the values of each run that has it."""
-    for index, (t, y) in enumerate(runs):
-        if len(t) and column < y.shape[1]:
-            line = trace(recordings, index, *decimate(t, y[:, column], bins), unit)
-            figure.add_trace(line, **where)
-
-
-def _equal_axis(runs: Sequence[Array], reached: list[Array], floor: float) -> dict[str, Any]:
+def _equal_axis(columns: Sequence[Lines], reached: list[Array], floor: float) -> dict[str, Any]:
     """Return the axis of every joint: like that of the largest, down to the smallest if log."""
-    shown = axis([y.max(axis=1) for y in runs] + reached, floor, labels=4)
+    runs = sorted({index for lines in columns for index in lines})
+    every = [
+        np.concatenate([lines[index].y for lines in columns if index in lines]) for index in runs
+    ]
+    shown = axis([_largest(columns, index) for index in runs] + reached, floor, labels=4)
     if shown["type"] == "linear":
         return shown
-    return axis([y.ravel() for y in runs] + reached, floor, labels=4, logarithmic=True)
+    return axis(every + reached, floor, labels=4, logarithmic=True)
 
 
-def _joint_titles(recordings: Sequence[Recording]) -> list[str]:
+def _largest(columns: Sequence[Lines], run: int) -> Array:
+    """Return the values of that joint of a run which has the largest."""
+    values = [lines[run].y for lines in columns if run in lines]
+    return max(values, key=lambda y: float(y[np.isfinite(y)].max(initial=0.0)))
+
+
+def _joint_titles(digests: Sequence[Digest]) -> list[str]:
     """Return a title for each joint: its name, or its names where the robots differ."""
-    names = zip_longest(*(recording.robot.joints for recording in recordings), fillvalue="")
-    return [escape(" / ".join(filter(None, dict.fromkeys(joint)))) for joint in names]
+    names = zip_longest(*(digest.robot.joints for digest in digests), fillvalue="")
+    return [" / ".join(filter(None, dict.fromkeys(joint))) for joint in names]

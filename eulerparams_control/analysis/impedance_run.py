@@ -13,6 +13,7 @@ from eulerparams_control.analysis.impedances import centre_of_compliance, impeda
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.wrenches import Wrenches
 from eulerparams_control.rotations import Array
+from eulerparams_control.stacked import turn_back
 
 
 class ImpedanceRun(NamedTuple):
@@ -39,9 +40,7 @@ class ImpedanceRun(NamedTuple):
         return self._in_desired(self.mu)
 
     def _in_desired(self, vectors: Array) -> Array:
-        nowhere = np.full(3, np.nan)
-        pairs = zip(self.motion.desired, vectors, strict=True)
-        return np.array([nowhere if d is None else d.R_d.T @ v for d, v in pairs])
+        return turn_back(self.motion.desired.R, vectors)
 
 
 def impedance_run(

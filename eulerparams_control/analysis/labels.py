@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.orientation import EulerSequence
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Okabe and Ito's, which colour-blind people tell apart."""
@@ -12,9 +13,21 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 """Of the lines, once the colours are used up."""
 
 
-def labels(recordings: Sequence[Recording]) -> list[str]:
+class Run(Protocol):
+    """What a name needs of a run."""
+
+    @property
+    def path(self) -> Path:
+        """Of its bag."""
+
+    @property
+    def sequence(self) -> EulerSequence:
+        """Its Euler angles."""
+
+
+def labels(runs: Sequence[Run]) -> list[str]:
     """Return a name for each run: its folder, with as many parents as it takes to differ."""
-    paths = [recording.path.resolve() for recording in recordings]
+    paths = [run.path.resolve() for run in runs]
     depth = max((len(path.parts) for path in paths), default=1)
     for parts in range(1, depth + 1):
         names = [str(Path(*path.parts[-parts:])) for path in paths]
@@ -23,9 +36,9 @@ def labels(recordings: Sequence[Recording]) -> list[str]:
     return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice
 
 
-def sequences(recordings: Sequence[Recording]) -> str:
+def sequences(runs: Sequence[Run]) -> str:
     """Return the names of the Euler angles of some runs, most often one."""
-    return "/".join(sorted({recording.sequence.name for recording in recordings}))
+    return "/".join(sorted({run.sequence.name for run in runs}))
 
 
 def colour(index: int) -> str:
@@ -33,11 +46,15 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
+def dash(index: int) -> str:
+    """Return the dash of the lines of a run."""
+    return DASHES[index // len(COLOURS) % len(DASHES)]
+
+
 def line(index: int, count: int) -> dict[str, str | float]:
     """Return the look of the lines of a run among ``count``.
 
     The first is the widest: it shows beneath those that cover it.
     """
-    dash = DASHES[index // len(COLOURS) % len(DASHES)]
     width = 1.6 + 2.4 * (1 - (index + 1) / count)
-    return {"color": colour(index), "dash": dash, "width": round(width, 2)}
+    return {"color": colour(index), "dash": dash(index), "width": round(width, 2)}

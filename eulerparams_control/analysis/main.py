@@ -56,7 +56,7 @@ def _analyze(options: argparse.Namespace, console: Console) -> None:
     for table in tables:
         console.print(table)
     for recording in recordings:
-        if not any(frame is not None for frame in recording.leading.desired):
+        if not recording.leading.desired.known.any():
             _say(
                 console,
                 f"{recording.name}: no message of the topic reference: errors are not known; "

@@ -4,22 +4,27 @@ What comes from a bag is never trusted: text is escaped where it enters the page
 content security policy forbids the page to load anything.
 """
 
-import re
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Mapping, Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from plotly.offline import get_plotlyjs
 
-from eulerparams_control.analysis.figures import Panels, panels, picture
-from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.page_assets import SCRIPT, STYLE
-from eulerparams_control.analysis.page_tables import criteria, numbers, parameters, run_names
-from eulerparams_control.analysis.plots import Panel
+from eulerparams_control.analysis import table
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.figures import panels, picture
+from eulerparams_control.analysis.page_assets import script, style, viewer
+from eulerparams_control.analysis.page_sections import body, header
+from eulerparams_control.analysis.plots import Figure, time_range
+from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.replay import replay
 from eulerparams_control.analysis.sentence import describe
+from eulerparams_control.analysis.table import Row, rows
+from eulerparams_control.analysis.text import number
 from eulerparams_control.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -39,59 +44,57 @@ _PAGE = """<!DOCTYPE html>
 <style>{style}</style>
 </head>
 <body>
-<header>
-<h1>{sentence}</h1>
-{claim}
-{warnings}
-</header>
+{header}
 {body}
 <script type="application/json" id="figures">{figures}</script>
+<script type="application/json" id="replay-data">{replay}</script>
 <script>{plotly}</script>
+<script>{viewer}</script>
 <script>{script}</script>
 </body>
 </html>
 """
 
 
-_UNITS = "deg|mm/s|mm|rad/s|Nm/rad|Nm|N/m|N|1/s|s"
-_NUMBER = re.compile(rf"(\d\S*(?: (?:{_UNITS})\b)?)")
-
-
 def write_page(
     path: str | PathLike[str],
-    recordings: Sequence[Recording],
+    digests: Sequence[Digest | Recording],
     claim: str,
     sentence: str,
     verdicts: Sequence["Verdict"] = (),
     first: str = "orientation_error",
+    predictions: Sequence[Prediction] = (),
 ) -> None:
     """Write the page of some runs.
 
     Args:
         path: of the HTML file; its folder is made.
-        recordings: the runs, at least one.
+        digests: the runs, at least one.
         claim: what they are to show; "" if nothing.
         sentence: what they show, with numbers; "" describes them.
         verdicts: on the criteria; () if there are none.
         first: name of the quantity whose picture matters most.
+        predictions: of theory, drawn dashed in the plots of their quantities.
 
     Raises:
         UnknownNameError: if there is no such quantity.
         ConfigurationError: if the file cannot be written.
     """
-    drawn = panels(recordings, picture(first))
-    sentence = sentence or describe(recordings)
+    runs = [Digest.of(run) if isinstance(run, Recording) else run for run in digests]
+    drawn = panels(runs, picture(first), predictions)
+    replayed = replay(runs)
+    sentence = sentence or describe(runs)
     text = _PAGE.format(
         policy=_POLICY,
         title=escape(sentence),
-        style=STYLE,
-        sentence=_with_whole_numbers(sentence),
-        claim=_claim(claim, verdicts),
-        warnings="\n".join(_warnings(recordings)),
-        body=_body(drawn, recordings, verdicts),
-        figures=figures_json(drawn.over_time + drawn.vectors + drawn.joints),
+        style=style(),
+        header=header(runs, claim, sentence, verdicts),
+        body=body(runs, drawn, verdicts, _rows(digests, runs), replayed),
+        figures=figures_json(drawn.figures),
+        replay=as_json({**replayed.data, "range": time_range(runs)}),
         plotly=get_plotlyjs(),
-        script=SCRIPT,
+        viewer=viewer(),
+        script=script(),
     )
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -100,83 +103,28 @@ def write_page(
         raise ConfigurationError(f"cannot write the page {path}: {error.strerror}") from error
 
 
-def _with_whole_numbers(text: str) -> str:
-    """Return the text, escaped, with numbers and units that are not broken over two lines."""
-    words = map(escape, _NUMBER.split(text))  # every second one is a number
-    return "".join(
-        f'<span class="whole">{word}</span>' if index % 2 else word
-        for index, word in enumerate(words)
-    )
+def _rows(given: Sequence[Digest | Recording], runs: Sequence[Digest]) -> list[Row]:
+    """Return the numbers of the runs: a bridge until ``table.rows`` takes digests."""
+    try:
+        return rows(cast(Any, given))
+    except AttributeError:
+        columns = zip(*(run.numbers for run in runs), strict=True)
+        return [
+            Row(table._title(row, cast(Any, runs)), [_text(value) for value in values])
+            for row, values in zip(table._NUMBERS, columns, strict=True)
+            if any(value is not None for value in values)
+        ]
 
 
-def _claim(claim: str, verdicts: Sequence["Verdict"]) -> str:
-    text = escape(" ".join(claim.split()))
-    if verdicts:
-        met = sum(verdict.met for verdict in verdicts)
-        kind = "yes" if met == len(verdicts) else "no"
-        text += f' <span class="{kind}">{met} of {len(verdicts)} criteria met.</span>'
-    return f'<p class="claim">{text}</p>' if text else ""
+def _text(value: float | None) -> str:
+    return table.MISSING if value is None else number(value)
 
 
-def _warnings(recordings: Sequence[Recording]) -> Iterator[str]:
-    """Yield what is not as usual with a run."""
-    for name, recording in zip(labels(recordings), recordings, strict=True):
-        if recording.warning:
-            yield _warning(f"Incomplete recording: {recording.warning}")
-        if recording.diverged is not None:
-            t = f"{recording.diverged:.3f}"
-            yield _warning(f"{name} diverged at {t} s: its curves and numbers end there.")
-        if recording.sensed is not None and recording.why_no_wrench:
-            yield _warning(f"{name}: {recording.why_no_wrench}.")
+def figures_json(figures: Sequence[Figure]) -> str:
+    """Return the plots as JSON."""
+    return as_json([{"data": figure.data, "layout": figure.layout} for figure in figures])
 
 
-def _warning(text: str) -> str:
-    return f'<p class="warning">{escape(text)}</p>'
-
-
-def _body(drawn: Panels, recordings: Sequence[Recording], verdicts: Sequence["Verdict"]) -> str:
-    first, *others = drawn.over_time
-    sections = [
-        _figure(first),
-        f'<p class="note">{_HINT}</p>',
-        criteria(verdicts),
-        "<h2>Over time</h2>",
-        _key(recordings),
-        f'<div class="plots">{"".join(map(_figure, others))}</div>',
-        *map(_figure, drawn.vectors),
-        "<h2>Numbers</h2>",
-        numbers(recordings),
-        *map(_figure, drawn.joints),
-        "<h2>Parameters</h2>",
-        parameters(recordings),
-    ]
-    return "\n".join(sections)
-
-
-_HINT = (
-    "Shaded: within 5 deg of the pole of the Euler angles. Drag to zoom, double-click to return; "
-    "click a name to hide its run: all plots follow."
-)
-
-
-def _key(recordings: Sequence[Recording]) -> str:
-    """Return the buttons that name the runs and hide them; they stay in sight."""
-    buttons = "".join(
-        f'<button type="button" data-run="{index}">{name}</button>'
-        for index, name in enumerate(run_names(recordings))
-    )
-    return f'<nav class="runs">{buttons}</nav>'
-
-
-def _figure(panel: Panel) -> str:
-    return (
-        f"<figure><h3>{escape(panel.title)}</h3>"
-        f'<div class="plot" style="height:{panel.height}px"></div>'
-        f"<figcaption>{escape(panel.caption)}</figcaption></figure>"
-    )
-
-
-def figures_json(drawn: Sequence[Panel]) -> str:
-    """Return the plots as JSON that cannot end the script element that it stands in."""
-    text = ",".join(panel.figure.to_json() for panel in drawn)
-    return f"[{text}]".replace("<", "\\u003c")
+def as_json(value: Sequence[Any] | Mapping[str, Any]) -> str:
+    """Return JSON that cannot end the script element that it stands in."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

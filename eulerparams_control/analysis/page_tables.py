@@ -1,19 +1,22 @@
 """The tables of the page: criteria, numbers, parameters."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from eulerparams_control.analysis.labels import colour, labels
-from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.table import MISSING, rows
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.labels import colour, dash, labels
+from eulerparams_control.analysis.table import MISSING, Row
 from eulerparams_control.analysis.text import quantity
 
 if TYPE_CHECKING:
     from eulerparams_control.experiments.criteria import Verdict
 
+_DIGITS = '<button type="button" class="digits" aria-pressed="false">all digits</button>'
 _NO_NODE = ""  # of a parameter in a run without its node
+_DASHES = {"solid": "none", "dash": "7 4", "dot": "3 3", "dashdot": "8 3 3 3"}
 _LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
 _DULL = ("qos_overrides", "robot_description", "start_type_description_service")
 
@@ -25,7 +28,7 @@ def criteria(verdicts: Sequence["Verdict"]) -> str:
     head = _head(["criterion", "run", "predicted", "measured", "bound", "met"], numbers=(3,))
     groups = groupby(verdicts, key=lambda verdict: (verdict.text, verdict.predicted, verdict.bound))
     body = "".join(_criterion(list(group)) for _, group in groups)
-    return f"<h2>Criteria</h2>{_table(head, body)}"
+    return _with_digits(_table(head, body))
 
 
 def _criterion(verdicts: list["Verdict"]) -> str:
@@ -44,38 +47,57 @@ def _criterion(verdicts: list["Verdict"]) -> str:
         met = '<td class="yes">✓ yes</td>' if verdict.met else '<td class="no">✗ no</td>'
         cells = (
             f"{shared[0]}<td>{_breakable(verdict.variant)}</td>{shared[1]}"
-            f'<td class="number">{measured}</td>{shared[2]}{met}'
+            f'<td class="number"{_exact(verdict.measured, verdict.unit)}>{measured}</td>'
+            f"{shared[2]}{met}"
         )
         lines.append(_row(cells, "group" if index == 0 else ""))
     return "".join(lines)
 
 
-def numbers(recordings: Sequence[Recording]) -> str:
+def numbers(digests: Sequence[Digest], rows: Sequence[Row]) -> str:
     """Return the numbers of each run."""
-    head = _run_head("", recordings, "number")
+    head = _run_head("", digests, "number")
     body = "".join(
-        _row(f"<th>{escape(row.title)}</th>" + _cells(row.values, "number"))
-        for row in rows(recordings)
+        _row(f"<th>{escape(row.title)}</th>" + "".join(_number_cells(row))) for row in rows
     )
-    return _table(head, body)
+    return _with_digits(_table(head, body, "named"))
 
 
-def parameters(recordings: Sequence[Recording]) -> str:
+def _number_cells(row: Row) -> Iterator[str]:
+    """Yield the numbers of a row, with all their digits where they are known."""
+    exact = getattr(row, "numbers", [None] * len(row.values))
+    for text, number in zip(row.values, exact, strict=True):
+        yield f'<td class="number"{_exact(number)}>{escape(text)}</td>'
+
+
+def _with_digits(table: str) -> str:
+    """Return a table below the button that shows all its digits, if they are known."""
+    return (_DIGITS if "data-exact" in table else "") + table
+
+
+def _exact(value: float | None, unit: str = "") -> str:
+    """Return the attribute that holds all digits of a number."""
+    if value is None or not math.isfinite(value):
+        return ""
+    return f' data-exact="{escape(f"{value:.10g} {unit}".rstrip())}"'
+
+
+def parameters(digests: Sequence[Digest]) -> str:
     """Return the parameters of each run: those that differ first, the others folded.
 
     Those of a node are compared between the runs that have it.
     """
-    found = _parameters(recordings)
+    found = _parameters(digests)
     known = {name: set(values) - {_NO_NODE} for name, values in found.items()}
     differ = {name: values for name, values in found.items() if len(known[name]) > 1}
     same = {name: list(known[name]) for name in found if len(known[name]) == 1}
-    nodes = _nodes(recordings)
+    nodes = _nodes(digests)
     if len(set(nodes)) > 1:
         differ = {"nodes": nodes, **differ}
     text = '<p class="note">None differ.</p>' if found else '<p class="note">None recorded.</p>'
     if differ:
         body = "".join(_parameter(name, values, "differs") for name, values in differ.items())
-        text = _table(_run_head("they differ in", recordings, ""), body)
+        text = _table(_run_head("they differ in", digests, ""), body, "named")
     if same:
         body = "".join(_parameter(name, values, "") for name, values in same.items())
         common = _table(_head(["parameter", "value"]), body)
@@ -83,17 +105,17 @@ def parameters(recordings: Sequence[Recording]) -> str:
     return text
 
 
-def _nodes(recordings: Sequence[Recording]) -> list[str]:
+def _nodes(digests: Sequence[Digest]) -> list[str]:
     """Return the nodes of each run, without those that all runs have."""
-    everywhere = set.intersection(*(set(recording.parameters) for recording in recordings))
-    return [", ".join(sorted(set(r.parameters) - everywhere)) or MISSING for r in recordings]
+    everywhere = set.intersection(*(set(digest.parameters) for digest in digests))
+    return [", ".join(sorted(set(r.parameters) - everywhere)) or MISSING for r in digests]
 
 
-def _parameters(recordings: Sequence[Recording]) -> dict[str, list[str]]:
+def _parameters(digests: Sequence[Digest]) -> dict[str, list[str]]:
     """Return the value of each parameter in each run as text, by node and name."""
     found = [
-        {node: dict(_flat(values)) for node, values in recording.parameters.items()}
-        for recording in recordings
+        {node: dict(_flat(values)) for node, values in digest.parameters.items()}
+        for digest in digests
     ]
     names = {(node, name) for run in found for node, values in run.items() for name in values}
     return {
@@ -127,18 +149,28 @@ def _parameter(name: str, values: list[str], kind: str) -> str:
     return _row(f"<th>{escape(name)}</th>" + _cells(values, "value"), kind)
 
 
-def _run_head(first: str, recordings: Sequence[Recording], kind: str) -> str:
+def _run_head(first: str, digests: Sequence[Digest], kind: str) -> str:
     """Return a head with a column for each run, in its colour."""
-    cells = "".join(f'<th class="{kind}">{name}</th>' for name in run_names(recordings))
+    cells = "".join(f'<th class="{kind}">{name}</th>' for name in run_names(digests))
     return f"<th>{escape(first)}</th>{cells}"
 
 
-def run_names(recordings: Sequence[Recording]) -> list[str]:
+def run_names(digests: Sequence[Digest]) -> list[str]:
     """Return the name of each run with its colour."""
-    return [
-        f'<span class="key" style="background:{colour(index)}"></span>{_breakable(name)}'
-        for index, name in enumerate(labels(recordings))
-    ]
+    return [named_key(index, name) for index, name in enumerate(labels(digests))]
+
+
+def named_key(index: int, name: str) -> str:
+    """Return a name of a run with a sample of its line."""
+    return f'{key(colour(index), dash(index))}<span class="name">{_breakable(name)}</span>'
+
+
+def key(shown: str, dashes: str) -> str:
+    """Return a sample of a line of this colour and dash."""
+    return (
+        '<svg class="key" width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" '
+        f'y2="5" stroke="{shown}" stroke-width="3" stroke-dasharray="{_DASHES[dashes]}"/></svg>'
+    )
 
 
 def _breakable(name: str) -> str:
@@ -161,8 +193,8 @@ def _row(cells: str, kind: str = "") -> str:
     return f'<tr class="{kind}">{cells}</tr>'
 
 
-def _table(head: str, body: str) -> str:
+def _table(head: str, body: str, kind: str = "") -> str:
     return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f'<div class="scroll"><table class="{kind}"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )

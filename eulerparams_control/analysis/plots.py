@@ -1,88 +1,187 @@
-"""What all plots share: the line of a run, limits, the time axis and the look."""
+"""What all plots share: the line of a run, limits, predictions, the time axis and the look."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-import plotly.graph_objects as go
 
-from eulerparams_control.analysis.labels import labels, line
+from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.digest import Curve, Digest
+from eulerparams_control.analysis.labels import line
+from eulerparams_control.analysis.packing import packed_reals
+from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.rotations import Array
 
 GREY = "rgba(128, 128, 128, 0.9)"
+PREDICTION_DASHES = ("dash", "dashdot", "dot")
 
 _NEAR_LIMIT = 4.0  # limit over largest value, up to which the axis shows the limit
-_LARGEST = float(np.finfo(np.float32).max)
 
-type Runs = Sequence[tuple[Array, Array]]
-"""Instants and values of each run."""
+type Lines = Mapping[int, Curve]
+"""The line of each run that has one, by the index of the run."""
 
 
-class Panel(NamedTuple):
-    """A plot with its words.
+class Figure(NamedTuple):
+    """A plot as plotly.js takes it.
 
     Attributes:
-        title: above it.
-        caption: below it.
-        figure: the plot.
+        title: above it, "" if there is none: text that is not escaped yet.
+        data: its lines.
+        layout: its axes, and what is marked.
         height: [px].
     """
 
     title: str
-    caption: str
-    figure: go.Figure
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
     height: int
 
 
-def trace(
-    recordings: Sequence[Recording], index: int, t: Array, y: Array, unit: str
-) -> go.Scatter:
-    """Return the line of a run; its name comes from outside, so it is escaped."""
-    return go.Scatter(
-        x=t.astype(np.float32),
-        y=np.clip(y, -_LARGEST, _LARGEST).astype(np.float32),
-        name=escape(labels(recordings)[index]),
-        legendgroup=str(index),
-        mode="lines",
-        line=line(index, len(recordings)),
-        hovertemplate=f"%{{y:.3~g}} {unit}",
-    )
+class Panel(NamedTuple):
+    """Plots of a quantity with its words.
+
+    Attributes:
+        name: of the quantity.
+        group: of quantities it belongs to.
+        title: above.
+        caption: below.
+        figures: one, or one a component, or one a joint.
+        predictions: what is drawn dashed: the texts.
+    """
+
+    name: str
+    group: str
+    title: str
+    caption: str
+    figures: list[Figure]
+    predictions: list[str]
 
 
-def present(
-    limits: Callable[[Recording], Array], recordings: Sequence[Recording], runs: Runs
+class Drawing(NamedTuple):
+    """What the plots of a page are drawn from.
+
+    Attributes:
+        digests: the runs.
+        names: of the runs.
+        predictions: of theory.
+        bins: of a line.
+    """
+
+    digests: Sequence[Digest]
+    names: Sequence[str]
+    predictions: Sequence[Prediction]
+    bins: int
+
+    def of(self, name: str) -> list[Prediction]:
+        """Return the predictions of a quantity."""
+        return [p for p in self.predictions if p.quantity == name]
+
+
+def traces(drawing: Drawing, lines: Lines, unit: str) -> list[dict[str, Any]]:
+    """Return the lines of the runs; their names come from outside, so they are escaped."""
+    names = drawing.names
+    return [
+        {
+            "type": "scatter",
+            "name": escape(names[index]),
+            "legendgroup": str(index),
+            "mode": "lines",
+            "line": line(index, len(names)),
+            "hovertemplate": f"%{{y:.6~g}} {unit}",
+            **_points(*curve, drawing.bins),
+        }
+        for index, curve in lines.items()
+    ]
+
+
+def predicted(drawing: Drawing, name: str, unit: str, column: int = 0) -> list[dict[str, Any]]:
+    """Return what theory says of a column of a quantity, dashed."""
+    return [
+        {
+            "type": "scatter",
+            "name": "predicted" if index == 0 else f"predicted ({index + 1})",
+            "meta": "prediction",
+            "mode": "lines",
+            "line": {"color": GREY, "width": 2, "dash": prediction_dash(index)},
+            "hovertemplate": f"%{{y:.6~g}} {unit}",
+            **_points(prediction.t, y[:, column], drawing.bins),
+        }
+        for index, prediction in enumerate(drawing.of(name))
+        if column < (y := prediction.y.reshape(len(prediction.t), -1)).shape[1]
+    ]
+
+
+def prediction_dash(index: int) -> str:
+    """Return the dash of a prediction among those of a quantity."""
+    return PREDICTION_DASHES[index % len(PREDICTION_DASHES)]
+
+
+def _points(t: Array, y: Array, bins: int) -> dict[str, Any]:
+    x, y = decimate(t, y, bins)
+    return {"x": packed_reals(x), "y": packed_reals(y)}
+
+
+def limits_of(
+    limits: Callable[[Recording], Array], digests: Sequence[Digest], runs: Sequence[int]
 ) -> list[Array]:
-    """Return the limits of the robots whose runs have the quantity."""
-    pairs = zip(recordings, runs, strict=True)
-    return [limits(recording) for recording, (t, _) in pairs if len(t)]
+    """Return the limits of the robots of some runs; they are those of its URDF."""
+    return [limits(cast("Recording", digests[index])) for index in runs]
 
 
-def draw_limits(
-    figure: go.Figure, limits: Sequence[Array], values: Sequence[Array], **where: Any
-) -> list[Array]:
-    """Draw the limits; return those that the axis has to reach."""
-    known = np.unique(np.concatenate(limits))
-    known = known[np.isfinite(known)]
-    for limit in known:
-        figure.add_hline(limit, line={"color": GREY, "width": 1, "dash": "dash"}, **where)
-    top = max(float(run.max()) for run in values if len(run))
-    return [known[known < _NEAR_LIMIT * top]]
+def limit_lines(limits: Sequence[Array]) -> list[dict[str, Any]]:
+    """Return a dashed line for each limit."""
+    look = {"line": {"color": GREY, "width": 1, "dash": "dash"}}
+    return [
+        {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, **look}
+        for y in _known(limits).tolist()
+    ]
 
 
-def finish(figure: go.Figure, recordings: Sequence[Recording]) -> go.Figure:
-    """Return the figure with what all have in common: the time axis and the look."""
-    start = min(float(recording.leading.t[0]) for recording in recordings)
-    end = max(float(recording.leading.t[-1]) for recording in recordings)
-    figure.update_xaxes(title="time [s]", range=[start, end], showline=True, title_standoff=8)
-    figure.update_annotations(font_size=12)
-    figure.update_yaxes(showline=True, zeroline=False, automargin=False, exponentformat="power")
-    figure.update_layout(
-        template="none",
-        margin={"l": 80, "r": 16, "t": 32, "b": 48},
-        hovermode="x unified",
-        showlegend=False,
-        legend={"orientation": "h", "x": 0, "y": -0.18, "yanchor": "top"},
-    )
-    return figure
+def reached(limits: Sequence[Array], values: Sequence[Array]) -> list[Array]:
+    """Return the limits that are so near to the values that an axis has to show them."""
+    known = _known(limits)
+    finite = [run[np.isfinite(run)] for run in values]
+    top = max((float(run.max(initial=0.0)) for run in finite), default=0.0)
+    near = known[known < _NEAR_LIMIT * top]
+    return [near] if len(near) else []
+
+
+def _known(limits: Sequence[Array]) -> Array:
+    known: Array = np.unique(np.concatenate([np.zeros(0), *limits]))
+    return known[np.isfinite(known)]
+
+
+def layout(
+    digests: Sequence[Digest],
+    y_axis: Mapping[str, Any],
+    label: str,
+    shapes: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return what all plots have in common: the time axis and the look."""
+    start, end = time_range(digests)
+    x_axis = {"title": {"text": "time [s]", "standoff": 8}, "range": [start, end]}
+    title = {"title": {"text": label, "standoff": 14}}
+    look = {"showline": True, "zeroline": False}
+    power = {"showexponent": "last"} if y_axis.get("type") == "linear" else {}
+    return {
+        "xaxis": {**look, **x_axis},
+        "yaxis": {
+            **look,
+            **title,
+            "automargin": False,
+            "exponentformat": "power",
+            **power,
+            **y_axis,
+        },
+        "shapes": list(shapes),
+        "margin": {"l": 80, "r": 16, "t": 12, "b": 44},
+        "hovermode": "x unified",
+        "showlegend": False,
+    }
+
+
+def time_range(digests: Sequence[Digest]) -> tuple[float, float]:
+    """Return the time [s] that all plots show at first."""
+    return min(d.start for d in digests), max(d.end for d in digests)

@@ -5,15 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.impedance import Impedance
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.rotations import Array, EulerParameters, cross
-
-_UNKNOWN = np.full(3, np.nan)
+from eulerparams_control.rotations import Array
+from eulerparams_control.stacked import turn_back
 
 
 class _Displacement(NamedTuple):
-    """x (3,) [m] with its first and second derivative."""
+    """x (N, 3) [m] with its first and second derivative."""
 
     x: Array
     dx: Array
@@ -31,15 +30,12 @@ def translational_residual(
         Z: M_p, D_p, K_p.
         frame: whose axes these refer to, "base" or "desired".
     """
-    rows = []
-    for c, d, f_t in zip(compliant.frames, compliant.desired, f, strict=True):
-        if d is None:
-            rows.append(_UNKNOWN)
-            continue
-        x, dx, ddx = _in_base(c, d) if frame == "base" else _in_desired(c, d)
-        f_t = f_t if frame == "base" else d.R_d.T @ f_t
-        rows.append(f_t - (Z.M @ ddx + Z.D @ dx + Z.K @ x))
-    return np.array(rows)
+    c, d = compliant.frames, compliant.desired
+    in_base = frame == "base"
+    x, dx, ddx = _in_base(c, d) if in_base else _in_desired(c, d)
+    f = f if in_base else turn_back(d.R, f)
+    residual: Array = f - (ddx @ Z.M.T + dx @ Z.D.T + x @ Z.K.T)
+    return residual
 
 
 def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> Array:
@@ -52,27 +48,22 @@ def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> 
         mu: (N, 3) [Nm] contact moment at the same instants, base axes.
         Z: M_o, D_o, K_o.
     """
-    rows = []
-    for index, (d, mu_t) in enumerate(zip(compliant.desired, mu, strict=True)):
-        if d is None:
-            rows.append(_UNKNOWN)
-            continue
-        x, dx = compliant.x[index], compliant.dx[index]
-        eta, *eps = compliant.Q_cd[index].tolist()
-        Q = EulerParameters(eta, np.array(eps))
-        mu_E = 2 * Q.E.T @ Z.K @ Q.eps  # eqs. (60), (66)
-        rows.append(d.R_d.T @ mu_t - (Z.M @ dx + Z.D @ x + mu_E))
-    return np.array(rows)
+    eta, eps = compliant.Q_cd[:, :1], compliant.Q_cd[:, 1:]
+    K_eps = eps @ Z.K.T
+    mu_E = 2 * (eta * K_eps + np.cross(eps, K_eps))  # 2 E' K_o eps, eqs. (60), (66)
+    mu_d = turn_back(compliant.desired.R, mu)
+    residual: Array = mu_d - (compliant.dx @ Z.M.T + compliant.x @ Z.D.T + mu_E)
+    return residual
 
 
-def _in_base(c: DesiredFrame, d: DesiredFrame) -> _Displacement:
-    return _Displacement(c.p_d - d.p_d, c.dp_d - d.dp_d, c.ddp_d - d.ddp_d)
+def _in_base(c: Frames, d: Frames) -> _Displacement:
+    return _Displacement(c.p - d.p, c.dp - d.dp, c.ddp - d.ddp)
 
 
-def _in_desired(c: DesiredFrame, d: DesiredFrame) -> _Displacement:
+def _in_desired(c: Frames, d: Frames) -> _Displacement:
     """Return the components of p_c - p_d in the desired frame and their derivatives."""
     p, dp, ddp = _in_base(c, d)
-    omega, domega = d.omega_d, d.domega_d
-    dx = dp - cross(omega, p)  # in base axes, as seen from the frame that turns
-    ddx = ddp - cross(domega, p) - 2 * cross(omega, dx) - cross(omega, cross(omega, p))
-    return _Displacement(d.R_d.T @ p, d.R_d.T @ dx, d.R_d.T @ ddx)
+    omega, domega = d.omega, d.domega
+    dx = dp - np.cross(omega, p)  # in base axes, as seen from the frame that turns
+    ddx = ddp - np.cross(domega, p) - 2 * np.cross(omega, dx) - np.cross(omega, np.cross(omega, p))
+    return _Displacement(*(turn_back(d.R, v) for v in (p, dx, ddx)))

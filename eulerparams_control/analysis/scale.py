@@ -11,6 +11,7 @@ from eulerparams_control.rotations import Array
 _SPAN = 50.0  # peak of the largest run over what is usual in the smallest, for a log axis
 _HIGHEST = 1e12  # beyond, in whatever unit, is a run that diverged
 _MARGIN = 1.1
+_OFFSET = 3.0  # largest value over change of a component, from which on 0 is not shown
 
 
 def axis(
@@ -51,6 +52,42 @@ def symmetric_axis(runs: Sequence[Array], floor: float) -> dict[str, Any]:
     largest = [float(np.abs(run[np.isfinite(run)]).max(initial=0.0)) for run in runs]
     top = _MARGIN * min(max(*largest, floor), _HIGHEST)
     return {"type": "linear", "range": [-top, top]}
+
+
+def signed_axis(runs: Sequence[Array], floor: float) -> dict[str, Any]:
+    """Return a linear axis that shows all runs, whatever their sign, and 0."""
+    values = _finite(runs)
+    low, high = min(values.min(initial=0.0), 0.0), max(values.max(initial=0.0), 0.0)
+    low, high = max(float(low), -_HIGHEST), min(float(high), _HIGHEST)
+    margin = max((_MARGIN - 1) * (high - low), floor)
+    return {"type": "linear", "range": [low - margin, high + margin]}
+
+
+def spans(components: Sequence[Sequence[Array]], floor: float) -> list[dict[str, Any]]:
+    """Return an axis for each component, of equal length but each about its own middle.
+
+    Empty where an axis about 0 shows as much: where the components are not far from 0 for their
+    change.
+
+    Args:
+        components: the values of each run, for each component.
+        floor: what is smaller is rounding: it is not enlarged.
+    """
+    found = [_finite(runs) for runs in components]
+    found = [np.clip(values, -_HIGHEST, _HIGHEST) for values in found if len(values)]
+    if len(found) < len(components) or not found:
+        return []
+    length = max(float(np.ptp(values)) for values in found)
+    if max(float(np.abs(values).max()) for values in found) < _OFFSET * max(length, floor):
+        return []
+    half = _MARGIN * max(length, floor) / 2
+    middles = [float(values.min() + values.max()) / 2 for values in found]
+    return [{"type": "linear", "range": [middle - half, middle + half]} for middle in middles]
+
+
+def _finite(runs: Sequence[Array]) -> Array:
+    values: Array = np.concatenate([np.zeros(0), *runs])
+    return values[np.isfinite(values)]
 
 
 def _logarithmic(bottom: float, top: float, labels: int) -> dict[str, Any]:

@@ -11,14 +11,20 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.text import number, quantity
-from eulerparams_control.errors import BagError, UnknownNameError
+from eulerparams_control.errors import UnknownNameError
 
 Options = Callable[[str, str], Mapping[str, Any]]
 """The options of a metric, by its name and a variant."""
+
+_DESCRIBED = {"orientation_error": "peak_orientation_error", "joint_speed": "peak_joint_speed"}
+"""The quantities that describe any run, with the metrics of their largest values."""
+
+_MOST_NAMED = 4  # runs; of more the largest and the smallest stand for all
 
 _NUMBER = re.compile(r"\{(\w+)\.(\w+)(?:/(\w+))?\}")
 
@@ -58,23 +64,20 @@ def fill(text: str, recordings: Mapping[str, Recording], options: Options = _no_
     return _NUMBER.sub(value, text)
 
 
-def describe(recordings: Sequence[Recording]) -> str:
+def describe(digests: Sequence[Digest]) -> str:
     """Return a sentence for any runs: their largest orientation error, else joint speed."""
-    names = labels(recordings)
-    for metric in ("peak_orientation_error", "peak_joint_speed"):
-        found = [
-            f"{text} ({name})"
-            for name, recording in zip(names, recordings, strict=True)
-            if (text := _shown(metric, recording))
+    names = labels(digests)
+    for name, metric in _DESCRIBED.items():
+        pairs = [
+            (d.highest[name], label)
+            for label, d in zip(names, digests, strict=True)
+            if name in d.highest
         ]
+        if len(pairs) > _MOST_NAMED:
+            pairs = [max(pairs), min(pairs)]
+        unit = get_metric(metric).unit
+        found = [f"{quantity(value, unit)} ({label})" for value, label in pairs]
         if found:
-            return f"{get_metric(metric).description}: {', '.join(found)}."
+            text = " to ".join(found) if len(digests) > _MOST_NAMED else ", ".join(found)
+            return f"{get_metric(metric).description}: {text}."
     return ""
-
-
-def _shown(metric: str, recording: Recording) -> str:
-    """Return a metric with its unit; "" if the run has none."""
-    try:
-        return quantity(get_metric(metric).compute(recording), get_metric(metric).unit)
-    except BagError:
-        return ""

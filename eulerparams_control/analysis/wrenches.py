@@ -8,9 +8,11 @@ import numpy as np
 from eulerparams_control.analysis.impedances import IMPEDANCE_NODE, impedance_node
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
+from eulerparams_control.motion import Placement
 from eulerparams_control.robot import Robot, Tool
 from eulerparams_control.rotations import Array
-from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions
+from eulerparams_control.stacked import turn, turn_back
+from eulerparams_control.wrench import WrenchOptions
 
 _FELT = 1e-6  # [N], [Nm] below which it is rounding
 
@@ -69,18 +71,31 @@ def at_the_tip(
     Raises:
         BagError: if the parameters are impossible, or a frame is not fixed to the tip.
     """
-    chain = WrenchChain(_options(parameters, measured.robot))
+    options = _options(parameters, measured.robot)
+    w = options.sign * sensed.w - np.array(options.bias)
+    f_t, mu_t = np.empty((2, len(w), 3))
+    for name in dict.fromkeys(sensed.frames):
+        here = np.array([frame == name for frame in sensed.frames])
+        f_t[here], mu_t[here] = _shifted(w[here], _sensor(measured.robot, name))
+    before = np.maximum(np.searchsorted(measured.t, sensed.t, side="right") - 1, 0)
+    R_e = measured.R_e[before]
+    if options.tool is not None and options.weight:
+        weight = options.tool.mass * turn_back(R_e, np.array(options.gravity))
+        f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
+    return Wrenches(sensed.t, turn(R_e, f_t), turn(R_e, mu_t))
+
+
+def _sensor(robot: Robot, name: str) -> Placement:
     try:
-        sensors = {name: measured.robot.placement(name) for name in dict.fromkeys(sensed.frames)}
+        return robot.placement(name)
     except RobotError as error:
         raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
-    before = np.searchsorted(measured.t, sensed.t, side="right") - 1
-    rows = []
-    for w, frame, index in zip(sensed.w, sensed.frames, before.tolist(), strict=True):
-        arm = measured.state(max(index, 0))
-        rows.append(chain.contact(SensedWrench(w, sensors[frame]), arm, None, 0.0))
-    w = np.array(rows)
-    return Wrenches(sensed.t, w[:, :3], w[:, 3:])
+
+
+def _shifted(w: Array, sensor: Placement) -> tuple[Array, Array]:
+    """Return force and moment (N, 3) of the sensor frame in the axes of the tip, about it."""
+    f_t = w[:, :3] @ sensor.R.T
+    return f_t, w[:, 3:] @ sensor.R.T + np.cross(sensor.p, f_t)
 
 
 def _options(

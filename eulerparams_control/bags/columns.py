@@ -221,5 +221,6 @@ def _parsed(body: str, kind: str) -> Iterator[_Field]:
 def _full(name: str, within: str) -> str:
     """Return ``pkg/msg/Type`` of a name as a definition has it."""
     parts = name.split("/")
-    package = parts[0] if len(parts) > 1 else "std_msgs" if name == "Header" else within.split("/")[0]
+    package = "std_msgs" if name == "Header" else within.split("/")[0]
+    package = parts[0] if len(parts) > 1 else package
     return f"{package}/msg/{parts[-1]}"

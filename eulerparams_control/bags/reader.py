@@ -120,6 +120,34 @@ class Bag:
         """
         return self._decoded(self._chosen(topics))
 
+    def schema(self, topic: str) -> Schema:
+        """Return the definition of the type of a topic.
+
+        Raises:
+            BagError: if the bag has none.
+        """
+        for file in self._files:
+            scan = file.scan or file.rescan()
+            for channel in scan.channels.values():
+                if channel.topic == topic and channel.schema_id in scan.schemas:
+                    return scan.schemas[channel.schema_id]
+        raise BagError(f"{self.path} does not say what the messages of {topic} are")
+
+    def decode(self, message: RawMessage) -> Any:
+        """Return the fields of a message as attributes.
+
+        Raises:
+            BagError: if it cannot be decoded.
+        """
+        schema = self.schema(message.topic)
+        decode = DecoderFactory().decoder_for("cdr", schema)
+        try:
+            return decode(message.data) if decode else None
+        except Exception as error:  # the decoder leaks any type
+            raise BagError(
+                f"{self.path}: a message of {message.topic} cannot be decoded: {error}"
+            ) from error
+
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of the recorded nodes, as ``ros2 param dump`` shows them.
 

@@ -92,7 +92,7 @@ def error_to_ros(dp_de: Array, error: Array, stamp: Time, frame_id: str) -> Twis
 def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArray:
     """Return a Lyapunov function, its derivative by the paper and as measured, labelled."""
     label = "V, dV by the paper, dV measured"
-    msg = Float64MultiArray(data=[V, dV, dV_measured])
+    msg = Float64MultiArray(data=[float(V), float(dV), float(dV_measured)])
     msg.layout.dim.append(MultiArrayDimension(label=label, size=3, stride=3))
     return msg
 

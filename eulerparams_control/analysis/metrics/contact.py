@@ -32,9 +32,7 @@ def desired_rotations(recording: Recording, t: Array) -> Array:
     """Return R_d (N, 3, 3) at instants t (N,) [s], the last before each; NaN where is none."""
     measured = recording.measured
     before = np.searchsorted(measured.t, t, side="right") - 1
-    frames = [measured.desired[index] if index >= 0 else None for index in before.tolist()]
-    nowhere = np.full((3, 3), np.nan)
-    return np.array([nowhere if frame is None else frame.R_d for frame in frames])
+    return measured.desired.take(before).R
 
 
 def force(recording: Recording, frame: str = "base") -> tuple[Array, Array]:

@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
+from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.metrics.base import metric, quotient, series_of, within
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.series import Frames, Series
+from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.rotations import Array
 

@@ -1,0 +1,54 @@
+"""Which controller ran, and what it was told, from the parameters in a bag."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from eulerparams_control.errors import BagError
+from eulerparams_control.orientation import (
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    SignRule,
+    representation,
+)
+
+type Parameters = Mapping[str, Mapping[str, Any]]
+"""By node and name."""
+
+
+def controller_node(
+    parameters: Parameters, names: tuple[str, ...], *others: str
+) -> tuple[str, Mapping[str, Any]]:
+    """Return name and parameters of the first node of one of some names.
+
+    Args:
+        parameters: of the recorded nodes.
+        names: of executables.
+        others: for the error message.
+
+    Raises:
+        BagError: if there is none.
+    """
+    for node, values in parameters.items():
+        name = node.rsplit("/", 1)[-1]
+        if name in names:
+            return name, values
+    expected = f"{', '.join((*names, *others)[:-1])} or {(*names, *others)[-1]}"
+    raise BagError(f"no parameters of a node {expected} were recorded")
+
+
+def orientation_of(parameters: Parameters, name: str) -> OrientationRepresentation:
+    """Return a representation with the options of the controller; its defaults if none ran."""
+    node = next((values for values in parameters.values() if "orientation" in values), {})
+    options = OrientationOptions(EulerSequence(str(node.get("euler_sequence", "XYZ"))), _sign(node))
+    return representation(name, options)
+
+
+def _sign(node: Mapping[str, Any]) -> SignRule:
+    """Return the rule for the sign of the quaternion; what is not stated has its default."""
+    rule = SignRule()
+    return SignRule(
+        str(node.get("quaternion_sign", rule.name)),
+        float(node.get("hysteresis", rule.delta)),
+        int(node.get("quaternion_initial_sign", rule.initial)),
+    )

@@ -1,0 +1,156 @@
+"""The desired frame at the stamps of a recording, from the references in it.
+
+A reference counts from when the controller said that it began, else from the first tick that was
+sent after it, as ``motion.DesiredMotion`` does it in the controller.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.analysis.frames import Frames, moved
+from eulerparams_control.motion import Trajectory
+
+Stamps = NDArray[np.int64]
+
+NO_START = -1
+"""Start of a motion that begins at receipt."""
+
+
+@dataclass(frozen=True)
+class References:
+    """K references in the order in which they were sent.
+
+    Attributes:
+        sent: (K,) [ns].
+        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
+        frames: their first frames; a set-point has no other.
+        trajectories: those that are no set-points, by number.
+    """
+
+    sent: Stamps
+    start: Stamps
+    frames: Frames = field(repr=False)
+    trajectories: Mapping[int, Trajectory] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What is followed since a stamp: a trajectory, or a set-point."""
+
+    start: int
+    trajectory: Trajectory | None
+    frame: Frames
+
+    def at(self, stamps: Stamps, lasting: float) -> Frames:
+        t = (stamps - self.start) / 1e9
+        if self.trajectory is not None:
+            with np.errstate(over="ignore", invalid="ignore"):  # it may turn beyond all numbers
+                return Frames(*self.trajectory.samples(t))
+        return moved(self.frame.take(np.zeros(len(t), dtype=np.intp)), t, lasting)
+
+
+class DesiredFrames:
+    """The desired frames along a recording, one block of it after the other.
+
+    Args:
+        lasting: [s] for which a set-point goes on without a successor.
+    """
+
+    def __init__(self, lasting: float) -> None:
+        self._lasting = lasting
+        self._motion: _Motion | None = None
+
+    def follow(self, references: References, stamps: Stamps, sent: Stamps) -> tuple[Frames, int]:
+        """Return the frames at M ticks, and how many references are done with.
+
+        Those that are not, which have not begun yet, are to be given again with the next block.
+
+        Args:
+            references: not given before, or not done with.
+            stamps, sent: (M,) [ns] of the ticks, increasing.
+        """
+        M = len(stamps)
+        sent = np.maximum.accumulate(sent) if M else sent
+        received = np.searchsorted(sent, references.sent)  # the tick that finds it
+        begins = np.maximum(received, np.searchsorted(stamps, references.start))
+        replaced = np.append(received[1:], M)  # by the next one, before it began
+        begun = np.flatnonzero(begins < replaced)
+        done = int(np.searchsorted(received, M))
+        if done and begins[done - 1] >= M:
+            done -= 1
+        found = Frames.nowhere(M)
+        if self._motion is None and len(references.sent):
+            self._hold(found, references, received, begins[begun])
+        self._fill(found, references, begun, begins, stamps)
+        return found, done
+
+    def _hold(
+        self,
+        found: Frames,
+        references: References,
+        received: NDArray[np.intp],
+        begins: NDArray[np.intp],
+    ) -> None:
+        """Write the first frame from the receipt of the first reference until one begins."""
+        here = slice(int(received[0]), int(begins[0]) if len(begins) else len(found))
+        rest = references.frames.frame(0).at_rest()
+        for column, value in zip(found.columns, rest, strict=True):
+            column[here] = value
+
+    def _fill(
+        self,
+        found: Frames,
+        references: References,
+        begun: NDArray[np.intp],
+        begins: NDArray[np.intp],
+        stamps: Stamps,
+    ) -> None:
+        first = int(begins[begun[0]]) if len(begun) else len(stamps)
+        if self._motion is not None:
+            _put(found, slice(0, first), self._motion.at(stamps[:first], self._lasting))
+        starts = np.where(
+            references.start[begun] == NO_START, stamps[begins[begun]], references.start[begun]
+        )
+        ends = np.append(begins[begun][1:], len(stamps))
+        self._streamed(found, references, begun, starts, begins[begun], ends, stamps)
+        for place, k in enumerate(begun.tolist()):
+            here = slice(int(begins[k]), int(ends[place]))
+            trajectory = references.trajectories.get(k)
+            frame = references.frames.take(np.array([k]))
+            if trajectory is not None:
+                before = self._motion or _Motion(0, None, frame)
+                last = before.at(stamps[here][:1], self._lasting).frame(0)
+                trajectory = trajectory.from_frame(last)
+            self._motion = _Motion(int(starts[place]), trajectory, frame)
+            if trajectory is not None:
+                _put(found, here, self._motion.at(stamps[here], self._lasting))
+
+    def _streamed(
+        self,
+        found: Frames,
+        references: References,
+        begun: NDArray[np.intp],
+        starts: Stamps,
+        begins: NDArray[np.intp],
+        ends: NDArray[np.intp],
+        stamps: Stamps,
+    ) -> None:
+        """Write the set-points, all at once: there may be one for each tick."""
+        streamed = np.array([k not in references.trajectories for k in begun.tolist()], dtype=bool)
+        places = np.flatnonzero(streamed)
+        which = np.repeat(places, (ends - begins)[streamed])
+        if not len(which):
+            return
+        ticks = np.concatenate([np.arange(begins[i], ends[i]) for i in places.tolist()])
+        dt = (stamps[ticks] - starts[which]) / 1e9
+        frames = moved(references.frames.take(begun[which]), dt, self._lasting)
+        for column, values in zip(found.columns, frames.columns, strict=True):
+            column[ticks] = values
+
+
+def _put(found: Frames, here: slice, frames: Frames) -> None:
+    for column, values in zip(found.columns, frames.columns, strict=True):
+        column[here] = values

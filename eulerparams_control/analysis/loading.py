@@ -1,0 +1,518 @@
+"""From a bag to recordings: all at once, or one part after the other in bounded memory."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.analysis import rows
+from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.desired import NO_START, DesiredFrames, References
+from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.analysis.impedances import impedance_node
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.rows import Rows, joined
+from eulerparams_control.analysis.series import Efforts, Series
+from eulerparams_control.analysis.topics import namespaces, topics
+from eulerparams_control.analysis.wrenches import SensorSeries
+from eulerparams_control.bags.columns import Group, columns
+from eulerparams_control.bags.reader import Bag, RawMessage
+from eulerparams_control.errors import BagError, InvalidMessageError
+from eulerparams_control.messages import BEGAN
+from eulerparams_control.motion import Trajectory
+from eulerparams_control.orientation import OrientationRepresentation
+from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import Array
+from eulerparams_control.stacked import sample
+
+LASTING = 0.1
+"""[s] for which a streamed frame goes on: the default of the controllers' reference_timeout."""
+
+BLOCK = 20_000
+"""Samples of a part: some seconds of motion, some 100 MB of memory."""
+
+_ANSWERED = 500_000_000  # [ns] after which the answers to a state are in the bag
+_BATCH = 8192  # messages that are decoded at once
+_LATEST = np.iinfo(np.int64).max
+
+Progress = Callable[[float], None]
+"""Is told the part of the bag that was read, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is to be read of a bag, and how.
+
+    Attributes:
+        urdf: text of a URDF; "" takes the robot_description in the bag.
+        tip_frame: the link to look at; "" takes that of the reference, or of the parameters.
+        base_frame: what poses refer to; "" as above, else the root of the URDF.
+        namespace: of the arm; None is the only one.
+        names: what topics are called in this bag, by what they are called here.
+        start, end: [s] of the recording that is looked at.
+    """
+
+    urdf: str = ""
+    tip_frame: str = ""
+    base_frame: str = ""
+    namespace: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    start: float = 0.0
+    end: float = float("inf")
+
+
+def blocks(
+    path: str | PathLike[str],
+    options: Options | None = None,
+    size: int = 0,
+    progress: Progress | None = None,
+) -> Iterator[Recording]:
+    """Yield the parts of a run, which share the sample at which one ends and the next begins.
+
+    Args:
+        path: folder or file of the bag.
+        options: what is to be read.
+        size: joint_states in a part; 0 is all.
+        progress: called now and then.
+
+    Raises:
+        BagError: if it is no bag, or holds no joint_states that are valid.
+        RobotError: if the URDF does not fit.
+    """
+    return _Reader(Bag(path), options or Options(), progress or (lambda _: None)).blocks(size)
+
+
+class _Topic:
+    """What was read of a topic, decoded in batches, and not given out yet."""
+
+    def __init__(self, parse: Callable[[list[RawMessage]], tuple[list[Rows], int]]) -> None:
+        self._parse = parse
+        self._raw: list[RawMessage] = []
+        self._rows: list[Rows] = []
+        self.invalid = 0
+
+    def add(self, message: RawMessage) -> None:
+        self._raw.append(message)
+        if len(self._raw) >= _BATCH:
+            self._decode()
+
+    def _decode(self) -> None:
+        found, invalid = self._parse(self._raw)
+        self._rows += found
+        self.invalid += invalid
+        self._raw = []
+
+    def until(self, stamp: int) -> Rows | None:
+        """Return the rows up to a stamp; the last of them is kept for the next part."""
+        if self._raw:
+            self._decode()
+        if not self._rows:
+            return None
+        everything = joined(self._rows).by_stamp()
+        n = int(np.searchsorted(everything.stamp, stamp, side="right"))
+        self._rows = [everything.take(np.arange(max(n - 1, 0), len(everything.stamp)))]
+        return everything.take(np.arange(n)) if n else None
+
+    def nth(self, count: int) -> int:
+        """Return the stamp of the row with that number, from 1, or of the last."""
+        if self._raw:
+            self._decode()
+        found = [part.stamp for part in self._rows] or [np.array([_LATEST])]
+        stamps = np.unique(np.concatenate(found))
+        return int(stamps[min(count, len(stamps)) - 1])
+
+    def everything(self) -> Rows | None:
+        """Return the rows in the order in which they came, and forget them."""
+        if self._raw:
+            self._decode()
+        found, self._rows = self._rows, []
+        return joined(found) if found else None
+
+
+class _Reader:
+    """One pass over the topics of an arm."""
+
+    def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
+        self._bag, self._options, self._progress = bag, options, progress
+        self._namespace = _namespace(bag, options)
+        self._topics = topics(bag, self._namespace, options.names)
+        self._parameters = _parameters(bag, self._namespace)
+        self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
+        self._robot = self._make_robot()
+        self._desired = DesiredFrames(self._lasting())
+        self._trajectories: dict[int, Trajectory] = {}  # by time of sending
+        self._pending: Rows | None = None  # references that have not begun
+        self._began: dict[int, int] = {}  # start by time of sending of the news
+        self._said: set[str] = set()
+        self._end_of_part = -float("inf")
+        self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
+        self._displacements: dict[str, Any] = {}
+        self._start: int | None = None
+
+    # --- what the bag says of itself ----------------------------------------------------
+
+    def _make_robot(self) -> Robot:
+        options = self._options
+        base, tip = self._frames()
+        told = (impedance_node(self._parameters) or {}).get("gravity") or ()
+        gravity = told if len(told) == 3 else (0.0, 0.0, -9.81)
+        base, tip = options.base_frame or base, options.tip_frame or tip
+        return Robot(self._urdf, base, tip, gravity=gravity)
+
+    def _frames(self) -> tuple[str, str]:
+        """Return base and tip frame: from the references, else from the parameters."""
+        if "reference" in self._topics:
+            for found in self._bag.messages([self._topics["reference"]]):
+                if len(found.message.joint_names) == 1:
+                    return str(found.message.header.frame_id), str(found.message.joint_names[0])
+        for values in self._parameters.values():
+            if "tip_frame" in values:
+                return str(values.get("base_frame", "")), str(values["tip_frame"])
+        if not self._options.tip_frame:
+            raise BagError(
+                f"{self._bag.path}: nothing in it names the tip frame; give it with --tip-frame"
+            )
+        return "", ""
+
+    def _lasting(self) -> float:
+        """Return for how long the controller lets a set-point go on [s]."""
+        for values in self._parameters.values():
+            if "orientation" in values and "reference_timeout" in values:
+                return float(values["reference_timeout"])
+        return LASTING
+
+    # --- reading ------------------------------------------------------------------------
+
+    def blocks(self, size: int) -> Iterator[Recording]:
+        """Yield the parts of the run."""
+        parsers = self._parsers()
+        queues = {name: _Topic(parser) for name, parser in parsers.items()}
+        by_topic = {self._topics[name]: queue for name, queue in queues.items()}
+        states, ends = self._topics["joint_states"], _Ends(size)
+        total = sum(self._bag.topics[topic].count for topic in by_topic)
+        self._messages = queues
+        given = False
+        for number, message in enumerate(self._bag.read_raw(by_topic)):
+            by_topic[message.topic].add(message)
+            if message.topic == states:
+                ends.see(message.log_time)
+            if ends.reached(message.log_time):
+                self._progress(number / total)
+                for part in self._part(ends.count(), last=False):
+                    given = True
+                    yield part
+                if self._is_over():
+                    break
+        for part in self._part(None, last=True):
+            given = True
+            yield part
+        if not given:
+            raise BagError(self._why_nothing())
+
+    def _why_nothing(self) -> str:
+        options = self._options
+        if self._start is None:
+            joints = ", ".join(self._robot.joints)
+            return f"{self._bag.path}: no valid message of joint_states with the joints {joints}"
+        return f"{self._bag.path}: no joint_states from {options.start:g} to {options.end:g} s"
+
+    def _is_over(self) -> bool:
+        return self._end_of_part >= self._options.end
+
+    def _parsers(self) -> dict[str, Callable[[list[RawMessage]], tuple[list[Rows], int]]]:
+        joints = self._robot.joints
+        base, tip = self._robot.base_frame, self._robot.tip_frame
+        moving, pulling = ("position", "velocity"), ("effort",)
+        of_group: dict[str, Callable[[Group], list[NDArray[Any]]]] = {
+            "joint_states": lambda group: list(rows.joint_rows(group, joints, moving)),
+            "joint_reference": lambda group: list(rows.joint_rows(group, joints, moving)),
+            "joint_effort": lambda group: list(rows.joint_rows(group, joints, pulling)),
+            "wrench": rows.wrench_rows,
+            "compliant_frame": lambda group: list(rows.frame_rows(group, base, tip)),
+        }
+        parsers = {
+            name: self._parser(name, of)
+            for name, of in of_group.items()
+            if name in self._topics
+        }
+        for name in ("reference", "diagnostics"):
+            if name in self._topics:
+                parsers[name] = getattr(self, f"_{name}")
+        return parsers
+
+    def _groups(self, name: str, messages: list[RawMessage]) -> Iterator[Group]:
+        schema = self._bag.schema(self._topics[name])
+        return columns(schema, [message.data for message in messages])
+
+    def _parser(
+        self, name: str, of: Callable[[Group], list[NDArray[Any]]]
+    ) -> Callable[[list[RawMessage]], tuple[list[Rows], int]]:
+        def parse(messages: list[RawMessage]) -> tuple[list[Rows], int]:
+            sent = np.array([message.publish_time or message.log_time for message in messages])
+            found, valid = [], 0
+            for group in self._groups(name, messages):
+                try:
+                    values = of(group)
+                except InvalidMessageError:
+                    continue
+                good = rows.finite(values)
+                all_rows = Rows(rows.stamps(group), sent[group.index], tuple(values))
+                found.append(all_rows if good.all() else all_rows.take(good))
+                valid += int(good.sum())
+            return found, len(messages) - valid
+
+        return parse
+
+    def _reference(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
+        """Return start and first frame of references; their trajectories are kept aside."""
+        base, tip = self._robot.base_frame, self._robot.tip_frame
+        found, valid = [], 0
+        sent = np.array([message.publish_time or message.log_time for message in messages])
+        for group in self._groups("reference", messages):
+            if rows.is_set_point(group) and not _later(group).any():
+                try:
+                    values = rows.frame_rows(group, base, tip)
+                except InvalidMessageError:
+                    continue
+                good = rows.finite(values)
+                starts = np.where(rows.stamps(group) > 0, rows.stamps(group), NO_START)
+                found.append(Rows(starts, sent[group.index], tuple(values)).take(good))
+                valid += int(good.sum())
+                continue
+            for index in group.index.tolist():
+                one = self._one_reference(messages[index], int(sent[index]))
+                found += one
+                valid += len(one)
+        return found, len(messages) - valid
+
+    def _one_reference(self, message: RawMessage, sent: int) -> list[Rows]:
+        decoded = self._bag.decode(message)
+        try:
+            start, frame, trajectory = rows.motion(
+                decoded, self._robot.base_frame, self._robot.tip_frame
+            )
+        except InvalidMessageError:
+            return []  # the controller refused it too
+        if trajectory is not None:
+            self._trajectories[sent] = trajectory
+        return [Rows(np.array([start]), np.array([sent]), frame.columns)]
+
+    def _diagnostics(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
+        """Remember when a controller said that a reference began."""
+        for message in messages:
+            for status in self._bag.decode(message).status:
+                for value in status.values:
+                    if value.key == BEGAN and value.value not in self._said:
+                        self._said.add(value.value)
+                        self._began[message.publish_time or message.log_time] = int(value.value)
+        return [], 0
+
+    # --- a part -------------------------------------------------------------------------
+
+    def _part(self, count: int | None, last: bool) -> Iterator[Recording]:
+        """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
+        states = self._messages["joint_states"]
+        stamp = _LATEST if count is None else states.nth(count)
+        measured = states.until(stamp)
+        if measured is None:
+            return
+        if self._start is None:
+            self._start = int(measured.stamp[0])
+        taken = {name: queue.until(stamp) for name, queue in self._given()}
+        commands, efforts = taken.get("joint_reference"), taken.get("joint_effort")
+        own, frames = self._desired_at(commands or efforts or measured)
+        t = self._times(measured.stamp)
+        self._end_of_part = float(t[-1])
+        if t[-1] < self._options.start or t[0] > self._options.end:
+            return
+        recording = self._recording(measured, taken, own, frames)
+        yield recording
+        if not last:
+            self._remember(recording)
+
+    def _given(self) -> Iterator[tuple[str, "_Topic"]]:
+        for name, queue in self._messages.items():
+            if name not in ("joint_states", "reference", "diagnostics"):
+                yield name, queue
+
+    def _desired_at(self, ticks: Rows) -> tuple[NDArray[np.int64], Frames]:
+        """Return stamps at which the desired frame is known, and the frames."""
+        overlap = self._last_desired
+        if overlap is not None:
+            ticks = ticks.take(ticks.stamp > overlap[0][-1])
+        if "diagnostics" in self._messages:
+            self._messages["diagnostics"].everything()
+        frames, done = self._desired.follow(self._references(), ticks.stamp, ticks.sent)
+        self._forget(done)
+        own = ticks.stamp
+        if overlap is not None:
+            own = np.concatenate([overlap[0], own])
+            frames = Frames(
+                *map(np.concatenate, zip(overlap[1].columns, frames.columns, strict=True))
+            )
+        self._last_desired = own[-1:], frames.take(np.arange(len(own))[-1:])
+        return own, frames
+
+    def _references(self) -> References:
+        queue = self._messages.get("reference")
+        new = queue.everything() if queue else None
+        parts = [part for part in (self._pending, new) if part is not None]
+        if not parts:
+            nothing = np.zeros(0, dtype=np.int64)
+            return References(nothing, nothing, Frames.nowhere(0), {})
+        found = joined(parts)
+        found = self._pending = found.take(np.argsort(found.sent, kind="stable"))
+        for news, start in self._began.items():
+            before = int(np.searchsorted(found.sent, news, side="right"))
+            if before:
+                found.stamp[before - 1] = start
+        self._began.clear()
+        trajectories = {
+            k: self._trajectories[sent]
+            for k, sent in enumerate(found.sent.tolist())
+            if sent in self._trajectories
+        }
+        return References(found.sent, found.stamp, Frames(*found.values), trajectories)
+
+    def _forget(self, done: int) -> None:
+        if self._pending is None:
+            return
+        for sent in self._pending.sent[:done].tolist():
+            self._trajectories.pop(sent, None)
+        left = self._pending.take(np.arange(done, len(self._pending.sent)))
+        self._pending = left if len(left.sent) else None
+
+    def _recording(
+        self,
+        measured: Rows,
+        taken: dict[str, Rows | None],
+        own: NDArray[np.int64],
+        frames: Frames,
+    ) -> Recording:
+        taken = {name: self._within(found) for name, found in taken.items()}
+        state = self._within(measured)
+        assert state is not None
+
+        def series(found: Rows | None) -> Series | None:
+            if found is None:
+                return None
+            q, dq = found.values
+            there = frames.at(own, found.stamp)
+            return Series(self._robot, self._times(found.stamp), q, dq, there)
+
+        motion = series(state)
+        assert motion is not None
+        efforts, sensed = taken.get("joint_effort"), taken.get("wrench")
+        return Recording(
+            self._bag.path,
+            self._robot,
+            motion,
+            series(taken.get("joint_reference")),
+            Efforts(self._times(efforts.stamp), efforts.values[0]) if efforts else None,
+            self._parameters,
+            self._warning(),
+            sensed=self._sensed(sensed),
+            compliant=self._compliant(taken.get("compliant_frame"), own, frames),
+            urdf=self._urdf,
+            namespace=self._namespace,
+            before=self._displacements,
+        )
+
+    def _sensed(self, found: Rows | None) -> SensorSeries | None:
+        if found is None:
+            return None
+        w, names = found.values
+        return SensorSeries(self._times(found.stamp), w, names.tolist())
+
+    def _compliant(
+        self, found: Rows | None, own: NDArray[np.int64], frames: Frames
+    ) -> CompliantMotion | None:
+        if found is None:
+            return None
+        there = frames.at(own, found.stamp)
+        return CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
+
+    def _within(self, found: Rows | None) -> Rows | None:
+        """Return what is within the time that is looked at; None if nothing is."""
+        if found is None:
+            return None
+        t = self._times(found.stamp)
+        inside = (t >= self._options.start) & (t <= self._options.end)
+        return found if inside.all() else found.take(inside) if inside.any() else None
+
+    def _times(self, stamps: NDArray[np.int64]) -> Array:
+        return (stamps - (self._start or 0)) / 1e9
+
+    def _remember(self, recording: Recording) -> None:
+        """Keep the displacements at the end: the signs of the next part follow from them."""
+        if len(recording.known) and recording.known[-1] == len(recording.leading.t) - 1:
+            self._displacements = {
+                name: sample(recording.displacements(name), -1)
+                for name in OrientationRepresentation.registry
+            }
+
+    def _warning(self) -> str:
+        """Return what is wrong with the bag, as far as it was read."""
+        found = [self._bag.warning] if self._bag.warning else []
+        for name, queue in self._messages.items():
+            if queue.invalid:
+                found.append(f"{queue.invalid} messages of {name} are not valid and left out")
+        return "; ".join(found)
+
+
+class _Ends:
+    """When a part is complete: its states are there, and the answers to them.
+
+    Args:
+        size: states of a part; 0 is all.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._seen = 0
+        self._at: int | None = None
+
+    def see(self, log_time: int) -> None:
+        self._seen += 1
+        if self._size and self._seen == self._size:
+            self._at = log_time
+
+    def reached(self, log_time: int) -> bool:
+        return self._at is not None and log_time > self._at + _ANSWERED
+
+    def count(self) -> int:
+        self._seen -= self._size
+        self._at = None
+        return self._size
+
+
+def _later(group: Group) -> NDArray[np.bool_]:
+    """Return which set-points are to be reached later (N,)."""
+    seconds = group.numbers["points[0].time_from_start.sec"]
+    return (seconds > 0) | (group.numbers["points[0].time_from_start.nanosec"] > 0)
+
+
+def _namespace(bag: Bag, options: Options) -> str:
+    found = namespaces(bag, options.names)
+    if options.namespace is not None and options.namespace in found:
+        return options.namespace
+    if options.namespace is None and len(found) == 1:
+        return found[0]
+    raise BagError(
+        f"{bag.path} has the arms {', '.join(name or '(without a namespace)' for name in found)}; "
+        f"choose one of them by its namespace"
+    )
+
+
+def _parameters(bag: Bag, namespace: str) -> dict[str, dict[str, Any]]:
+    """Return the parameters by node and name; what has another form is left out."""
+    found = {}
+    for name, node in bag.parameters().items():
+        values = node.get("ros__parameters") if isinstance(node, dict) else None
+        if isinstance(values, dict) and str(name).startswith(namespace):
+            found[str(name)] = values
+    return found
+
