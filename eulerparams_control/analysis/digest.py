@@ -7,7 +7,8 @@ so that every peak survives.
     digest.curves["orientation_error"]     # [Curve(t, y)], one a component
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.poles import Approach, approach, near_pole
-from eulerparams_control.analysis.quantities import JOINT_QUANTITIES, QUANTITIES
+from eulerparams_control.analysis.poles import (
+    Approach,
+    approach,
+    joined,
+    near_pole,
+    near_singular,
+)
+from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.orientation import EulerSequence
 from eulerparams_control.robot import Robot
@@ -86,6 +92,7 @@ class Digest:
         highest: the largest finite |y| of each quantity by its name.
         numbers: of the table, by their place in it; None where not recorded.
         track: for the replay.
+        namespace: of the arm; "" if it has none.
     """
 
     path: Path
@@ -105,49 +112,104 @@ class Digest:
     highest: Mapping[str, float] = field(repr=False)
     numbers: Sequence[float | None] = field(repr=False)
     track: Track = field(repr=False)
+    namespace: str = ""
 
     @property
     def name(self) -> str:
-        """The name of the bag's folder."""
-        return self.path.resolve().name
+        """The name of the bag's folder, with the namespace of the arm if it has one."""
+        return self.path.resolve().name + self.namespace
 
     @classmethod
     def of(cls, recording: Recording) -> "Digest":
         """Return the digest of a run that is in memory."""
-        from eulerparams_control.analysis.table import values  # it knows the metrics
+        return cls.of_parts([recording])
 
-        t = recording.leading.t
-        curves, highest = {}, {}
-        for quantity in (*QUANTITIES, *VECTORS, *JOINT_QUANTITIES):
-            t_y, y = quantity.of(recording)
-            if len(t_y):
-                columns = y.reshape(len(t_y), -1).T
-                curves[quantity.name] = [Curve(*decimate(t_y, column, BINS)) for column in columns]
-                highest[quantity.name] = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
-        return cls(
-            recording.path,
-            recording.robot,
-            recording.urdf,
-            recording.parameters,
-            recording.warning,
-            recording.why_no_wrench if recording.sensed is not None else "",
-            recording.diverged,
-            float(t[0]),
-            float(t[-1]),
-            recording.sequence,
-            approach(recording),
-            near_pole([recording]),
-            (),
-            curves,
-            highest,
-            values(recording),
-            _track(recording),
+    @classmethod
+    def of_parts(cls, parts: Iterable[Recording], samples: int = 0) -> "Digest":
+        """Return the digest of a run that comes in parts, of which it keeps little.
+
+        Args:
+            parts: at least one, in their order.
+            samples: joint_states of the run, about; 0 is those of one part.
+        """
+        made = _Making()
+        for part in parts:
+            made.add(part, len(part.measured.t) / samples if samples else 1.0)
+        return made.digest()
+
+
+class _Making:
+    """A digest while the parts of the run come."""
+
+    def __init__(self) -> None:
+        self._curves: dict[str, list[list[Curve]]] = {}
+        self._highest: dict[str, float] = {}
+        self._numbers: list[list[float | None]] = []
+        self._tracks: list[Track] = []
+        self._approaches: list[Approach] = []
+        self._poles: list[tuple[float, float]] = []
+        self._singular: list[tuple[float, float]] = []
+        self._start = math.inf
+
+    def add(self, part: Recording, share: float) -> None:
+        """Take a part, which is a share of the whole."""
+        from eulerparams_control.analysis.table import values  # it takes digests
+
+        for quantity in EVERYTHING:
+            t, y = quantity.of(part)
+            self._take(quantity.name, t, y, max(2, math.ceil(BINS * share)))
+        self._numbers.append(values(part))
+        self._tracks.append(_track(part, max(2, math.ceil(STEPS * share))))
+        self._approaches.append(approach(part))
+        self._poles += near_pole(part)
+        self._singular += near_singular(part)
+        self._start = min(self._start, float(part.leading.t[0]))
+        self._last = part
+
+    def _take(self, name: str, t: Array, y: Array, bins: int) -> None:
+        if not len(t):
+            return
+        columns = y.reshape(len(t), -1).T
+        curves = [Curve(*decimate(t, column, bins)) for column in columns]
+        self._curves.setdefault(name, []).append(curves)
+        highest = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
+        self._highest[name] = max(highest, self._highest.get(name, 0.0))
+
+    def digest(self) -> Digest:
+        """Return the digest of all parts."""
+        from eulerparams_control.analysis.table import together
+
+        last = self._last
+        joined_curves = {
+            name: [Curve(*map(np.concatenate, zip(*column, strict=True)))
+                   for column in zip(*parts, strict=True)]
+            for name, parts in self._curves.items()
+        }  # fmt: skip
+        return Digest(
+            last.path,
+            last.robot,
+            last.urdf,
+            last.parameters,
+            last.warning,
+            last.why_no_wrench if last.sensed is not None else "",
+            last.diverged,
+            self._start,
+            float(last.leading.t[-1]),
+            last.sequence,
+            min(self._approaches, key=lambda one: one.distance),
+            joined(self._poles),
+            joined(self._singular),
+            joined_curves,
+            self._highest,
+            together(self._numbers),
+            Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
+            last.namespace,
         )
 
 
-def _track(recording: Recording) -> Track:
+def _track(recording: Recording, steps: int) -> Track:
     measured = recording.measured
-    step = max(1, -(-len(measured.t) // STEPS))
+    step = max(1, -(-len(measured.t) // steps))
     chosen = np.unique(np.append(np.arange(0, len(measured.t), step), len(measured.t) - 1))
     t = measured.t[chosen]
     wrench = recording.contact

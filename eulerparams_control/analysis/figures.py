@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.grids import joint_panel, vector_panel
 from eulerparams_control.analysis.labels import colour, labels, sequences
@@ -28,6 +27,7 @@ from eulerparams_control.analysis.quantities import (
     ORIENTATION_ERROR,
     POLE_DISTANCE,
     QUANTITIES,
+    VECTOR_QUANTITIES,
 )
 from eulerparams_control.analysis.quantity import (
     JointQuantity,
@@ -88,7 +88,7 @@ def panels(
     Raises:
         UnknownNameError: if a prediction is of no quantity.
     """
-    quantities: list[AnyQuantity] = [*dict.fromkeys((first, *QUANTITIES)), *VECTORS]
+    quantities: list[AnyQuantity] = [*dict.fromkeys((first, *QUANTITIES)), *VECTOR_QUANTITIES]
     quantities += JOINT_QUANTITIES
     _check(predictions, quantities)
     drawing = Drawing(digests, labels(digests), predictions, _bins(digests))

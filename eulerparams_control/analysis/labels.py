@@ -26,11 +26,15 @@ class Run(Protocol):
 
 
 def labels(runs: Sequence[Run]) -> list[str]:
-    """Return a name for each run: its folder, with as many parents as it takes to differ."""
+    """Return a name for each run: its folder, with as many parents as it takes to differ.
+
+    The namespace of the arm comes after it, where there is one.
+    """
+    arms = [getattr(run, "namespace", "") for run in runs]
     paths = [run.path.resolve() for run in runs]
     depth = max((len(path.parts) for path in paths), default=1)
     for parts in range(1, depth + 1):
-        names = [str(Path(*path.parts[-parts:])) for path in paths]
+        names = [f"{Path(*p.parts[-parts:])}{arm}" for p, arm in zip(paths, arms, strict=True)]
         if len(set(names)) == len(names):
             return names
     return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice

@@ -1,72 +1,182 @@
-"""The executable ``analyze``: numbers and a page from bags; needs no ROS."""
+"""The executable ``analyze``: numbers, tables, figures and a page from bags; needs no ROS."""
 
 import argparse
+import math
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.export import FORMATS, Export, file_name
+from eulerparams_control.analysis.loading import BLOCK, Options, blocks
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
+from eulerparams_control.analysis.topics import namespaces
+from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run ``analyze BAG [BAG ...] [--out FILE] [--urdf FILE] [--tip-frame NAME] [--no-page]``.
+    """Run ``analyze BAG [BAG ...]`` with its options.
 
     Returns:
-        the exit code: 0, or 2 after an error.
+        the exit code: 0, or 2 if a bag could not be analysed.
     """
     options = _parse(args)
     console = Console()
     try:
-        _analyze(options, console)
+        return _analyze(options, console)
     except EulerParamsError as error:
         _say(console, f"error: {error}", "red")
         return 2
     except KeyboardInterrupt:
         return 130
-    return 0
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="analyze", description="Numbers and a page from bags with joint_states; without ROS."
     )
-    parser.add_argument("bags", nargs="+", metavar="BAG", help="folder or .mcap file of a bag")
-    parser.add_argument("--out", default="analysis.html", metavar="FILE", help="the page")
-    parser.add_argument("--urdf", metavar="FILE", help="for bags without robot_description")
-    parser.add_argument("--tip-frame", default="", metavar="NAME", help="the link to look at")
-    parser.add_argument("--no-page", action="store_true", help="only the table")
+    add = parser.add_argument
+    add("bags", nargs="+", metavar="BAG", help="folder or .mcap file of a bag")
+    add("--out", default="analysis.html", metavar="FILE", help="the page; others go beside it")
+    add("--no-page", action="store_true", help="no page")
+    add("--from", dest="start", type=_seconds, default=0.0, metavar="S", help="begin there [s]")
+    add("--to", dest="end", type=_seconds, default=math.inf, metavar="S", help="end there [s]")
+    add("--export", choices=FORMATS, help="all quantities over time as a table for each run")
+    add("--figures", metavar="DIR", help="a figure for each quantity, for papers")
+    add("--figure-format", action="append", metavar="F", help="of figures: svg, png, pdf; repeat")
+    add("--urdf", metavar="FILE", help="for bags without robot_description")
+    add("--tip-frame", default="", metavar="NAME", help="the link to look at")
+    add("--base-frame", default="", metavar="NAME", help="the link that poses refer to")
+    add("--namespace", metavar="NS", help="of the arm, if not all arms of the bag, such as /left")
+    add("--topic", action="append", default=[], type=_renamed, metavar="NAME:=/TOPIC",
+        help="what a topic is called in the bags, such as joint_states:=/arm/state")  # fmt: skip
     return parser.parse_args(args)
 
 
-def _analyze(options: argparse.Namespace, console: Console) -> None:
-    urdf = _read(options.urdf) if options.urdf else ""
-    recordings = []
-    for bag in options.bags:
-        with console.status(Text(f"reading {bag}")):
-            recordings.append(Recording.load(bag, urdf, options.tip_frame))
-            if recordings[-1].warning:
-                _say(console, f"warning: {recordings[-1].warning}", "yellow")
-    with console.status("analysing"):
-        tables = list(terminal_tables(recordings, console.width))
-    for table in tables:
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} s; expected a time >= 0 from the beginning")
+    return value
+
+
+def _renamed(text: str) -> tuple[str, str]:
+    name, sign, topic = text.partition(":=")
+    if not (name and sign and topic):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected NAME:=/TOPIC")
+    return name, topic
+
+
+def _analyze(options: argparse.Namespace, console: Console) -> int:
+    if options.start >= options.end:
+        raise ConfigurationError(
+            f"--from {options.start:g} --to {options.end:g}: expected a time before the end"
+        )
+    digests, failed = _digests(options, console)
+    if not digests:
+        return 2
+    for table in terminal_tables(digests, console.width):
         console.print(table)
-    for recording in recordings:
-        if not recording.leading.desired.known.any():
-            _say(
-                console,
-                f"{recording.name}: no message of the topic reference: errors are not known; "
-                "start the recorder before the motion",
-                "yellow",
-            )
+    for digest in digests:
+        _warn(digest, console)
+    if options.figures:
+        formats = options.figure_format or ["svg", "png"]
+        written = write_figures(options.figures, digests, formats)
+        _say(console, f"{len(written)} figures: {Path(options.figures).resolve()}")
     if not options.no_page:
         with console.status("drawing"):
-            write_page(options.out, recordings, "", "")
+            write_page(options.out, digests, "", "")
         _say(console, f"The page: {Path(options.out).resolve()}")
+    return 2 if failed else 0
+
+
+def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest], bool]:
+    """Return the digests of all runs, and whether a bag could not be read; says why."""
+    digests, failed = [], False
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as progress:
+        for path in options.bags:
+            try:
+                arms = _namespaces(path, options)
+                digests += [_digest(path, arm, options, progress, console) for arm in arms]
+            except EulerParamsError as error:
+                failed = True
+                _say(console, f"error: {error}", "red")
+    return digests, failed
+
+
+def _namespaces(path: str, options: argparse.Namespace) -> list[str]:
+    if options.namespace is not None:
+        return ["/" + options.namespace.strip("/") if options.namespace.strip("/") else ""]
+    return namespaces(Bag(path), dict(options.topic))
+
+
+def _digest(
+    path: str,
+    namespace: str,
+    options: argparse.Namespace,
+    progress: Progress,
+    console: Console,
+) -> Digest:
+    """Return the digest of an arm of a bag, and write its table if there is to be one."""
+    what = Options(
+        urdf=_read(options.urdf) if options.urdf else "",
+        tip_frame=options.tip_frame,
+        base_frame=options.base_frame,
+        namespace=namespace,
+        names=dict(options.topic),
+        start=options.start,
+        end=options.end,
+    )
+    task = progress.add_task(str(Text(f"{path}{namespace}")), total=1.0)
+    parts = blocks(path, what, BLOCK, lambda part: progress.update(task, completed=part))
+    with ExitStack() as open_files:
+        if options.export:
+            name = file_name(f"{Path(path).resolve().name}{namespace}")
+            file = Path(options.out).parent / f"{name}.{options.export}"
+            parts = _exporting(parts, open_files.enter_context(Export(file)))
+        digest = Digest.of_parts(parts, _samples(path, namespace, options))
+    progress.update(task, completed=1.0)
+    if options.export:
+        _say(console, f"The table: {file.resolve()}")
+    return digest
+
+
+def _exporting(parts: Iterator[Recording], export: Export) -> Iterator[Recording]:
+    for part in parts:
+        export.add(part)
+        yield part
+
+
+def _samples(path: str, namespace: str, options: argparse.Namespace) -> int:
+    """Return about how many joint_states will be looked at."""
+    topic = dict(options.topic).get("joint_states", f"{namespace}/joint_states")
+    bag = Bag(path)
+    count = bag.topics[topic].count if topic in bag.topics else 0
+    length = bag.duration
+    looked_at = min(options.end, length) - options.start
+    return max(1, round(count * min(1.0, looked_at / length))) if length > 0 else count
+
+
+def _warn(digest: Digest, console: Console) -> None:
+    if digest.warning:
+        _say(console, f"warning: {digest.name}: {digest.warning}", "yellow")
+    if "position_error" not in digest.curves:
+        _say(
+            console,
+            f"{digest.name}: no message of the topic reference: errors are not known; "
+            "start the recorder before the motion",
+            "yellow",
+        )
 
 
 def _read(path: str) -> str:

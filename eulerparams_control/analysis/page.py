@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from plotly.offline import get_plotlyjs
 
-from eulerparams_control.analysis import table
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.figures import panels, picture
 from eulerparams_control.analysis.page_assets import script, style, viewer
@@ -23,8 +22,7 @@ from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.replay import replay
 from eulerparams_control.analysis.sentence import describe
-from eulerparams_control.analysis.table import Row, rows
-from eulerparams_control.analysis.text import number
+from eulerparams_control.analysis.table import rows
 from eulerparams_control.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -89,7 +87,7 @@ def write_page(
         title=escape(sentence),
         style=style(),
         header=header(runs, claim, sentence, verdicts),
-        body=body(runs, drawn, verdicts, _rows(digests, runs), replayed),
+        body=body(runs, drawn, verdicts, rows(runs), replayed),
         figures=figures_json(drawn.figures),
         replay=as_json({**replayed.data, "range": time_range(runs)}),
         plotly=get_plotlyjs(),
@@ -101,23 +99,6 @@ def write_page(
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"cannot write the page {path}: {error.strerror}") from error
-
-
-def _rows(given: Sequence[Digest | Recording], runs: Sequence[Digest]) -> list[Row]:
-    """Return the numbers of the runs: a bridge until ``table.rows`` takes digests."""
-    try:
-        return rows(cast(Any, given))
-    except AttributeError:
-        columns = zip(*(run.numbers for run in runs), strict=True)
-        return [
-            Row(table._title(row, cast(Any, runs)), [_text(value) for value in values])
-            for row, values in zip(table._NUMBERS, columns, strict=True)
-            if any(value is not None for value in values)
-        ]
-
-
-def _text(value: float | None) -> str:
-    return table.MISSING if value is None else number(value)
 
 
 def figures_json(figures: Sequence[Figure]) -> str:

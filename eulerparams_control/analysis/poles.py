@@ -13,6 +13,9 @@ from eulerparams_control.rotations import Array
 NEAR = math.radians(5)
 """Angle [rad] to the pole below which a plot is shaded."""
 
+NEAR_SINGULAR = 0.05
+"""Smallest singular value of J below which a plot is shaded, if no controller says its own."""
+
 _MOST = 50  # intervals that are shaded: a noisy run may have very many
 
 
@@ -37,15 +40,24 @@ def approach(recording: Recording) -> Approach:
     return Approach(float(recording.leading.t[index]), distance, recording.sequence.name)
 
 
-def near_pole(recordings: Sequence[Recording]) -> list[tuple[float, float]]:
-    """Return the intervals [s] in which a run is near a pole, merged over the runs."""
-    found = sorted(
-        interval
-        for recording in recordings
-        for interval in _intervals(recording.leading.t, recording.pole_distance < NEAR)
-    )
+def near_pole(recording: Recording) -> list[tuple[float, float]]:
+    """Return the intervals [s] in which a run is near a pole of its Euler angles."""
+    return _intervals(recording.leading.t, recording.pole_distance < NEAR)
+
+
+def near_singular(recording: Recording) -> list[tuple[float, float]]:
+    """Return the intervals [s] in which the arm is near a kinematic singularity.
+
+    Where the damped inverse of the controller damps: below its damping_eps.
+    """
+    eps = float(recording.parameter("damping_eps", NEAR_SINGULAR))
+    return _intervals(recording.leading.t, recording.leading.smallest_singular_value < eps)
+
+
+def joined(intervals: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return intervals merged where they touch, at most some tens of them."""
     merged: list[tuple[float, float]] = []
-    for start, end in found:
+    for start, end in sorted(intervals):
         if merged and start <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
         else:

@@ -9,9 +9,11 @@ from eulerparams_control.analysis.contact_quantities import (
     MOMENT,
     MOTION_LOOP_ORIENTATION,
     MOTION_LOOP_POSITION,
+    VECTORS,
 )
-from eulerparams_control.analysis.quantity import JointQuantity, Quantity
+from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, Quantity
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.representation_quantities import ERRORS, RATES, TIP
 from eulerparams_control.rotations import Array
 
 _EMPTY = np.zeros(0)
@@ -200,5 +202,11 @@ QUANTITIES = (
 )
 """In the order of the page; the first is the picture that matters, unless another is named."""
 
+VECTOR_QUANTITIES = (*VECTORS, *ERRORS, RATES, *TIP)
+"""In the order of the page."""
+
 JOINT_QUANTITIES = (JOINT_SPEEDS, JOINT_EFFORTS)
+"""In the order of the page."""
+
+EVERYTHING: tuple[AnyQuantity, ...] = (*QUANTITIES, *VECTOR_QUANTITIES, *JOINT_QUANTITIES)
 """In the order of the page."""

@@ -20,6 +20,7 @@ class Quantity(NamedTuple):
         of: returns instants [s] and values; both empty if nothing was recorded.
         limits: returns (n,) limits of the URDF to draw; None has none.
         logarithmic: whether the axis is logarithmic in any case.
+        group: under which heading it stands; "" is the usual one.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Quantity(NamedTuple):
     of: Callable[[Recording], tuple[Array, Array]]
     limits: Callable[[Recording], Array] | None = None
     logarithmic: bool = False
+    group: str = ""
 
 
 class JointQuantity(NamedTuple):
@@ -58,7 +60,7 @@ class JointQuantity(NamedTuple):
 
 
 class VectorQuantity(NamedTuple):
-    """The three components of a quantity over time.
+    """The components of a quantity over time.
 
     Attributes:
         name: by which it is known.
@@ -67,7 +69,9 @@ class VectorQuantity(NamedTuple):
         caption: what it means, and the equation it belongs to.
         unit: for single values.
         floor: values below are rounding.
-        of: returns instants (N,) [s] and values (N, 3); both empty if nothing was recorded.
+        of: returns instants (N,) [s] and values (N, m); both empty if nothing was recorded.
+        components: the names of the m components.
+        group: under which heading it stands; "" is the usual one.
     """
 
     name: str
@@ -77,6 +81,11 @@ class VectorQuantity(NamedTuple):
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
+    components: tuple[str, ...] = ("x", "y", "z")
+    group: str = ""
+
+
+type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 
 
 class Prediction(NamedTuple):

@@ -16,11 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import labels, sequences
 from eulerparams_control.analysis.plots import limits_of
-from eulerparams_control.analysis.quantities import JOINT_QUANTITIES, QUANTITIES
+from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.quantity import JointQuantity, Prediction, VectorQuantity
 from eulerparams_control.analysis.static_axes import (
     LIMIT,
@@ -75,7 +74,7 @@ def write_figures(
         if name not in FORMATS:
             raise UnknownNameError("format", name, FORMATS)
     written = []
-    for quantity in (*QUANTITIES, *VECTORS, *JOINT_QUANTITIES):
+    for quantity in EVERYTHING:
         if any(quantity.name in digest.curves for digest in digests):
             figure = quantity_figure(digests, quantity, predictions)
             for name in formats:

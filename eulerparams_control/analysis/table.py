@@ -1,13 +1,14 @@
 """The numbers of runs side by side: a row a number, a column a run."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 from rich.table import Table
 from rich.text import Text
 
+from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import labels, sequences
 from eulerparams_control.analysis.metrics import get_metric
 from eulerparams_control.analysis.recording import Recording
@@ -37,6 +38,24 @@ class _Number(NamedTuple):
     options: Mapping[str, str] = MappingProxyType({})
     needs: str = ""
 
+    def together(self, values: Sequence[float | None]) -> float | None:
+        """Return the number of a run from those of its parts; None if none has it."""
+        known = [value for value in values if value is not None]
+        if not known:
+            return None
+        for name, of in _OF_PARTS.items():
+            if name in self.metric:
+                return of(known)
+        return max(known)
+
+
+_OF_PARTS: dict[str, Callable[[list[float]], float]] = {
+    "final": lambda values: values[-1],
+    "closest": min,
+    "smallest": min,
+    "saturated": sum,
+}
+"""By a word in the name of the metric; else it is a peak."""
 
 _MEASURED = {"of": "measured"}
 _COMPLIANT = {"against": "compliant"}
@@ -70,15 +89,16 @@ _NUMBERS = (
 )
 
 
-def rows(recordings: Sequence[Recording]) -> list[Row]:
+def rows(digests: Sequence[Digest]) -> list[Row]:
     """Return the numbers of each run, those left out that none can have.
 
     They are of the commanded motion if there is one, where they do not say measured.
     """
+    columns = [digest.numbers for digest in digests]
     return [
-        Row(_title(row, recordings), [_value(row, recording) for recording in recordings])
-        for row in _NUMBERS
-        if any(_has(recording, row.needs) for recording in recordings)
+        Row(_title(row, digests), [MISSING if v is None else number(v) for v in values])
+        for row, values in zip(_NUMBERS, zip(*columns, strict=True), strict=True)
+        if not row.needs or any(value is not None for value in values)
     ]
 
 
@@ -87,8 +107,14 @@ def values(recording: Recording) -> list[float | None]:
     return [_computed(row, recording) for row in _NUMBERS]
 
 
+def together(parts: Sequence[Sequence[float | None]]) -> list[float | None]:
+    """Return the numbers of a run from those of its parts, in their order."""
+    columns = zip(*parts, strict=True)
+    return [row.together(column) for row, column in zip(_NUMBERS, columns, strict=True)]
+
+
 def _computed(row: _Number, recording: Recording) -> float | None:
-    if not _has(recording, row.needs):
+    if row.needs and getattr(recording, row.needs) is None:
         return None
     try:
         return get_metric(row.metric).compute(recording, **row.options)
@@ -96,13 +122,9 @@ def _computed(row: _Number, recording: Recording) -> float | None:
         return None
 
 
-def _has(recording: Recording, needs: str) -> bool:
-    return not needs or getattr(recording, needs) is not None
-
-
-def terminal_tables(recordings: Sequence[Recording], width: int) -> Iterator[Table]:
+def terminal_tables(digests: Sequence[Digest], width: int) -> Iterator[Table]:
     """Yield the numbers as tables for a terminal of ``width``, each with the runs that fit."""
-    names, found = labels(recordings), rows(recordings)
+    names, found = labels(digests), rows(digests)
     count = max(1, (width - _TITLE_WIDTH) // (_NAME_WIDTH + 3))
     for first in range(0, len(names), count):
         shown = slice(first, first + count)
@@ -121,14 +143,9 @@ def _broken(name: str) -> Text:
     return Text("\n".join(re.findall(rf".{{1,{n - 1}}}(?:_|$)|.{{1,{n}}}", name)))
 
 
-def _title(row: _Number, recordings: Sequence[Recording]) -> str:
+def _title(row: _Number, digests: Sequence[Digest]) -> str:
     title = row.title
     if row.metric == "closest_approach":
-        title += f" {sequences(recordings)}"
+        title += f" {sequences(digests)}"
     unit = get_metric(row.metric).unit
     return f"{title} [{unit}]" if unit else title
-
-
-def _value(row: _Number, recording: Recording) -> str:
-    value = _computed(row, recording)
-    return MISSING if value is None else number(value)

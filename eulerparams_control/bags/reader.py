@@ -87,6 +87,15 @@ class Bag:
         return topics
 
     @property
+    def duration(self) -> float:
+        """Time [s] from the first to the last message; 0 if there are none."""
+        found = [file.contents for file in self._files if file.contents.message_count]
+        if not found:
+            return 0.0
+        start, end = min(c.start for c in found), max(c.end for c in found)
+        return (end - start) / 1e9
+
+    @property
     def metadata(self) -> dict[str, Any]:
         """What metadata.yaml says; if it is missing or broken, what it should say."""
         try:

@@ -34,6 +34,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is sin(theta) r: zero at 180 deg too; L is singular at 90 deg."""
 
     name = "angle_axis"
+    symbol = "sin(theta) r"
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: AngleAxisDisplacement | None = None

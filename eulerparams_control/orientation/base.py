@@ -67,9 +67,17 @@ class OrientationOptions:
 
 
 class OrientationRepresentation(ABC):
-    """One representation of the orientation displacement, as the laws use it."""
+    """One representation of the orientation displacement, as the laws use it.
+
+    Attributes:
+        name: the value of the parameter ``orientation``.
+        symbol: of its orientation error, in words.
+        unit: of that; "rad" or "".
+    """
 
     name: ClassVar[str]
+    symbol: ClassVar[str] = "orientation error"
+    unit: ClassVar[str] = ""
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:

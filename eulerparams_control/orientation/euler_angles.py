@@ -33,6 +33,8 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_d - phi_e; singular where T(phi) is."""
 
     name = "euler_angles"
+    symbol = "phi_d - phi_e"
+    unit = "rad"
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: EulerAnglesDisplacement | None = None

@@ -32,6 +32,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is eps_de; no orientation is singular."""
 
     name = "euler_parameters"
+    symbol = "eps_de"
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None

@@ -34,6 +34,8 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_de; singular for large errors only, with XYZ at 90 deg."""
 
     name = "relative_euler_angles"
+    symbol = "phi_de of R_e' R_d"
+    unit = "rad"
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None

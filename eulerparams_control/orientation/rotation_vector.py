@@ -37,6 +37,8 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is theta r; its law jumps where the sign of the quaternion flips."""
 
     name = "rotation_vector"
+    symbol = "theta r"
+    unit = "rad"
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None

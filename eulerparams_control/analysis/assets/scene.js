@@ -20,8 +20,8 @@ class Stage {
   }
 
   #light() {
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 0.75));
-    const sun = new THREE.DirectionalLight(0xffffff, 0.65);
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 0.65));
+    const sun = new THREE.DirectionalLight(0xffffff, 0.5);
     sun.position.set(0.4, 0.8, 1);  // over the shoulder
     this.camera.add(sun);
   }
