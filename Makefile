@@ -5,13 +5,12 @@ VENV := .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
 OUT ?= out
-PAPER := e3 e4 e6 e7 e8 e9 e10 e11 e12 e13 e14 e15 e16 e17 e18 e19 e20 e21 robots encoders turning \
-	press_slide peg hand_guiding admittance contact_stiffness robots_contact
+JOBS ?=
 
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test bench paper lint clean
+.PHONY: setup demo test bench paper map lint clean
 
 setup: $(READY)
 
@@ -29,8 +28,10 @@ bench: $(READY)
 	@$(PYTHON) benchmarks/run.py
 
 paper: $(READY)
-	@rm -rf $(OUT)/paper
-	@$(VENV)/bin/experiment $(PAPER) --out $(OUT)/paper
+	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper
+
+map: $(READY)
+	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -16,6 +16,7 @@ EXECUTABLES = {
     "bag_recorder": "eulerparams_control.bags.recorder",
     "experiment": "eulerparams_control.experiments.main",
     "analyze": "eulerparams_control.analysis.main",
+    "failure_map": "eulerparams_control.maps.main",
 }
 
 
@@ -29,6 +30,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[f"{PACKAGE}*", "sim_bridge*"]),
+    package_data={PACKAGE: ["analysis/assets/*.css", "analysis/assets/*.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -295,8 +295,9 @@ def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
     np.testing.assert_allclose(V.t, np.arange(50) / 100)
     np.testing.assert_allclose(V.V, 2 * (1 - np.cos(q / 2)), rtol=EXACT)  # eq. (30)
     np.testing.assert_allclose(V.dV, -100.0 * np.sin(q / 2) ** 2, rtol=EXACT)  # eq. (31)
-    slope = np.gradient(2 * (1 - np.cos(q / 2)), 0.01)
-    np.testing.assert_allclose(V.dV_measured, slope, rtol=1e-6)
+    slope = np.diff(2 * (1 - np.cos(q / 2))) / 0.01
+    np.testing.assert_allclose(V.dV_measured[1:], slope, rtol=1e-6)
+    assert np.isnan(V.dV_measured[0])
 
 
 def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic: Recording) -> None:
@@ -480,6 +481,9 @@ def test_the_summary_of_an_experiment_names_its_variants_and_metrics(name: str) 
     found = placeholders(experiment.summary)
     assert len(found) == experiment.summary.count("{")
     for metric, *variants in found:
+        if metric == "library":  # {library.NAME} is a number of its own
+            assert experiment.library
+            continue
         get_metric(metric)
         assert set(variants) - {""} <= experiment.variants.keys()
 

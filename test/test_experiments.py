@@ -4,6 +4,8 @@ import copy
 import json
 import math
 import os
+import re
+import shutil
 import signal
 import sys
 from dataclasses import replace
@@ -30,6 +32,7 @@ from eulerparams_control.errors import (
 from eulerparams_control.experiments.controllers import CONTROLLERS
 from eulerparams_control.experiments.criteria import judge, write_summary
 from eulerparams_control.experiments.definition import Criterion, load_experiment
+from eulerparams_control.experiments.equations import equation
 from eulerparams_control.experiments.processes import Nodes
 from eulerparams_control.experiments.runner import (
     check_names,
@@ -87,6 +90,17 @@ def changed(**changes: Any) -> dict[str, Any]:
 def criterion(**changes: Any) -> dict[str, Any]:
     """Return the good experiment with this criterion."""
     return changed(criteria=[{"metric": "peak_joint_speed", "below": 1.0} | changes])
+
+
+def predicted(**values: Any) -> dict[str, Any]:
+    """Return the good experiment with a prediction."""
+    return changed(predictions=[{"quantity": "force", "text": "theory"} | values])
+
+
+def charted(**values: Any) -> dict[str, Any]:
+    """Return the good experiment with a chart."""
+    chart = {"metric": "peak_joint_speed", "xlabel": "x", "measured": {"a": {"first": 1.0}}}
+    return changed(chart=chart | values)
 
 
 # --- what a file may say ---------------------------------------------------------------------
@@ -257,8 +271,12 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         {"metric": "growth_rate", "above": 0, "options": {"low": 1, "high": 2}},
         {"metric": "servo_lag", "ratio": ["first", "second"], "above": 0},
         {"metric": "peak_effort", "spread": ["second"] * 2, "below": 1, "options": {"after": 3}},
-        {"metric": "peak_force", "difference": ["first", "second"], "below": 1,
-         "options": {"after": 4}},
+        {
+            "metric": "peak_force",
+            "difference": ["first", "second"],
+            "below": 1,
+            "options": {"after": 4},
+        },
     ]
     content = changed(summary="{growth_rate.first}", criteria=criteria)
     found = load_experiment(str(write(tmp_path, content)))
@@ -274,7 +292,7 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (changed(variant={}), "unknown key 'variant' (did you mean 'variants'?); known: claim"),
+        (changed(variant={}), "unknown key 'variant' (did you mean 'variants'?); known: chart"),
         (changed(claim=None), "the key 'claim' is missing"),
         (changed(duration=None), "the key 'duration' is missing"),
         (changed(variants=None), "the key 'variants' is missing"),
@@ -334,6 +352,24 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
             "expected one of 'variants', 'ratio', 'difference' and 'spread'",
         ),
         (criterion(difference=["first"]), "difference: expected two variants"),
+        (changed(library="e99"), "unknown library experiment 'e99'; known: e1, e2, e4, e5"),
+        (changed(criteria=[{"number": "slope", "above": 0}]), "'slope' needs the key 'library'"),
+        (changed(predictions={"value": 1}), "predictions: expected a list"),
+        (changed(predictions=[{"quantity": "force", "value": 1}]), "the key 'text' is missing"),
+        (predicted(quantity="forse"), "unknown picture 'forse' (did you mean 'force'?)"),
+        (predicted(), "expected one of 'value', 'points' and 'form'"),
+        (predicted(value=1.0, points=[[0, 1]]), "expected one of 'value', 'points' and 'form'"),
+        (predicted(value="large"), "value: expected a number"),
+        (predicted(points=[[0, 1, 2]]), "points: expected [[x, y], ...]"),
+        (predicted(form="error_14"), "unknown form of a prediction 'error_14' (did you mean"),
+        (predicted(form="error_41", options={"error": 1.0}), "options of the form 'error_41'"),
+        (predicted(vale=1.0), "unknown key of a prediction 'vale' (did you mean 'value'?)"),
+        (charted(metric="peak"), "unknown metric 'peak'"),
+        (charted(measured={"a": {"third": 1.0}}), "unknown variant in the chart 'third'"),
+        (charted(measured={"a": {"first": "x"}}), "chart: a: first: expected a number"),
+        (charted(measured=[1]), "chart: measured: expected lines by name"),
+        (charted(predicted={"b": [1, 2]}), "chart: b: expected [[x, y], ...]"),
+        (charted(log="z"), "chart: log: expected x, y or xy"),
         (criterion(difference=["first", "third"]), "unknown variant in a criterion 'third'"),
         (changed(equations="(28)"), "equations: expected a list"),
         (changed(criteria={"metric": "x"}), "criteria: expected a list"),
@@ -350,8 +386,8 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (criterion(options={"frm": 1}), "options of the metric 'peak_joint_speed'"),
         (criterion(metric="period_growth"), "options of the metric 'period_growth'"),
         ("[1, 2", "expected ',' or ']'"),
-        ("just words", "expected the keys claim, controller, criteria"),
-        ("", "expected the keys claim, controller, criteria"),
+        ("just words", "expected the keys chart, claim, controller"),
+        ("", "expected the keys chart, claim, controller"),
     ],
 )
 def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
@@ -379,6 +415,8 @@ def test_every_experiment_that_comes_with_the_package_is_possible(name: str) -> 
     experiment = load_experiment(name)
     assert experiment.claim
     assert experiment.criteria
+    assert experiment.variants or experiment.library
+    assert all(equation(number).number == number for number in experiment.equations)
     for variant in experiment.variants.values():
         assert node_parameters(variant)["pybullet_bridge"]["mode"] == "lockstep"
 
@@ -660,6 +698,38 @@ def test_a_run_leaves_its_numbers_a_page_and_no_process(finished: tuple[Path, Pr
     assert nodes_of(folder.parent.parent) == []
 
 
+def test_only_what_changed_or_is_not_whole_is_run_again(
+    finished: tuple[Path, Process], tmp_path: Path
+) -> None:
+    shutil.copytree(finished[0], tmp_path / "out/short")
+    broken = next((tmp_path / "out/short/angles").glob("*.mcap"))
+    broken.write_bytes(broken.read_bytes()[:-1000])  # as if the recorder had been killed
+    content = changed()
+    content["variants"]["second"] = {"clik": {"k_Po": 30.0}}
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 0, process.log
+    assert "short first: was run before" in process.stdout
+    assert re.search(r"short second: .* s, again: its definition changed", process.stdout)
+    assert re.search(r"short angles: [\d.]+ s\n", process.stdout)
+    topic = "/joint_reference"
+    for name, is_same in (("first", True), ("second", False), ("angles", True)):
+        folders = finished[0] / name, tmp_path / "out/short" / name
+        before, now = (raw(folder, topic) for folder in folders)
+        assert (before == now) is is_same, name
+
+
+def test_an_experiment_that_cannot_run_does_not_stop_the_others(tmp_path: Path) -> None:
+    content = changed(variants={"only": {"clik": {"k_Po": -5.0}}})
+    process = run(tmp_path, str(write(tmp_path, content)), "e2", "--paper")
+    assert process.end() == 2, process.log
+    assert "parameter 'k_Po' is -5 1/s; expected between" in process.stdout
+    assert "1 of 1 claims of the paper met." in process.stdout
+    page = (tmp_path / "out/index.html").read_text()
+    assert "the node clik died with exit code 1" in page
+    assert json.loads((tmp_path / "out/e2/summary.json").read_text())["met"]
+    assert nodes_of(tmp_path) == []
+
+
 def test_a_criterion_that_is_not_met_gives_exit_code_1(tmp_path: Path) -> None:
     process = run(tmp_path, str(write(tmp_path, criterion(below=1e-9))), "--variant", "first")
     assert process.end() == 1, process.log
@@ -740,7 +810,7 @@ def test_a_way_point_at_time_0_is_a_step_that_holds(
     assert len(error) == 201
     assert error[-1] < 0.1
     frames = found.leading.desired
-    assert all(np.array_equal(frame.R_d, frames[0].R_d) for frame in frames if frame is not None)
+    assert (frames.R[frames.known] == frames.R[0]).all()
     assert found.lyapunov is not None
     V_1 = 2 * (1 - math.cos(0.25))  # eq. (30); V_2 has k_Po in front of it
     assert found.lyapunov.V[0] == pytest.approx(scale * V_1, rel=1e-6)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool"),
-    *("analyze", "bag_recorder", "experiment"),
+    *("analyze", "bag_recorder", "experiment", "failure_map"),
 }
 PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")
 

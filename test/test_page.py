@@ -2,36 +2,57 @@
 
 import base64
 import json
+import math
 import re
+import subprocess
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from plotly.offline import get_plotlyjs
 from synthetic_runs import URDF, write_run
 
+from eulerparams_control.analysis import figures, page_assets
+from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.page import figures_json, write_page
-from eulerparams_control.analysis.plots import Panel
+from eulerparams_control.analysis.page_assets import SCRIPTS, script, viewer
+from eulerparams_control.analysis.plots import Figure
+from eulerparams_control.analysis.poles import Approach
+from eulerparams_control.analysis.quantities import (
+    EFFORT,
+    JOINT_SPEED,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+    VECTOR_QUANTITIES,
+)
+from eulerparams_control.analysis.quantity import Prediction, Quantity
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.sentence import describe
+from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.experiments.criteria import Verdict
 from eulerparams_control.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
-MAX_BYTES = 8_000_000
+FORCES = "Contact force, base axes"
+MAX_BYTES = 20_000_000
 
 MET = Verdict("largest <error>", "calm", "about 5", 5.73, "deg", "< 6", True)
 MISSED = Verdict("joint speed", "wild / calm", "", 2.5e8, "", "< 10", False)
 
 
-def page_of(path: Path, runs: list[Recording], *args: Any) -> str:
-    """Return the page without plotly.js, which is checked to be in it."""
-    write_page(path / "page.html", runs, *args)
+def page_of(path: Path, runs: Sequence[Digest | Recording], *args: Any, **options: Any) -> str:
+    """Return the page without its libraries, which are checked to be in it."""
+    write_page(path / "page.html", runs, *args, **options)
     text = (path / "page.html").read_text()
-    assert text.count(get_plotlyjs()) == 1
-    return text.replace(get_plotlyjs(), "")
+    for library in (get_plotlyjs(), viewer()):
+        assert len(library) > 500_000
+        assert text.count(library) == 1
+        text = text.replace(library, "")
+    return text
 
 
 def figures_of(page: str) -> list[dict[str, Any]]:
@@ -62,10 +83,40 @@ def pair(folder: Path) -> list[Recording]:
     return [Recording.load(path) for path in paths]
 
 
+def panels_of(page: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the plots below each title: one, or one a component."""
+    figures = iter(figures_of(page))
+    panels = {}
+    for panel in re.findall(r"<figure .*?</figure>", page, re.DOTALL):
+        title = re.search(r"<h3>(.*?)</h3>", panel)
+        assert title is not None
+        panels[title[1]] = [next(figures) for _ in range(panel.count('class="plot"'))]
+    assert not list(figures)
+    return panels
+
+
+def titles_of(page: str) -> list[str]:
+    """Return the titles of the plots, but for those of components."""
+    components = {quantity.title for quantity in VECTOR_QUANTITIES}
+    return [title for title in panels_of(page) if title not in components]
+
+
 def figure_of(page: str, title: str) -> dict[str, Any]:
-    """Return the plot below a title."""
-    titles = re.findall(r"<h3>(.*?)</h3>", page)
-    return figures_of(page)[titles.index(title)]
+    """Return the only plot below a title."""
+    (figure,) = panels_of(page)[title]
+    return figure
+
+
+def components_of(page: str, title: str) -> list[str]:
+    """Return the headings of the plots below a title."""
+    panel = page[page.index(f"<h3>{title}</h3>") :]
+    return re.findall(r"<h4>(.*?)</h4>", panel[: panel.index("</figure>")])
+
+
+def folded_in(page: str) -> str:
+    """Return the parameters in which all runs agree."""
+    start = page.index("<details><summary>")
+    return page[start : page.index("</details>", start)]
 
 
 @pytest.fixture(scope="module")
@@ -77,13 +128,16 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def test_the_page_loads_nothing(page: str, tmp_path: Path) -> None:
     assert not re.search(r"https?:", page)
-    assert not re.search(r"\s(src|href)\s*=|@import|url\(", page)
+    assert not re.search(r"\ssrc\s*=|@import|url\(", page)
+    assert not re.search(r"\shref\s*=(?!\"#section-\d+\")", page)
+    for word in ("fetch(", "XMLHttpRequest", "WebSocket", "eval(", "import("):
+        assert word not in script()
     assert "Content-Security-Policy\" content=\"default-src 'none'" in page
     assert "showSendToCloud: false" in page  # else plotly offers to upload the data
 
 
 def test_the_page_is_small(tmp_path: Path) -> None:
-    runs = pair(tmp_path) * 20
+    runs = list(map(Digest.of, pair(tmp_path))) * 20
     write_page(tmp_path / "page.html", runs, "", "")
     assert (tmp_path / "page.html").stat().st_size < MAX_BYTES
 
@@ -93,7 +147,8 @@ def test_the_page_begins_with_the_sentence_and_the_orientation_error(page: str) 
     assert heading is not None
     assert re.sub("<.*?>", "", heading[1]) == "Wild is off by 85.9 deg."
     assert "The claim (28)." in page
-    assert page.index("<h3>Orientation error</h3>") < page.index("<h2>Criteria</h2>")
+    assert page.index("<h3>Orientation error</h3>") < page.index('id="replay"')
+    assert page.index('id="replay"') < page.index("<h2>Criteria</h2>")
     first = figures_of(page)[0]
     assert [trace["name"] for trace in first["data"]] == ["calm", "wild"]
     assert first["layout"]["yaxis"]["title"]["text"] == "orientation error [deg]"
@@ -138,7 +193,7 @@ def test_a_run_has_one_colour_and_one_time_axis_everywhere(page: str) -> None:
         for figure in figures
         for trace in figure["data"]
     }
-    assert len(figures) == 7
+    assert len(figures) == page.count('class="plot"') > 8
     assert len(colours) == len({run for run, _ in colours}) == len({c for _, c in colours}) == 2
     ranges = {
         tuple(axis["range"])
@@ -167,7 +222,7 @@ def test_parameters_that_differ_are_highlighted_and_the_others_folded(page: str)
     differing = re.findall(r'<tr class="differs"><th>(.*?)</th>(.*?)</tr>', page)
     assert [name for name, _ in differing] == ["/clik k_Po"]
     assert re.findall(r"<td.*?>(.*?)</td>", differing[0][1]) == ["100", "2.5"]
-    folded = page[page.index("<details>") : page.index("</details>")]
+    folded = folded_in(page)
     assert "<th>/clik orientation</th>" in folded
     assert "k_Po" not in folded
 
@@ -186,8 +241,7 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
 
 
 def test_the_json_of_the_plots_cannot_end_its_script_element() -> None:
-    panel = Panel("", "", go.Figure(layout={"title": {"text": EVIL}}), 300)
-    text = figures_json([panel])
+    text = figures_json([Figure("", [], {"title": {"text": EVIL}}, 300)])
     assert "<" not in text
     assert json.loads(text)[0]["layout"]["title"]["text"] == EVIL
 
@@ -195,7 +249,7 @@ def test_the_json_of_the_plots_cannot_end_its_script_element() -> None:
 def test_a_bag_with_joint_states_only_has_a_page(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "real", [0.1, 0.2], speeds=[1.0, 1.0], desired=False)
     text = page_of(tmp_path, [Recording.load(folder, tip_frame="tip")], "", "")
-    assert re.findall(r"<h3>(.*?)</h3>", text) == [
+    assert titles_of(text) == [
         "Joint speed",
         "Distance to the representation singularity",
         "Distance to the kinematic singularities",
@@ -221,7 +275,7 @@ def test_a_run_of_dynamic_control_shows_its_efforts_and_its_lyapunov_function(
     tmp_path: Path,
 ) -> None:
     text = page_of(tmp_path, [dynamic(tmp_path / "run", np.linspace(3.0, 8.0, 50))], "", "")
-    assert re.findall(r"<h3>(.*?)</h3>", text) == [
+    assert titles_of(text) == [
         "Orientation error",
         "Joint speed",
         "Effort",
@@ -254,10 +308,11 @@ def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path: Path) -
 
 def test_the_effort_of_each_joint_has_its_plot(tmp_path: Path) -> None:
     text = page_of(tmp_path, [dynamic(tmp_path / "run", [3.0, -8.0])], "", "")
-    joints = figure_of(text, "Effort of each joint")
-    assert [array(trace["y"]).tolist() for trace in joints["data"]] == [[3.0, 8.0], [0.5, 0.5]]
-    assert [note["text"] for note in joints["layout"]["annotations"]] == ["hinge", "roll"]
-    assert {shape["y0"] for shape in joints["layout"]["shapes"]} == {10}
+    joints = panels_of(text)["Effort of each joint"]
+    efforts = [[array(trace["y"]).tolist() for trace in joint["data"]] for joint in joints]
+    assert efforts == [[[3.0, 8.0]], [[0.5, 0.5]]]
+    assert components_of(text, "Effort of each joint") == ["hinge", "roll"]
+    assert {shape["y0"] for joint in joints for shape in joint["layout"]["shapes"]} == {10}
 
 
 def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(
@@ -268,7 +323,8 @@ def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(
     )
     text = page_of(tmp_path, [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], "", "")
     for title in ("Effort", "Effort of each joint"):
-        names = {trace["name"] for trace in figure_of(text, title)["data"]}
+        panel = panels_of(text)[title]
+        names = {trace["name"] for figure in panel for trace in figure["data"]}
         assert names == {"dynamic"}
     assert {trace["name"] for trace in figure_of(text, "Servo")["data"]} == {"clik"}
     assert len(figure_of(text, "Lyapunov function")["data"]) == 2
@@ -301,7 +357,7 @@ def test_parameters_in_groups_are_compared_one_by_one(tmp_path: Path) -> None:
     assert [(name, re.findall(r"<td.*?>(.*?)</td>", cells)) for name, cells in differing] == [
         ("/clik environment.plane.stiffness", ["1000", "100000"])
     ]
-    folded = text[text.index("<details>") : text.index("</details>")]
+    folded = folded_in(text)
     assert "<th>/clik environment.plane.shape</th>" in folded
 
 
@@ -310,10 +366,12 @@ def test_joints_of_different_robots_are_named_each(tmp_path: Path) -> None:
     runs[1] = replace(runs[1], robot=Robot(URDF.replace("hinge", "elbow"), "base", "tip"))
     rigid = URDF.replace('name="roll" type="revolute"', 'name="roll" type="fixed"')
     runs.append(dynamic(tmp_path / "shorter", [3.0, 3.0], urdf=rigid))
-    joints = figure_of(page_of(tmp_path, runs, "", ""), "Speed of each joint")
-    titles = [note["text"] for note in joints["layout"]["annotations"]]
-    assert titles == ["hinge / elbow", "roll"]
-    assert [trace["name"] for trace in joints["data"]].count("shorter") == 1
+    text = page_of(tmp_path, runs, "", "")
+    assert components_of(text, "Speed of each joint") == ["hinge / elbow", "roll"]
+    joints = panels_of(text)["Speed of each joint"]
+    names = [trace["name"] for joint in joints for trace in joint["data"]]
+    assert names.count("shorter") == 1
+    assert "The robot cannot be drawn: not between base and tip: elbow." in text
 
 
 # --- runs beyond all numbers ---------------------------------------------------------------
@@ -340,4 +398,175 @@ def test_the_page_of_a_run_that_diverged_says_so_and_its_axes_can_be_read(
 
 
 def test_a_page_of_runs_that_did_not_diverge_does_not_speak_of_it(page: str) -> None:
-    assert "diverged" not in page
+    assert "diverged" not in page[: page.index('id="figures"')]
+
+
+# --- predictions, shades, sections -----------------------------------------------------------
+
+
+def digest_of(folder: Path, **changes: Any) -> Digest:
+    run = dynamic(folder, np.linspace(3.0, 8.0, 50))
+    return replace(Digest.of(run), **changes)
+
+
+def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path: Path) -> None:
+    t, y = np.array([0.0, 0.5]), np.array([60.0, 2.0])
+    predictions = [
+        Prediction("orientation_error", f"by (65) {EVIL}", t, y),
+        Prediction("effort", "9.9 Nm by (33)", t, np.array([9.9, 9.9])),
+        Prediction("orientation_error", "another", t, y / 2),
+    ]
+    text = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", predictions=predictions)
+    data = figure_of(text, "Orientation error")["data"]
+    assert [trace["line"]["dash"] for trace in data] == ["solid", "dash", "dashdot"]
+    assert array(data[1]["x"]).tolist() == [0, 0.5]
+    assert array(data[1]["y"]).tolist() == [60, 2]
+    assert "legendgroup" not in data[1]  # no button hides it
+    panel = text[text.index("<h3>Orientation error</h3>") :].partition("</figure>")[0]
+    listed = re.findall(r"</svg>(predicted: .*?)</li>", panel)
+    assert listed == [
+        "predicted: by (65) &lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;",
+        "predicted: another",
+    ]
+    effort = figure_of(text, "Effort")
+    assert len(effort["data"]) == 2
+    assert effort["layout"]["yaxis"]["range"][1] > 9.9
+
+
+def test_a_prediction_of_no_quantity_is_refused(tmp_path: Path) -> None:
+    wrong = Prediction("efort", "", np.zeros(2), np.zeros(2))
+    with pytest.raises(UnknownNameError, match=r"unknown quantity 'efort'.*did you mean 'effort'"):
+        page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", predictions=[wrong])
+
+
+def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path: Path) -> None:
+    runs = [
+        digest_of(tmp_path / "a", near_pole=[(0.1, 0.2)], near_singular=[(0.3, 0.4)]),
+        digest_of(tmp_path / "b", near_pole=[(0.15, 0.25)]),
+    ]
+    text = page_of(tmp_path, runs, "", "")
+    for figure in figures_of(text):
+        shades = [s for s in figure["layout"]["shapes"] if s["type"] == "rect"]
+        assert [(s["x0"], s["x1"]) for s in shades] == [(0.1, 0.25), (0.3, 0.4)]
+        assert shades[0]["fillcolor"] != shades[1]["fillcolor"]
+        assert [s["line"].get("dash") for s in shades] == [None, "dot"]
+    assert "within 5 deg of the pole" in text
+    assert "near a kinematic singularity" in text
+    plain = page_of(tmp_path, [replace(runs[0], near_pole=[], near_singular=[])], "", "")
+    assert "Shaded:" not in plain
+
+
+def test_the_pole_of_each_sequence_is_marked_and_no_note_begins_or_ends_outside(
+    tmp_path: Path,
+) -> None:
+    approaches = [Approach(0.01, 1e-3, "XYZ"), Approach(0.48, 2e-3, "ZYZ")]
+    run = digest_of(tmp_path / "run")
+    runs = [replace(run, approach=approach) for approach in approaches]
+    runs.append(replace(run, approach=Approach(0.2, math.inf, "XYX")))
+    layout = figure_of(page_of(tmp_path, runs, "", ""), "Orientation error")["layout"]
+    notes = layout["annotations"]
+    assert [note["text"] for note in notes] == [
+        "0.0573 deg from the pole of XYZ, at 0.010 s",
+        "0.115 deg from the pole of ZYZ, at 0.480 s",
+    ]
+    assert [note["xanchor"] for note in notes] == ["left", "right"]
+    assert len({note["yshift"] for note in notes}) == 2  # on lines of their own
+    assert layout["margin"]["t"] >= 14 * 2
+    assert [s["x0"] for s in layout["shapes"] if s.get("yref") == "paper"] == [0.01, 0.48]
+
+
+def test_quantities_with_a_group_have_a_section_and_a_link_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Grouped(Quantity):
+        group = "Errors & more"
+
+    grouped = Grouped(*POSITION_ERROR)
+    monkeypatch.setattr(figures, "QUANTITIES", (ORIENTATION_ERROR, JOINT_SPEED, EFFORT, grouped))
+    monkeypatch.setattr(figures, "VECTOR_QUANTITIES", ())
+    text = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "")
+    links = dict(re.findall(r'<a href="#(section-\d)">(.*?)</a>', text))
+    assert list(links.values()) == [
+        "Over time",
+        "Errors &amp; more",
+        "Each joint",
+        "Numbers",
+        "Parameters",
+    ]
+    for anchor, title in links.items():
+        section = re.search(rf'<details class="section" id="{anchor}".*?<h2>(.*?)</h2>', text)
+        assert section is not None
+        assert section[1] == title
+    assert text.index("<h3>Position error</h3>") > text.index("<h2>Errors &amp; more</h2>")
+
+
+def test_a_quantity_that_changes_its_sign_is_seen_whole(tmp_path: Path) -> None:
+    run = digest_of(tmp_path / "run")
+    curve = Curve(np.array([0.0, 0.5]), np.array([-3.0, 1.0]))
+    curves = {**run.curves, "effort": [curve]}
+    text = page_of(tmp_path, [replace(run, curves=curves)], "", "")
+    low, high = figure_of(text, "Effort")["layout"]["yaxis"]["range"]
+    assert low < -3
+    assert high > 1
+
+
+def test_components_far_from_zero_have_axes_of_equal_length(tmp_path: Path) -> None:
+    run = digest_of(tmp_path / "run")
+    t = np.array([0.0, 0.5])
+    f = [Curve(t, np.array([10.0, 10 + change])) for change in (0.5, 1.0, -1.0)]
+    text = page_of(tmp_path, [replace(run, curves={**run.curves, "f": f})], "", "")
+    axes = [figure["layout"]["yaxis"]["range"] for figure in panels_of(text)[FORCES]]
+    assert [high - low for low, high in axes] == pytest.approx([1.1] * 3)
+    assert [(high + low) / 2 for low, high in axes] == pytest.approx([10.25, 10.5, 9.5])
+    f = [Curve(t, np.array([0.0, change])) for change in (0.5, 1.0, -1.0)]
+    text = page_of(tmp_path, [replace(run, curves={**run.curves, "f": f})], "", "")
+    axes = [figure["layout"]["yaxis"]["range"] for figure in panels_of(text)[FORCES]]
+    assert axes == [pytest.approx([-1.1, 1.1])] * 3
+
+
+def test_all_digits_of_a_measured_number_are_in_the_page(page: str) -> None:
+    assert 'data-exact="5.73 deg"' in page
+    assert 'data-exact="250000000"' in page
+    assert page.count('class="digits"') >= 1
+
+
+def test_many_runs_are_described_by_the_largest_and_the_smallest(tmp_path: Path) -> None:
+    run = digest_of(tmp_path / "run")
+    runs = [
+        replace(run, path=Path(f"/{x}"), highest={"orientation_error": x})
+        for x in (2.0, 5, 1, 3, 4)
+    ]
+    assert describe(runs) == "Largest orientation error: 5.00 deg (5) to 1.00 deg (1)."
+    assert describe(runs[:2]) == "Largest orientation error: 2.00 deg (2.0), 5.00 deg (5)."
+
+
+def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path: Path) -> None:
+    name = "a_run_with_a_name_" + "x" * 60 + "_end"
+    text = page_of(tmp_path, [digest_of(tmp_path / "run", path=tmp_path / name)], "", "")
+    text = text.replace("<wbr>", "")
+    button = re.search(r"<button[^>]*data-run[^>]*>.*?</button>", text)
+    assert button is not None
+    assert f'title="{name}: hide or show"' in button[0]
+    assert re.sub("<.*?>", "", button[0]) == f"a_run_wi…{name[-22:]}"
+    assert f'<span class="name">{name}</span>' in text
+
+
+def test_the_files_of_the_page_are_installed_with_the_package(tmp_path: Path) -> None:
+    command = ("setup.py", "-q", "build_py", "--build-lib", str(tmp_path))
+    root = Path(__file__).resolve().parents[1]
+    subprocess.run([sys.executable, *command], cwd=root, check=True, timeout=120)
+    installed = tmp_path / "eulerparams_control" / "analysis" / "assets"
+    assert {path.name for path in installed.iterdir()} == {*SCRIPTS, "page.css"}
+
+
+def test_without_the_3d_library_there_is_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = digest_of(tmp_path / "run")
+    with monkeypatch.context() as without:
+        without.setattr(page_assets, "find_spec", lambda name: None)
+        viewer.cache_clear()
+        assert viewer() == ""
+        write_page(tmp_path / "page.html", [run], "", "")
+    viewer.cache_clear()
+    assert len(viewer()) > 500_000

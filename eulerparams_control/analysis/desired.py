@@ -4,14 +4,14 @@ A reference counts from when the controller said that it began, else from the fi
 sent after it, as ``motion.DesiredMotion`` does it in the controller.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames, moved
-from eulerparams_control.motion import Trajectory
+from eulerparams_control.motion import DesiredFrame, Trajectory
 
 Stamps = NDArray[np.int64]
 
@@ -57,10 +57,12 @@ class DesiredFrames:
 
     Args:
         lasting: [s] for which a set-point goes on without a successor.
+        held: pose at a stamp, that the controller holds until the first reference begins.
     """
 
-    def __init__(self, lasting: float) -> None:
+    def __init__(self, lasting: float, held: Callable[[int], DesiredFrame]) -> None:
         self._lasting = lasting
+        self._held = held
         self._motion: _Motion | None = None
 
     def follow(self, references: References, stamps: Stamps, sent: Stamps) -> tuple[Frames, int]:
@@ -82,35 +84,40 @@ class DesiredFrames:
         if done and begins[done - 1] >= M:
             done -= 1
         found = Frames.nowhere(M)
-        if self._motion is None and len(references.sent):
-            self._hold(found, references, received, begins[begun])
-        self._fill(found, references, begun, begins, stamps)
+        going = self._motion
+        if going is None and len(references.sent):
+            self._hold(found, received, begins[begun], stamps)
+        self._fill(found, going, references, begun, begins, stamps)
         return found, done
 
     def _hold(
         self,
         found: Frames,
-        references: References,
         received: NDArray[np.intp],
         begins: NDArray[np.intp],
+        stamps: Stamps,
     ) -> None:
-        """Write the first frame from the receipt of the first reference until one begins."""
-        here = slice(int(received[0]), int(begins[0]) if len(begins) else len(found))
-        rest = references.frames.frame(0).at_rest()
-        for column, value in zip(found.columns, rest, strict=True):
-            column[here] = value
+        """Write the pose that is held from the receipt of the first reference until one begins."""
+        first = int(received[0])
+        if first == len(found):
+            return
+        held = Frames.of([self._held(int(stamps[first]))])
+        self._motion = _Motion(int(stamps[first]), None, held)
+        here = slice(first, int(begins[0]) if len(begins) else len(found))
+        _put(found, here, self._motion.at(stamps[here], self._lasting))
 
     def _fill(
         self,
         found: Frames,
+        going: _Motion | None,
         references: References,
         begun: NDArray[np.intp],
         begins: NDArray[np.intp],
         stamps: Stamps,
     ) -> None:
-        first = int(begins[begun[0]]) if len(begun) else len(stamps)
-        if self._motion is not None:
-            _put(found, slice(0, first), self._motion.at(stamps[:first], self._lasting))
+        if going is not None:
+            first = int(begins[begun[0]]) if len(begun) else len(stamps)
+            _put(found, slice(0, first), going.at(stamps[:first], self._lasting))
         starts = np.where(
             references.start[begun] == NO_START, stamps[begins[begun]], references.start[begun]
         )
@@ -120,9 +127,8 @@ class DesiredFrames:
             here = slice(int(begins[k]), int(ends[place]))
             trajectory = references.trajectories.get(k)
             frame = references.frames.take(np.array([k]))
-            if trajectory is not None:
-                before = self._motion or _Motion(0, None, frame)
-                last = before.at(stamps[here][:1], self._lasting).frame(0)
+            if trajectory is not None and self._motion is not None:
+                last = self._motion.at(stamps[here][:1], self._lasting).frame(0)
                 trajectory = trajectory.from_frame(last)
             self._motion = _Motion(int(starts[place]), trajectory, frame)
             if trajectory is not None:

@@ -22,7 +22,7 @@ from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.messages import BEGAN
-from eulerparams_control.motion import Trajectory
+from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.orientation import OrientationRepresentation
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
@@ -142,7 +142,7 @@ class _Reader:
         self._parameters = _parameters(bag, self._namespace)
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
-        self._desired = DesiredFrames(self._lasting())
+        self._desired = DesiredFrames(self._lasting(), self._measured_pose)
         self._trajectories: dict[int, Trajectory] = {}  # by time of sending
         self._pending: Rows | None = None  # references that have not begun
         self._began: dict[int, int] = {}  # start by time of sending of the news
@@ -323,6 +323,7 @@ class _Reader:
             self._start = int(measured.stamp[0])
         taken = {name: queue.until(stamp) for name, queue in self._given()}
         commands, efforts = taken.get("joint_reference"), taken.get("joint_effort")
+        self._measured = measured
         own, frames = self._desired_at(commands or efforts or measured)
         t = self._times(measured.stamp)
         self._end_of_part = float(t[-1])
@@ -355,6 +356,13 @@ class _Reader:
             )
         self._last_desired = own[-1:], frames.take(np.arange(len(own))[-1:])
         return own, frames
+
+    def _measured_pose(self, stamp: int) -> DesiredFrame:
+        """Return the pose of the tip that was measured at a stamp, or last before."""
+        index = max(0, int(np.searchsorted(self._measured.stamp, stamp, side="right")) - 1)
+        q, dq = (values[index] for values in self._measured.values)
+        state = self._robot.state(q, dq)
+        return DesiredFrame(state.p_e, state.R_e)
 
     def _references(self) -> References:
         queue = self._messages.get("reference")

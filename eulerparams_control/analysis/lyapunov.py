@@ -32,7 +32,7 @@ class LyapunovSeries(NamedTuple):
         V: (M,) its value; not finite where the run left all numbers.
         dV: (M,) [1/s] its derivative by the paper, (31), (43) or (69), the latter with the power
             of the contact moment.
-        dV_measured: (M,) [1/s] its derivative by differences of V.
+        dV_measured: (M,) [1/s] by differences of V from the sample before; NaN at the first.
     """
 
     t: Array
@@ -79,7 +79,8 @@ def lyapunov_series(recording: "Recording") -> LyapunovSeries:
     except (KeyError, TypeError, ValueError, ConfigurationError) as error:
         raise BagError(f"the parameters of the controller do not give V: {error}") from error
     with np.errstate(over="ignore", invalid="ignore"):
-        return LyapunovSeries(t, np.asarray(V), np.asarray(dV), np.gradient(V, t))
+        measured = np.diff(V, prepend=np.nan) / np.diff(t, prepend=np.nan)
+        return LyapunovSeries(t, np.asarray(V), np.asarray(dV), measured)
 
 
 def _along(recording: "Recording") -> tuple[Array, Lyapunov]:

@@ -102,8 +102,9 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
 def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest], bool]:
     """Return the digests of all runs, and whether a bag could not be read; says why."""
     digests, failed = [], False
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as progress:
+    shown = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         for path in options.bags:
             try:
                 arms = _namespaces(path, options)

@@ -2,14 +2,17 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.experiments.definition import Criterion, Experiment
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.experiments.library import Number
+from eulerparams_control.experiments.model import Criterion, Experiment
 
 
 @dataclass(frozen=True)
@@ -35,17 +38,41 @@ class Verdict:
     met: bool
 
 
-def judge(experiment: Experiment, recordings: dict[str, Recording]) -> list[Verdict]:
-    """Return the verdict on each criterion, for each variant that it concerns."""
+def judge(
+    experiment: Experiment,
+    recordings: Mapping[str, Recording],
+    numbers: Mapping[str, Number] = MappingProxyType({}),
+) -> list[Verdict]:
+    """Return the verdict on each criterion, for each variant that it concerns.
+
+    Args:
+        experiment: the experiment.
+        recordings: of its variants, as far as they ran.
+        numbers: of its library experiment, if that ran.
+    """
     return [
         verdict
         for criterion in experiment.criteria
-        for verdict in _verdicts(criterion, experiment, recordings)
+        for verdict in (
+            _of_library(criterion, numbers)
+            if criterion.number
+            else _verdicts(criterion, experiment, recordings)
+        )
     ]
 
 
+def _of_library(criterion: Criterion, numbers: Mapping[str, Number]) -> Iterator[Verdict]:
+    if not numbers:
+        return
+    if criterion.number not in numbers:
+        raise UnknownNameError("number of the library", criterion.number, numbers)
+    number = numbers[criterion.number]
+    text = criterion.text or number.text
+    yield _verdict(criterion, "library", number.value, number.unit, text)
+
+
 def _verdicts(
-    criterion: Criterion, experiment: Experiment, recordings: dict[str, Recording]
+    criterion: Criterion, experiment: Experiment, recordings: Mapping[str, Recording]
 ) -> Iterator[Verdict]:
     metric = get_metric(criterion.metric)
     text = criterion.text or metric.description
@@ -90,10 +117,19 @@ def _verdict(criterion: Criterion, variant: str, measured: float, unit: str, tex
 def write_summary(
     path: Path,
     experiment: Experiment,
-    recordings: dict[str, Recording],
-    verdicts: list[Verdict],
+    recordings: Mapping[str, Recording],
+    verdicts: Sequence[Verdict],
+    **more: Any,
 ) -> None:
-    """Write summary.json: the claim, each criterion with what was measured, and what diverged."""
+    """Write summary.json: the claim, each criterion with what was measured, and what diverged.
+
+    Args:
+        path: of the file.
+        experiment: the experiment.
+        recordings: of its variants.
+        verdicts: on its criteria.
+        more: what is written besides; JSON can hold it.
+    """
     content = {
         "experiment": experiment.name,
         "claim": experiment.claim,
@@ -101,11 +137,17 @@ def write_summary(
         "met": all(verdict.met for verdict in verdicts),
         "criteria": [_json(asdict(verdict)) for verdict in verdicts],
         "diverged": dict(diverged(recordings)),
+        **more,
     }
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
-def diverged(recordings: dict[str, Recording]) -> list[tuple[str, float]]:
+def verdict_from_json(content: Mapping[str, Any]) -> Verdict:
+    """Return a verdict from summary.json."""
+    return Verdict(**{**content, "measured": float(content["measured"])})
+
+
+def diverged(recordings: Mapping[str, Recording]) -> list[tuple[str, float]]:
     """Return the variants that diverged, and when [s]."""
     return [(name, r.diverged) for name, r in recordings.items() if r.diverged is not None]
 

@@ -2,11 +2,12 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -15,15 +16,14 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.experiments.domains import Domain
 from eulerparams_control.resources import PACKAGE
 
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
 
-# Domains whose ports stay below those that Linux gives to outgoing connections.
-_DOMAINS = range(1, 100)
 
-
+@cache
 def module_of(executable: str) -> str:
     """Return the module of an executable of this package; raises ConfigurationError."""
     for point in entry_points(group="console_scripts", name=executable):
@@ -32,39 +32,30 @@ def module_of(executable: str) -> str:
     raise ConfigurationError(f"the package is not installed: it has no executable '{executable}'")
 
 
-def free_domain() -> int:
-    """Return a ROS domain in which no participant runs on this machine.
-
-    The first participant of domain d takes the UDP port 7410 + 250 d (RTPS 9.6.1.1).
-    """
-    for offset in range(len(_DOMAINS)):
-        domain = _DOMAINS[(os.getpid() + offset) % len(_DOMAINS)]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7410 + 250 * domain))
-            except OSError:
-                continue
-            return domain
-    raise ConfigurationError("no ROS domain is free on this machine")
+class Stopped(Exception):
+    """A run was told to stop before its end."""
 
 
 class Nodes:
-    """Processes of nodes that end together.
+    """Processes of nodes that end together, in a ROS domain of their own.
 
     Args:
         folder: for their parameter files and logs.
+        stop: set from another thread when they are to end.
 
     Attributes:
         environment: of the processes; names the domain.
         processes: by executable.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, stop: threading.Event | None = None) -> None:
         self._folder = folder
+        self._stop = stop or threading.Event()
+        self._domain = Domain()
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.environment = {
             **os.environ,
-            "ROS_DOMAIN_ID": str(free_domain()),
+            "ROS_DOMAIN_ID": str(self._domain.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "RCUTILS_LOGGING_USE_STDOUT": "1",
             "RCUTILS_COLORIZED_OUTPUT": "0",
@@ -81,6 +72,7 @@ class Nodes:
         _traceback: TracebackType | None,
     ) -> None:
         self.stop(*reversed(list(self.processes)))
+        self._domain.release()
 
     def start(
         self,
@@ -119,7 +111,10 @@ class Nodes:
 
         Raises:
             SimulationError: if any node has died; with its last words.
+            Stopped: if they are to end.
         """
+        if self._stop.is_set():
+            raise Stopped
         for name, process in self.processes.items():
             if process.poll() is not None and (process.returncode != 0 or name != executable):
                 raise SimulationError(

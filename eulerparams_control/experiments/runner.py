@@ -2,10 +2,12 @@
 
 import math
 import re
+import struct
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +15,9 @@ from eulerparams_control.bags.reader import Bag
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.definition import Experiment, Parameters, Variant
+from eulerparams_control.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.experiments.processes import Nodes
-from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.experiments.records import Making, Record, Run
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array, exp
@@ -31,24 +33,36 @@ _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it
 _BEYOND = re.compile(r"not finite|must be \d+ finite numbers")
 _SILENCE = "no command for the state stamped"
 
+# A header begins a message: its stamp follows the four bytes that say how it is encoded.
+_CDR_HEADER, _STAMP = 4, struct.Struct("<iI")
+
 Progress = Callable[[float], None]
 
 
-class Run(NamedTuple):
-    """A run that has ended.
+def known_run(experiment: Experiment, variant: str, folder: Path) -> tuple[Run | None, str]:
+    """Return the run of a variant that was made before, or None and why it does not count.
 
-    Attributes:
-        bag: its recording.
-        duration: [s] of simulated time.
-        diverged: [s] when it ended early; None if it did not.
+    Args:
+        experiment: the experiment.
+        variant: which of its variants.
+        folder: where its bag would be.
     """
+    found = Record(folder, variant).finished()
+    if found is None:
+        return None, ""
+    settings = experiment.variants[variant]
+    making, run = found
+    changed = Making.of(settings, node_parameters(settings)).differs(making)
+    return (None, f"{changed} changed") if changed else (run, "")
 
-    bag: Path
-    duration: float
-    diverged: float | None
 
-
-def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Progress) -> Run:
+def run_variant(
+    experiment: Experiment,
+    variant: str,
+    folder: Path,
+    progress: Progress,
+    stop: threading.Event | None = None,
+) -> Run:
     """Run one variant, recorded in the bag ``folder/variant``.
 
     Args:
@@ -56,30 +70,48 @@ def run_variant(experiment: Experiment, variant: str, folder: Path, progress: Pr
         variant: which of its variants.
         folder: where the bag goes; ``folder/logs/variant`` gets parameters and logs.
         progress: called with the simulated time [s] again and again.
+        stop: set from another thread when it is to end early.
 
     Raises:
-        BagError: if the bag exists, or is not complete.
+        BagError: if there is a bag that is not ours, or it is not complete.
         SimulationError: if a node dies, with its last words; not if the run may diverge and did.
+        Stopped: if it was told to.
     """
     settings = experiment.variants[variant]
-    bag = folder / variant
-    if bag.exists():
-        raise BagError(f"{bag} exists; remove it, or choose another --out")
+    record, started = Record(folder, variant), time.monotonic()
+    record.clear()
+    parameters = node_parameters(settings)
+    making = Making.of(settings, parameters)
+    record.begin(making)
+    diverged = _record(settings, parameters, folder, variant, progress, stop)
+    rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
+    end = _check_complete(record.bag, settings, rate, diverged)
+    run = Run(record.bag, end, end if diverged else None, time.monotonic() - started)
+    record.end(making, run)
+    return run
+
+
+def _record(
+    settings: Variant,
+    parameters: Parameters,
+    folder: Path,
+    variant: str,
+    progress: Progress,
+    stop: threading.Event | None,
+) -> bool:
+    """Start the nodes of a variant, and end them when it has; return whether it diverged."""
     controller = CONTROLLERS[settings.controller]
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
-    parameters = node_parameters(settings)
-    parameters["bag_recorder"] = {"output": str(bag), "topics": topics}
+    recorder = {"bag_recorder": {"output": str(folder / variant), "topics": topics}}
     remaps = {node.executable: node.remaps for node in controller.nodes}
-    with Nodes(folder / "logs" / variant) as nodes:
+    with Nodes(folder / "logs" / variant, stop) as nodes:
         for name in ("bag_recorder", *controller.executables, "pybullet_bridge", "reference"):
-            nodes.start(name, parameters[name], remaps=remaps.get(name, {}))
+            nodes.start(name, (parameters | recorder)[name], remaps=remaps.get(name, {}))
         nodes.wait_for("bag_recorder", "recording ", _START_TIMEOUT)
         diverged = _follow(nodes, settings, progress)
         nodes.stop("reference", *controller.executables, "bag_recorder")
-    rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
-    end = _check_complete(bag, settings, rate, diverged)
-    return Run(bag, end, end if diverged else None)
+    return diverged
 
 
 def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
@@ -175,11 +207,10 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
 
     A run that diverged ends where it did, and its last state may have no answer.
     """
-    states = _stamps(bag, "/joint_states")
-    end = max(states, default=0) / 1e9 if diverged else settings.duration
-    expected = round(end * rate) + 1
     answers = CONTROLLERS[settings.controller].answers
-    found = {"/joint_states": states} | {f"/{name}": _stamps(bag, f"/{name}") for name in answers}
+    found = _stamps(bag, ["/joint_states", *(f"/{name}" for name in answers)])
+    end = max(found["/joint_states"], default=0) / 1e9 if diverged else settings.duration
+    expected = round(end * rate) + 1
     for topic, stamps in found.items():
         least = expected - (diverged and topic != "/joint_states")
         if not least <= len(stamps) <= expected:
@@ -187,9 +218,13 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
     return end
 
 
-def _stamps(bag: Path, topic: str) -> set[int]:
-    """Return the stamps [ns] of a topic of a bag."""
-    return {ns_from_ros(m.message.header.stamp) for m in Bag(bag).messages([topic])}
+def _stamps(bag: Path, topics: list[str]) -> dict[str, set[int]]:
+    """Return the stamps [ns] of topics of a bag, in one pass and without decoding the rest."""
+    found: dict[str, set[int]] = {topic: set() for topic in topics}
+    for message in Bag(bag).read_raw(topics):
+        second, nanosecond = _STAMP.unpack_from(message.data, _CDR_HEADER)
+        found[message.topic].add(second * 10**9 + nanosecond)
+    return found
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:

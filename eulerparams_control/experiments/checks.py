@@ -1,0 +1,47 @@
+"""What the readers of an experiment's file share: they refuse what means nothing."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from eulerparams_control.analysis.metrics import get_metric
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+
+
+def known(kind: str, name: Any, names: Any) -> None:
+    """Raise UnknownNameError unless a name is one of those."""
+    if name not in names:
+        raise UnknownNameError(kind, str(name), map(str, names))
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value of YAML is a number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def require(condition: Any, message: str) -> None:
+    """Raise ConfigurationError unless the condition holds."""
+    if not condition:
+        raise ConfigurationError(message)
+
+
+def check_options(name: str, options: Any) -> None:
+    """Raise ConfigurationError if there is no such metric, or it does not take the options."""
+    check_call(f"the metric '{name}'", get_metric(name).compute, options)
+
+
+def check_call(what: str, function: Callable[..., Any], options: Any) -> None:
+    """Raise ConfigurationError unless a function takes these options after its first argument."""
+    try:
+        inspect.signature(function).bind(None, **options)
+    except TypeError as error:
+        raise ConfigurationError(f"options of {what}: {error}") from error
+
+
+def points(where: str, value: Any) -> tuple[tuple[float, float], ...]:
+    """Return [[x, y], ...] as pairs of numbers; raises ConfigurationError."""
+    fits = isinstance(value, list) and all(
+        isinstance(pair, list) and len(pair) == 2 and all(map(is_number, pair)) for pair in value
+    )
+    require(fits and value, f"{where}: expected [[x, y], ...], numbers, at least one pair")
+    return tuple((float(x), float(y)) for x, y in value)

@@ -1,0 +1,61 @@
+"""ROS domains of their own for runs, also for those that run at the same time.
+
+Domain d has the UDP ports 7400 + 250 d and up; its first participant takes 7410 + 250 d, the next
+ones every second port after it, and all listen to 7400 + 250 d (RTPS 9.6.1.1).  A domain is free
+if all of these can be bound.  The nodes of a run take them only when they start, so the run also
+holds a name, of the same network namespace as the ports, until it ends.
+"""
+
+import os
+import socket
+
+from eulerparams_control.errors import ConfigurationError
+
+DOMAINS = range(1, 100)
+"""Those whose ports stay below what Linux gives to outgoing connections."""
+
+_PARTICIPANTS = 12  # of a domain, at most: more nodes than any run has
+_NAME = "\0eulerparams_control_domain_{}"  # abstract: it goes with the process that holds it
+
+
+class Domain:
+    """A domain that nobody else has, until it is released.
+
+    Raises:
+        ConfigurationError: if none is free.
+    """
+
+    def __init__(self) -> None:
+        for offset in range(len(DOMAINS)):
+            self.number = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
+            self._held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            if _bind(self._held, _NAME.format(self.number)) and _is_quiet(self.number):
+                return
+            self._held.close()
+        raise ConfigurationError(
+            f"no ROS domain from {DOMAINS[0]} to {DOMAINS[-1]} is free on this machine; end what "
+            "runs in them"
+        )
+
+    def release(self) -> None:
+        """Let others have it; its participants have ended."""
+        self._held.close()
+
+
+def _is_quiet(domain: int) -> bool:
+    """Return whether no participant of a domain runs on this machine."""
+    first = 7400 + 250 * domain
+    ports = [first, *range(first + 10, first + 10 + 2 * _PARTICIPANTS, 2)]
+    for port in ports:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            if not _bind(probe, ("", port)):
+                return False
+    return True
+
+
+def _bind(probe: socket.socket, address: str | tuple[str, int]) -> bool:
+    try:
+        probe.bind(address)
+    except OSError:
+        return False
+    return True

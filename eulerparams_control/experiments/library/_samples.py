@@ -1,0 +1,52 @@
+"""Seeded random rotations, and frames that move, for the checks of the equations."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from eulerparams_control.experiments.library._arms import SEED
+from eulerparams_control.rotations import Array, EulerParameters, exp
+
+STEP = 1e-6  # [s] of the central differences: their floor is about 1e-9
+
+
+def generator(key: int) -> np.random.Generator:
+    """Return a random generator that depends on the key alone."""
+    return np.random.default_rng((SEED, key))
+
+
+def rotations(count: int, key: int) -> list[Array]:
+    """Return uniform rotations (3, 3): unit quaternions of Gaussian numbers."""
+    q = generator(key).normal(size=(count, 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    return [EulerParameters(float(eta), np.array(eps)).R for eta, *eps in q]
+
+
+def vectors(count: int, key: int) -> list[Array]:
+    """Return vectors (3,) with components of order 1."""
+    return list(generator(key).normal(size=(count, 3)))
+
+
+def turning(R: Array, omega: Array) -> Callable[[float], Array]:
+    """Return the frame t -> R(t) that turns at omega (3,) [rad/s] and is R at t = 0."""
+    return lambda t: exp(t * omega) @ R
+
+
+def derivative(function: Callable[[float], Array]) -> Array:
+    """Return the derivative of a function of time at t = 0, by central differences."""
+    rate: Array = (function(STEP) - function(-STEP)) / (2 * STEP)
+    return rate
+
+
+def size(value: Array | float) -> float:
+    """Return the norm of a residual, of Frobenius for matrices."""
+    return float(np.linalg.norm(value))
+
+
+def angle_axis(theta: float, r: Array) -> Array:
+    """Return the rotation (3, 3) by theta [rad] about r by Rodrigues' formula, written out."""
+    x, y, z = r.tolist()
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    R: Array = np.eye(3) + math.sin(theta) * K + (1 - math.cos(theta)) * (K @ K)
+    return R

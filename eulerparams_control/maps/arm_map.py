@@ -1,0 +1,103 @@
+"""Kind "arm": the same turns by a free frame and by a real arm: does the failure transfer?"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.inverse import smallest_singular_value
+from eulerparams_control.maps.base import Picture, Row, Table
+from eulerparams_control.maps.sampling import away, directions, random_axis, with_tool_axis
+from eulerparams_control.maps.tip import ArmTip, FreeTip
+from eulerparams_control.maps.turning import TurningMap
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.orientation import representation
+from eulerparams_control.robot import Robot
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.clik import ClikLaw
+
+_STEPS, _STEP = 300, 0.05  # of the search for joint positions; k_Po _STEP = 0.5
+_FOUND = 1e-6  # [m], [rad] error of joint positions that are found
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmMap(TurningMap):
+    """An arm and a free frame turn to R_d from the same errors, the tip staying where it is.
+
+    ``samples`` counts the directions of the tool axis.
+
+    Attributes:
+        robot: of config/robots.
+        error: [deg].
+        least_singular: smallest singular value of J at the start and at R_d; below, the arm
+            itself is singular there, and the cell is left out.
+    """
+
+    kind = "arm"
+
+    robot: str = "ur5"
+    error: float = 30.0
+    least_singular: float = 0.06
+
+    @cached_property
+    def arm(self) -> tuple[Robot, Array]:
+        """The arm and its home (n,)."""
+        about = load_robot(self.robot)
+        robot = Robot(about.urdf, about.base_frame, about.tip_frame, about.joints)
+        return robot, np.array(about.home)
+
+    def cells(self) -> list[Row]:
+        """Return variants x directions."""
+        return [
+            {"variant": v, "place": p, "x": x, "y": y, "z": z}
+            for v in range(len(self.variants))
+            for p, (x, y, z) in enumerate(directions(self.samples).tolist())
+        ]
+
+    def simulate(self, cell: Row) -> dict[str, float]:
+        """Return the outcomes of the arm, and those of the free frame with the prefix free_."""
+        random, theta = self.random(cell), math.radians(self.error)
+        z = np.array([cell["x"], cell["y"], cell["z"]], dtype=float)
+        R_d = with_tool_axis(z, random.uniform(-math.pi, math.pi))
+        R_0 = away(R_d, theta * random_axis(random))
+        variant = self.variant(cell)
+        free = self.settle(variant, FreeTip(R_0), R_d, theta, self.random(cell))
+        q = self.positions(R_0, R_d)
+        outcome = dict.fromkeys(free, math.nan)
+        if q is not None:
+            tip = ArmTip(self.arm[0], q)
+            outcome = self.settle(variant, tip, R_d, theta, self.random(cell))
+        named = {f"free_{name}": value for name, value in free.items()}
+        return {**outcome, **named, "reached": float(q is not None)}
+
+    def positions(self, R_0: Array, R_d: Array) -> Array | None:
+        """Return q (n,) with the tip of home at R_0; None if it or R_d cannot be reached well."""
+        robot, home = self.arm
+        p = robot.state(home, np.zeros_like(home)).p_e
+        q_0 = self._search(home, DesiredFrame(p, R_0))
+        if q_0 is None or self._search(q_0, DesiredFrame(p, R_d)) is None:
+            return None
+        return q_0
+
+    def _search(self, q: Array, frame: DesiredFrame) -> Array | None:
+        """Return q (n,) that CLIK with Euler parameters finds for a frame, if well inside."""
+        robot, _ = self.arm
+        law = ClikLaw(representation("euler_parameters"), k_Pp=10.0, k_Po=20.0)
+        for _ in range(_STEPS):
+            state = robot.state(q, np.zeros_like(q))
+            if _apart(state.p_e, state.R_e, frame) < _FOUND:
+                return q if smallest_singular_value(state.J) > self.least_singular else None
+            q = q + _STEP * law.velocity(state, frame, None)[0]
+        return None
+
+    def pictures(self, table: Table) -> list[Picture]:
+        """Return arm against free frame."""
+        from eulerparams_control.maps.arm_picture import picture
+
+        return [picture(self, table)]
+
+
+def _apart(p: Array, R: Array, frame: DesiredFrame) -> float:
+    return float(max(np.abs(frame.p_d - p).max(), np.abs(frame.R_d - R).max()))

@@ -1,0 +1,106 @@
+"""Experiments in the library alone, and the curves that theory predicts."""
+
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.experiments.criteria import judge
+from eulerparams_control.experiments.definition import load_experiment
+from eulerparams_control.experiments.library import Result, library_names, run_library
+from eulerparams_control.experiments.model import Criterion, Experiment
+from eulerparams_control.experiments.predictions import FORMS, Predicted
+
+# Seen in the prototype, to the digits that were written down.
+SEEN = {
+    "e2": {"cond_J_A_10": 57, "cond_J_A_1": 578, "cond_J_A_0_1": 5.8e3, "cond_J": 8, "slope": -1},
+    "e4": {"differenced_jump": 6283},
+    "e5": {"apart": 4.6e-4},
+}
+OF_DIGITS = 0.01
+
+# Runge-Kutta's method in steps of 2 ms leaves 1e-9 deg of errors of 180 deg.
+INTEGRATED = 1e-6
+
+
+result_of = cache(run_library)
+
+
+@pytest.fixture(params=library_names())
+def found(request: pytest.FixtureRequest) -> tuple[str, Result]:
+    return request.param, result_of(request.param)
+
+
+def test_every_criterion_on_the_library_is_met(found: tuple[str, Result]) -> None:
+    name, result = found
+    experiment = load_experiment(name)
+    assert experiment.library == name
+    verdicts = judge(experiment, {}, result.numbers)
+    assert len(verdicts) == sum(bool(criterion.number) for criterion in experiment.criteria) >= 2
+    assert [verdict for verdict in verdicts if not verdict.met] == []
+    assert {verdict.variant for verdict in verdicts} == {"library"}
+
+
+def test_the_numbers_are_those_of_the_prototype(found: tuple[str, Result]) -> None:
+    name, result = found
+    for number, value in SEEN.get(name, {}).items():
+        assert result.numbers[number].value == pytest.approx(value, rel=OF_DIGITS)
+
+
+def test_a_result_survives_json(found: tuple[str, Result]) -> None:
+    _, result = found
+    assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+
+
+def test_the_printed_equations_are_further_off_than_those_that_hold() -> None:
+    numbers = result_of("e1").numbers
+    printed = [name for name in numbers if name.endswith("_as_printed")]
+    assert sorted(printed) == [f"eq_{n}_as_printed" for n in ("38", "4", "50", "59", "62", "7")]
+    for name in printed:
+        assert numbers[name].value > 1e5 * numbers[name.removesuffix("_as_printed")].value
+
+
+def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(UnknownNameError, match="unknown library experiment 'e9'; known: e1, e2"):
+        run_library("e9")
+
+
+def test_a_number_that_the_library_does_not_have_is_refused() -> None:
+    criterion = Criterion(number="slop", below=1.0)
+    experiment = Experiment("x", "claim", (), {}, (criterion,), library="e2")
+    assert judge(experiment, {}) == []
+    with pytest.raises(UnknownNameError, match=r"'slop' \(did you mean 'slope'\?\)"):
+        judge(experiment, {}, result_of("e2").numbers)
+
+
+# --- predictions over time --------------------------------------------------------------------
+
+
+def test_a_small_error_by_41_decays_as_the_linear_equation_says() -> None:
+    k_V = 10.0  # with k_Po = 50 the roots are -5 (1 +- j sqrt(0))
+    t, error = FORMS["error_41"](2.0, error=1e-3, k_Po=k_V**2 / 2, k_Vo=k_V)
+    expected = 1e-3 * (1 + 5 * t) * np.exp(-5 * t)
+    np.testing.assert_allclose(error, expected, atol=1e-3 * INTEGRATED)
+
+
+def test_an_error_next_to_Q1_grows_at_the_rate_of_the_paper_and_comes_the_long_way() -> None:
+    t, error = FORMS["error_41"](6.0, error=359.999, k_Po=100.0, k_Vo=14.142)
+    rate = (-14.142 + math.sqrt(14.142**2 + 200)) / 2
+    early = (t > 0.5) & (t < t[np.argmax(error > 1.0)])
+    assert np.polyfit(t[early], np.log(error[early]), 1)[0] == pytest.approx(rate, rel=1e-3)
+    assert error.max() == pytest.approx(180, abs=1)
+    assert error[-1] < 1
+
+
+def test_a_value_is_a_line_over_the_time_of_the_runs() -> None:
+    curve = Predicted("force", "theory", ((0.0, 9.5),)).over(3.0)
+    assert (curve.quantity, curve.text) == ("force", "theory")
+    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 3.0], [9.5, 9.5]])
+
+
+def test_points_stay_what_they_are() -> None:
+    curve = Predicted("force", "theory", ((0.0, 1.0), (2.0, 5.0))).over(3.0)
+    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 2.0], [1.0, 5.0]])

@@ -1,0 +1,385 @@
+"""Maps: they agree with closed forms, and are the same wherever and in whatever order they run."""
+
+import math
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.maps import MapKind, Variant
+from eulerparams_control.maps.arm_map import ArmMap
+from eulerparams_control.maps.arm_picture import difference
+from eulerparams_control.maps.base import Table, of_variant, run_batch
+from eulerparams_control.maps.definition import load_map
+from eulerparams_control.maps.deflection_map import DeflectionMap
+from eulerparams_control.maps.engine import Batches, Engine, engine
+from eulerparams_control.maps.error_map import ErrorMap
+from eulerparams_control.maps.gain_map import GainMap
+from eulerparams_control.maps.main import main
+from eulerparams_control.maps.orientation_map import OrientationMap
+from eulerparams_control.maps.run import DIVERGED, FAST, FINE, UNSETTLED, Outcome, failure
+from eulerparams_control.maps.sampling import away, directions, passing, with_tool_axis
+from eulerparams_control.maps.stiffness_map import StiffnessMap
+from eulerparams_control.maps.sweep import batches_of, sweep
+from eulerparams_control.orientation import EulerSequence
+from eulerparams_control.resources import config_names
+from eulerparams_control.rotations import angle_between, exp
+
+XYZ = Variant("XYZ", "euler_angles", "XYZ")
+ZYZ = Variant("ZYZ", "euler_angles", "ZYZ")
+RELATIVE = Variant("relative", "relative_euler_angles")
+ANGLE_AXIS = Variant("angle/axis", "angle_axis")
+VECTOR = Variant("vector", "rotation_vector")
+PARAMETERS = Variant("parameters", "euler_parameters", k_factor=2.0)
+
+SMALL = OrientationMap(
+    variants=(XYZ, PARAMETERS), samples=6, trials=1, errors=(100.0,), speeds=(), batch=3
+)
+
+
+def table_of(kind: MapKind) -> Table:
+    rows = run_batch(kind, kind.cells())
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def rows_of(engine: Engine, kind: MapKind) -> list[object]:
+    found = dict(engine(kind, dict(enumerate(batches_of(kind)))))
+    return [found[number] for number in sorted(found)]
+
+
+# --- sampling --------------------------------------------------------------------------
+
+
+def test_directions_are_unit_vectors_spread_evenly() -> None:
+    v = directions(400)
+    assert np.allclose(np.linalg.norm(v, axis=1), 1)
+    assert np.allclose(v.T @ v / 400, np.eye(3) / 3, atol=5e-3)
+
+
+@pytest.mark.parametrize("roll", [-3.0, 0.0, 1.0])
+def test_an_orientation_has_the_tool_axis_asked_for(roll: float) -> None:
+    for z in directions(20):
+        R = with_tool_axis(z, roll)
+        assert np.allclose(R[:, 2], z)
+        assert np.allclose(R @ R.T, np.eye(3))
+        assert np.linalg.det(R) == pytest.approx(1)
+
+
+def test_the_start_is_away_by_the_error() -> None:
+    R_d = with_tool_axis(directions(7)[2], 0.3)
+    assert angle_between(away(R_d, np.array([0.3, 0.4, 0.0])), R_d) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("axis", "sequence"), [(0, "XYZ"), (2, "ZYZ")])
+def test_a_passing_turn_comes_as_close_to_the_pole_as_asked(axis: int, sequence: str) -> None:
+    R, n = passing(axis, 0.1, 0.7)
+    distance = [EulerSequence(sequence).pole_distance(exp(phi * n) @ R) for phi in (-0.2, 0, 0.2)]
+    beside = math.acos(math.cos(0.1) * math.cos(0.2))
+    assert distance == pytest.approx([beside, 0.1, beside])
+
+
+# --- closed forms ----------------------------------------------------------------------
+
+
+def test_the_peak_speed_of_clik_is_that_of_its_error_equation() -> None:
+    """k theta of a rotation vector; 2 k sin(theta/2) of Euler parameters, eq. (28)."""
+    kind = OrientationMap(
+        variants=(VECTOR, PARAMETERS), samples=4, trials=1, errors=(30.0, 170.0), speeds=(),
+        law="clik", noise=0.0, dt=1e-3,
+    )  # fmt: skip
+    table = table_of(kind)
+    assert of_variant(table, 0)["speed_ratio"] == pytest.approx(1.0)
+    for error in kind.errors:
+        half = math.radians(error) / 2
+        rows = of_variant(table, 1, error=error)
+        assert rows["speed_ratio"] == pytest.approx(math.sin(half) / half)
+        assert rows["detour"] == pytest.approx(1.0, abs=1e-3)
+    assert (table["failure"] == FINE).all()
+
+
+def test_the_settle_time_of_clik_with_euler_parameters_is_that_of_28() -> None:
+    """dtheta = -2 k sin(theta/2), so tan(theta/4) decays with exp(-k t)."""
+    kind = OrientationMap(
+        variants=(PARAMETERS,), samples=2, trials=1, errors=(120.0,), speeds=(), law="clik",
+        noise=0.0, dt=1e-3, rate=20.0, settled=1.0,
+    )  # fmt: skip
+    start, end = math.radians(120.0), math.radians(1.0)
+    expected = math.log(math.tan(start / 4) / math.tan(end / 4)) / kind.rate
+    # explicit steps of h shorten it by about h k / 2
+    assert table_of(kind)["settle_time"] == pytest.approx(expected, rel=kind.rate * kind.dt)
+
+
+def test_small_errors_of_dynamic_control_peak_like_a_critically_damped_oscillator() -> None:
+    kind = OrientationMap(
+        variants=(VECTOR, PARAMETERS, RELATIVE, ANGLE_AXIS), samples=3, trials=1, errors=(3.0,),
+        speeds=(), noise=0.0, dt=1e-3,
+    )  # fmt: skip
+    assert table_of(kind)["speed_ratio"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("variant", "row"), [(XYZ, 0), (ZYZ, 2)])
+def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(variant: Variant, row: int) -> None:
+    """K / (1 + s), K / (1 - s) with s = |sin(beta_d)| of XYZ, |cos(beta_d)| of ZYZ."""
+    kind = StiffnessMap(variants=(variant,), samples=8, moment=1e-5)
+    table = table_of(kind)
+    s = np.abs(table["xyz"[row]])
+    assert s.max() > 0.8
+    assert table["k_min"] == pytest.approx(1 / (1 + s), rel=1e-3)
+    assert table["k_max"] == pytest.approx(1 / (1 - s), rel=1e-3)
+
+
+def test_the_apparent_stiffness_of_euler_parameters_is_the_chosen_one() -> None:
+    kind = StiffnessMap(variants=(PARAMETERS, RELATIVE), samples=3, K_o=(50.0, 100.0, 200.0))
+    table = table_of(kind)
+    assert table["k_min"] == pytest.approx(1.0, abs=1e-3)
+    assert table["k_max"] == pytest.approx(1.0, abs=1e-3)
+    assert table["deviation"].max() < 0.1
+
+
+def test_with_euler_angles_a_moment_turns_about_another_axis() -> None:
+    kind = StiffnessMap(variants=(XYZ,), samples=6, K_o=(50.0, 100.0, 200.0))
+    assert table_of(kind)["deviation"].min() > 5
+
+
+def test_large_moments_turn_as_in_closed_form() -> None:
+    """arcsin(m) with Euler parameters, m with a rotation vector; m is moment over stiffness."""
+    kind = DeflectionMap(variants=(PARAMETERS, VECTOR), samples=3, trials=2, largest=0.9)
+    kind = replace(kind, duration=2.0)
+    table = table_of(kind)
+    m = of_variant(table, 0)["moment"]
+    assert of_variant(table, 0)["turn"] == pytest.approx(np.degrees(np.arcsin(m)), rel=1e-3)
+    assert of_variant(table, 1)["turn"] == pytest.approx(np.degrees(m), rel=1e-3)
+    assert table["deviation"].max() < 1e-3
+
+
+def test_beyond_half_the_stiffness_angle_axis_has_no_equilibrium() -> None:
+    kind = DeflectionMap(variants=(ANGLE_AXIS,), samples=2, trials=1, largest=0.9)
+    table = table_of(kind)
+    assert table["turn"][0] == pytest.approx(math.degrees(math.asin(0.9) / 2), rel=1e-2)
+    assert math.isnan(table["turn"][1])
+
+
+# --- what fails ------------------------------------------------------------------------
+
+
+def test_angle_axis_settles_below_90_deg_and_never_beyond() -> None:
+    kind = OrientationMap(
+        variants=(ANGLE_AXIS, PARAMETERS), samples=3, trials=1, errors=(70.0, 120.0), speeds=()
+    )
+    table = table_of(kind)
+    assert (of_variant(table, 0, error=70.0)["failure"] == FINE).all()
+    assert (of_variant(table, 0, error=120.0)["failure"] == UNSETTLED).all()
+    assert of_variant(table, 0, error=120.0)["final_deg"] == pytest.approx(180.0, abs=0.5)
+    assert (of_variant(table, 1)["failure"] == FINE).all()
+
+
+def test_euler_angles_fail_close_to_their_pole_and_nowhere_else() -> None:
+    kind = GainMap(
+        variants=(XYZ, ZYZ, PARAMETERS), samples=2, closest=(0.05, 30.0), gains=(10.0, 100.0),
+        arc=20.0,
+    )  # fmt: skip
+    table = table_of(kind)
+    near = table["closest"] < 1
+    assert (table["failure"][near & (table["variant"] < 2)] >= UNSETTLED).any()
+    assert (table["failure"][near & (table["variant"] == 2)] == FINE).all()
+    assert (table["failure"][~near] == FINE).all()
+
+
+def test_euler_angles_go_astray_where_euler_parameters_turn_directly() -> None:
+    kind = ErrorMap(variants=(XYZ, RELATIVE, PARAMETERS), samples=6)
+    table = table_of(kind)
+    assert of_variant(table, 0)["detour"].max() > 1.2
+    assert of_variant(table, 1)["detour"].max() > 1.2
+    assert of_variant(table, 2)["detour"].max() < 1.01
+    assert set(table["failure"]) <= {FINE, FAST, UNSETTLED, DIVERGED}
+
+
+def test_an_arm_does_what_the_free_frame_does() -> None:
+    kind = ArmMap(variants=(XYZ, PARAMETERS), samples=5, error=100.0, noise=0.0)
+    table = table_of(kind)
+    reached = table["reached"] > 0
+    assert 2 <= reached.sum() < len(reached) or reached.all()
+    assert difference(table) < 0.01
+    speeds = table["speed_ratio"][reached] / table["free_speed_ratio"][reached]
+    assert speeds == pytest.approx(1.0, abs=0.02)
+    assert np.isnan(table["detour"][~reached]).all()
+
+
+def test_a_failure_says_what_failed() -> None:
+    good = Outcome(peak=1.0, travel=1.0, worst=0.1, final=0.0, settled=0.2, diverged=False)
+    assert failure(good, 1.5) == FINE
+    assert failure(good, 0.5) == FAST
+    assert failure(good._replace(settled=math.inf), 0.5) == UNSETTLED
+    assert failure(good._replace(settled=math.inf, diverged=True), 0.5) == DIVERGED
+
+
+# --- the sweep -------------------------------------------------------------------------
+
+
+def test_every_cell_is_in_one_batch() -> None:
+    batches = batches_of(SMALL)
+    assert sorted(map(str, SMALL.cells())) == sorted(str(c) for b in batches for c in b)
+    assert max(map(len, batches)) <= SMALL.batch
+
+
+def test_all_representations_meet_the_same_errors_and_noise() -> None:
+    twice = replace(SMALL, variants=(PARAMETERS, PARAMETERS))
+    table = table_of(twice)
+    assert np.array_equal(of_variant(table, 0)["speed_ratio"], of_variant(table, 1)["speed_ratio"])
+    assert len(set(of_variant(table, 0)["final_deg"])) == 6
+    other = table_of(replace(twice, seed=2))
+    assert not np.array_equal(table["final_deg"], other["final_deg"])
+
+
+def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
+    definition = replace(load_map("failure"), kind=SMALL)
+
+    def interrupted(kind: MapKind, batches: Batches) -> Iterator[object]:
+        for number in sorted(batches, reverse=True)[:2]:
+            yield number, run_batch(kind, batches[number])
+        raise KeyboardInterrupt
+
+    def counting(kind: MapKind, batches: Batches) -> Iterator[object]:
+        simulated.extend(batches)
+        for number, cells in batches.items():
+            yield number, run_batch(kind, cells)
+
+    simulated: list[int] = []
+    shown: list[tuple[int, int]] = []
+    with pytest.raises(KeyboardInterrupt):
+        sweep(definition, tmp_path / "a", interrupted, lambda *_: None)
+    resumed = sweep(definition, tmp_path / "a", counting, lambda *s: shown.append(s))
+    assert simulated == [0, 1]
+    assert shown == [(6, 12), (9, 12), (12, 12)]
+    at_once = sweep(definition, tmp_path / "b", counting, lambda *_: None)
+    assert all(np.array_equal(resumed[name], at_once[name]) for name in at_once)
+    stored = pq.read_table(tmp_path / "a" / "map.parquet").to_pydict()
+    assert stored["speed_ratio"] == list(resumed["speed_ratio"])
+    other = replace(definition, kind=replace(SMALL, seed=9))
+    simulated.clear()
+    sweep(other, tmp_path / "a", counting, lambda *_: None)
+    assert simulated == [0, 1, 2, 3]  # other options: nothing of it was finished
+
+
+def test_the_numbers_are_the_same_in_this_process_and_in_workers_of_its_own() -> None:
+    with engine(0) as here:
+        expected = rows_of(here, SMALL)
+    with engine(2) as local:
+        assert rows_of(local, SMALL) == expected
+
+
+def test_the_numbers_are_the_same_with_a_scheduler_started_separately(tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    dask = (sys.executable, "-m", "dask")
+    # what a worker of another machine has: the package, but neither this folder nor these files
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    commands = [
+        [*dask, "scheduler", "--host", address, "--dashboard-address", "127.0.0.1:0"],
+        *([*dask, "worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny"],) * 2,
+    ]
+    processes = [
+        subprocess.Popen(c, cwd=tmp_path, env=env, stderr=subprocess.DEVNULL) for c in commands
+    ]
+    try:
+        assert _waits_for(address)
+        with engine(0) as here, engine(0, address) as cluster:
+            assert rows_of(cluster, SMALL) == rows_of(here, SMALL)
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        for process in processes:
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _waits_for(address: str) -> bool:
+    host, port = address.removeprefix("tcp://").split(":")
+    for _ in range(300):
+        try:
+            socket.create_connection((host, int(port)), 1).close()
+            return True
+        except OSError:
+            time.sleep(0.1)
+    return False
+
+
+# --- the executable --------------------------------------------------------------------
+
+
+def test_writes_a_page_with_pictures_that_need_no_network(tmp_path: Path) -> None:
+    args = ["stiffness", "gain", "--quick", "--samples", "4", "--workers", "0"]
+    assert main([*args, "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("<svg") == 2
+    assert "<script" not in page
+    assert not re.findall(r'(?:src|href)="https?:', page)
+    ids = re.findall(r'\bid="([^"]*)"', page)
+    assert len(ids) == len(set(ids))
+    assert len(ids) > 100
+    for file in ("stiffness/stiffness", "gain/gain"):
+        assert (tmp_path / f"{file}.png").read_bytes().startswith(b"\x89PNG")
+        assert f'href="{file}.svg"' in page
+    assert "Euler parameters nowhere" in page
+
+
+@pytest.mark.parametrize("name", config_names("maps"))
+def test_the_shipped_maps_are_whole(name: str) -> None:
+    definition = load_map(name)
+    assert definition.question.endswith("?")
+    cells = definition.kind.cells()
+    assert len(cells) < 20_000
+    assert {cell["variant"] for cell in cells} == set(range(len(definition.kind.variants)))
+    assert len(load_map(name, quick=True).kind.cells()) < 400
+
+
+def test_every_kind_of_map_is_shipped() -> None:
+    assert {load_map(name).kind.kind for name in config_names("maps")} == set(MapKind.registry)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("kind: nothing", "unknown kind of map 'nothing'"),
+        ("kind: gain\ngain: 3", "unknown option of the kind 'gain' 'gain'"),
+        ("kind: gain\nspeed: -1", "speed is -1; expected 0 or more"),
+        ("kind: gain\nsamples: 1.5", "samples is 1.5; expected the like of"),
+        ("kind: gain\nclosest: [.nan, 1]", "closest is nan; expected a finite number"),
+        ("kind: gain\nlaw: none", "unknown law 'none'"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_path(tmp_path: Path, wrong: str, message: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(f"{wrong}\nvariants: {{a: {{orientation: euler_parameters}}}}\n")
+    with pytest.raises(ConfigurationError, match=f"wrong.yaml: {re.escape(message)}"):
+        load_map(str(path))
+
+
+def test_a_scheduler_that_is_not_there_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="no Dask scheduler at 127"):  # noqa: SIM117
+        with engine(0, "127.0.0.1:x"):
+            pass
+
+
+def test_without_dask_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ConfigurationError, match=r"Dask is not installed .*--workers 0"):  # noqa: SIM117
+        with engine(1):
+            pass
+    with engine(0) as here:
+        assert len(rows_of(here, SMALL)) == 4

@@ -1,0 +1,283 @@
+"""The page of the paper reproduced: what it says of what was met, missed, and never ran."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.experiments import main as executable
+from eulerparams_control.experiments.charts import Chart, ChartOf, Line
+from eulerparams_control.experiments.criteria import Verdict
+from eulerparams_control.experiments.definition import load_experiment
+from eulerparams_control.experiments.drawing import chart_svg
+from eulerparams_control.experiments.equations import equation
+from eulerparams_control.experiments.looking import look
+from eulerparams_control.experiments.model import Experiment
+from eulerparams_control.experiments.outcome import FIGURE, REPORT, Outcome, groups
+from eulerparams_control.experiments.paper import (
+    headline,
+    number_of,
+    paper_experiments,
+    paper_table,
+    write_paper_summary,
+)
+from eulerparams_control.experiments.paper_page import write_paper_page
+from eulerparams_control.experiments.schedule import Schedule
+
+EVIL = "<script>alert('x')</script> & \"more\""
+
+
+def verdict(
+    measured: float = 7.9, met: bool = True, variant: str = "a", text: str = "t"
+) -> Verdict:
+    return Verdict(text, variant, "7.903 Nm", measured, "Nm", "> 7.8", met)
+
+
+def outcome(
+    folder: Path, name: str = "e17", *verdicts: Verdict, error: str = "", claim: str = "It is so."
+) -> Outcome:
+    experiment = Experiment(name, claim, ("(38)", "refs. [9], [10]"), {}, (), source=name)
+    return Outcome(experiment, folder / name, verdicts, "A sentence.", {}, error, 12.0)
+
+
+def text_of(folder: Path, *outcomes: Outcome) -> str:
+    write_paper_page(folder / "index.html", outcomes)
+    return (folder / "index.html").read_text()
+
+
+# --- what belongs to the paper -----------------------------------------------------------------
+
+
+def test_the_paper_is_E1_to_E21_in_their_order_and_what_goes_beyond_comes_after() -> None:
+    names = [experiment.name for experiment in paper_experiments()]
+    assert names[:21] == [f"e{n}" for n in range(1, 22)]
+    assert "robots" in names[21:]
+    assert "demo" not in names
+    assert [number_of(load_experiment(name)) for name in ("e7", "robots")] == ["E7", ""]
+
+
+def test_every_claim_says_its_equations_and_has_a_criterion_with_a_prediction() -> None:
+    for experiment in paper_experiments()[:21]:
+        assert experiment.equations, experiment.name
+        assert experiment.criteria[0].predicted, experiment.name
+        assert all(equation(number).text for number in experiment.equations if number[0] == "(")
+
+
+@pytest.mark.parametrize("number", ["(4)", "(7)", "(24)", "(38)", "(49)", "(50)", "(59)", "(62)"])
+def test_an_equation_that_is_wrong_in_print_says_so(number: str) -> None:
+    assert equation(number).printed
+    assert equation("(28)").printed == ""
+
+
+def test_an_equation_that_the_paper_does_not_have_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="unknown equation '\\(99\\)'"):
+        equation("(99)")
+
+
+# --- the sentence, the table, the file ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "words"),
+    [
+        ([("e1", True, ""), ("e2", True, "")], "2 of 2 claims of the paper met."),
+        (
+            [("e1", True, ""), ("e2", False, ""), ("e3", False, "clik died")],
+            "1 of 3 claims of the paper met; E3 could not run; not met: E2.",
+        ),
+        ([("e1", True, ""), ("robots", False, "")], "1 of 1 claims of the paper met."),
+    ],
+)
+def test_the_sentence_counts_the_claims_of_the_paper(
+    tmp_path: Path, outcomes: list[tuple[str, bool, str]], words: str
+) -> None:
+    found = [
+        outcome(tmp_path, name, *(() if error else (verdict(met=met),)), error=error)
+        for name, met, error in outcomes
+    ]
+    assert headline(found) == words
+    assert f"<h1>{words}</h1>" in text_of(tmp_path, *found)
+
+
+def test_an_experiment_without_a_verdict_is_not_met(tmp_path: Path) -> None:
+    assert not outcome(tmp_path, "e1").met
+    assert not outcome(tmp_path, "e1", verdict(), error="x").met
+    assert not outcome(tmp_path, "e1", verdict(), verdict(met=False)).met
+    assert outcome(tmp_path, "e1", verdict(), verdict()).met
+
+
+def test_values_of_several_variants_are_from_the_least_to_the_largest() -> None:
+    values = [verdict(8.0), verdict(7.9, variant="b"), verdict(7.95, variant="c")]
+    (group,) = groups(values)
+    assert (group.measured, group.met) == ("7.90 to 8.00 Nm", True)
+    assert groups([verdict(7.9)])[0].measured == "7.90 Nm"
+    assert groups([verdict(), verdict(text="u")])[1].first.text == "u"
+    assert groups([verdict(math.inf)])[0].measured == "inf Nm"
+
+
+def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path: Path) -> None:
+    found = [
+        outcome(tmp_path, "e17", verdict(), verdict(9.0, met=False, text="u")),
+        outcome(tmp_path, "robots", error="a node died"),
+    ]
+    write_paper_summary(tmp_path / "summary.json", found)
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["headline"] == "0 of 1 claims of the paper met; not met: E17."
+    first, second = content["experiments"]
+    assert (first["experiment"], first["met"], first["claim_of_paper"]) == ("e17", False, True)
+    assert [c["measured"] for c in first["criteria"]] == ["7.90 Nm", "9.00 Nm"]
+    assert [c["met"] for c in first["criteria"]] == [True, False]
+    assert (second["error"], second["claim_of_paper"]) == ("a node died", False)
+
+
+def test_the_table_of_the_terminal_has_a_row_for_each(tmp_path: Path) -> None:
+    found = [outcome(tmp_path, "e17", verdict()), outcome(tmp_path, "robots", error="x")]
+    assert paper_table(found, 120).row_count == 2
+
+
+# --- the page ---------------------------------------------------------------------------------
+
+
+def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path: Path) -> None:
+    found = outcome(tmp_path, "e17", verdict())
+    found.folder.mkdir()
+    (found.folder / FIGURE).write_text("<svg><path/></svg>")
+    (found.folder / REPORT).write_text("")
+    page = text_of(tmp_path, found)
+    for words in (
+        '<section id="e17">',
+        "E17. It is so.",
+        "the paper prints",
+        "7.903 Nm",
+        "7.90 Nm",
+        "&gt; 7.8",
+        "✓ met",
+        "<svg><path/></svg>",
+        ".venv/bin/experiment e17 --out out",
+        'href="e17/report.html"',
+        '<a href="#e17">E17</a>',
+        "A sentence.",
+    ):
+        assert words in page, words
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    page = text_of(tmp_path, outcome(tmp_path, "e17", verdict()), outcome(tmp_path, "e18"))
+    assert "No figure: no run has recorded its quantity" in page
+    assert "it has no page" in page
+    assert ">nothing</td>" in page  # measured of e18
+    assert page.count("✗ not met") == 1
+
+
+def test_an_error_is_in_its_row_with_the_last_words_of_the_node(tmp_path: Path) -> None:
+    said = "a: the node clik died with exit code 1:\n  parameter 'k_Po' is -5"
+    page = text_of(tmp_path, outcome(tmp_path, "e17", error=said))
+    assert "could not run" in page
+    assert "the node clik died with exit code 1:\n  parameter &#x27;k_Po&#x27; is -5" in page
+    assert "No figure: the experiment could not run" in page
+
+
+def test_what_comes_from_files_is_escaped(tmp_path: Path) -> None:
+    evil = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
+    experiment = Experiment("e1", EVIL, (EVIL,), {}, (), source=EVIL)
+    found = Outcome(experiment, tmp_path / "e1", (evil,), EVIL, {EVIL: 1.0}, EVIL, 1.0)
+    page = text_of(tmp_path, found)
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert "default-src 'none'" in page
+
+
+def test_the_page_loads_nothing_and_knows_dark_and_paper(tmp_path: Path) -> None:
+    page = text_of(tmp_path, outcome(tmp_path, "e17", verdict()))
+    assert re.findall(r'(?:src|href)="(?!#|e17/)', page) == []
+    assert "prefers-color-scheme: dark" in page
+    assert "@media print" in page
+
+
+def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path: Path) -> None:
+    page = text_of(tmp_path, outcome(tmp_path, "e1", verdict()), outcome(tmp_path, "robots"))
+    assert "Beyond the paper: 0 of 1 met." in page
+    assert page.index('id="e1"') < page.index("Beyond the paper") < page.index('id="robots"')
+
+
+# --- charts -----------------------------------------------------------------------------------
+
+
+def test_a_chart_draws_its_lines_and_nothing_twice() -> None:
+    lines = (
+        Line("theory", ((1.0, 1.0), (10.0, 0.1)), "predicted"),
+        Line("bound", ((1.0, 2.0), (10.0, 2.0)), "bound"),
+        Line("a $ name", ((1.0, 1.1), (10.0, 0.11))),
+    )
+    drawn = chart_svg(Chart("x", "y", lines, "xy"))
+    assert drawn.startswith("<svg")
+    assert drawn == chart_svg(Chart("x", "y", lines, "xy"))
+    assert drawn != chart_svg(Chart("x", "y", lines[:2], "xy"))
+    assert chart_svg(Chart("x", "y", (Line("none", ()),), ticks=("a", "b")))
+
+
+def test_a_chart_leaves_out_what_did_not_run() -> None:
+    lines = {"a": {"first": 1.0, "second": 2.0}}
+    chart = ChartOf("peak_joint_speed", "x", lines, {"theory": ((1.0, 3.0),)})
+    filled = chart.filled(lambda metric, variant: 5.0 if variant == "first" else None)
+    assert filled.lines == (Line("theory", ((1.0, 3.0),), "predicted"), Line("a", ((1.0, 5.0),)))
+    assert filled.ylabel == "Largest joint speed [rad/s]"
+
+
+# --- the executable ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "error", "code"),
+    [((True,), "", 0), ((True, False), "", 1), ((), "a node died", 2)],
+)
+def test_the_exit_code_says_whether_claims_are_met(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    verdicts: tuple[bool, ...],
+    error: str,
+    code: int,
+) -> None:
+    found = outcome(tmp_path, "e2", *(verdict(met=met) for met in verdicts), error=error)
+    monkeypatch.setattr(Schedule, "run", lambda _: [found])
+    assert executable.main(["--paper", "e2", "--out", str(tmp_path)]) == code
+    assert (tmp_path / "index.html").is_file()
+    assert json.loads((tmp_path / "summary.json").read_text())["experiments"]
+
+
+def test_an_experiment_named_twice_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert executable.main(["e2", "e2", "--out", str(tmp_path)]) == 2
+    assert "named twice: e2" in capsys.readouterr().out
+
+
+def test_a_library_experiment_leaves_what_any_experiment_leaves(tmp_path: Path) -> None:
+    experiment, folder = load_experiment("e2"), tmp_path / "e2"
+    found = look(experiment, folder, {})
+    assert found.met
+    assert "578" in found.sentence
+    assert "{" not in found.sentence
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["experiment"], summary["met"]) == ("e2", True)
+    assert summary["numbers"]["slope"] == pytest.approx(-1, abs=0.05)
+    assert "condition number of J_A is 578" in (folder / REPORT).read_text()
+    assert found.figure.startswith("<svg")
+
+
+def test_what_was_looked_at_is_not_looked_at_again_unless_it_changed(tmp_path: Path) -> None:
+    experiment, folder = load_experiment("e2"), tmp_path / "e2"
+    first = look(experiment, folder, {})
+    (folder / FIGURE).write_text("kept")
+    second = look(experiment, folder, {})
+    assert (second.figure, second.verdicts, second.sentence) == (
+        "kept",
+        first.verdicts,
+        first.sentence,
+    )
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {"stamp": "of other code"}))
+    assert look(experiment, folder, {}).figure != "kept"

@@ -1,0 +1,324 @@
+"""Runs side by side: domains of their own, what is not run again, what a failure leaves."""
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
+from eulerparams_control.experiments import domains, schedule
+from eulerparams_control.experiments.domains import Domain
+from eulerparams_control.experiments.model import Experiment, Variant
+from eulerparams_control.experiments.outcome import Outcome
+from eulerparams_control.experiments.processes import Stopped
+from eulerparams_control.experiments.records import Making, Record, Run
+from eulerparams_control.experiments.schedule import Schedule, Task
+
+PATIENCE = 30.0  # [s] a guard against hanging, not a measure
+
+# --- domains ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def _few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let there be four domains, which nothing else here uses."""
+    monkeypatch.setattr(domains, "DOMAINS", range(101, 105))
+
+
+@pytest.mark.usefixtures("_few")
+def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back() -> None:
+    with ThreadPoolExecutor(4) as threads:
+        held = [f.result() for f in [threads.submit(Domain) for _ in range(4)]]
+    assert sorted(domain.number for domain in held) == [101, 102, 103, 104]
+    with pytest.raises(ConfigurationError, match="no ROS domain from 101 to 104 is free"):
+        Domain()
+    held[2].release()
+    again = Domain()
+    assert again.number == held[2].number
+    for domain in (held[0], held[1], held[3], again):
+        domain.release()
+
+
+@pytest.mark.usefixtures("_few")
+def test_a_domain_that_another_process_has_is_left_alone() -> None:
+    code = (
+        "import sys; from eulerparams_control.experiments import domains; "
+        "domains.DOMAINS = range(101, 104); held = [domains.Domain() for _ in range(3)]; "
+        "print('held', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        mine = Domain()
+        assert mine.number == 104
+        mine.release()
+        other.communicate()
+    held = [Domain() for _ in range(4)]  # what a process had is free when it has ended
+    for domain in held:
+        domain.release()
+
+
+@pytest.mark.parametrize("participant", [0, 1, 4])
+@pytest.mark.usefixtures("_few")
+def test_a_domain_in_which_any_participant_is_left_is_not_free(participant: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(("", 7400 + 250 * 102 + 10 + 2 * participant))
+        held = [Domain() for _ in range(3)]
+        assert sorted(domain.number for domain in held) == [101, 103, 104]
+        for domain in held:
+            domain.release()
+
+
+# --- records ---------------------------------------------------------------------------------
+
+MAKING = Making("definition", "code")
+
+
+def bag_of(folder: Path, name: str = "first") -> Path:
+    """Write what a recorder leaves."""
+    bag = folder / name
+    bag.mkdir(parents=True)
+    (bag / "metadata.yaml").write_text("meta")
+    (bag / f"{name}_0.mcap").write_text("messages")
+    return bag
+
+
+def ended(folder: Path) -> Record:
+    """Return the record of a run that ended with a whole bag."""
+    record = Record(folder, "first")
+    record.begin(MAKING)
+    record.end(MAKING, Run(bag_of(folder), 5.0, None, 7.5))
+    return record
+
+
+def test_a_run_is_known_by_its_whole_bag(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    assert record.finished() == (MAKING, Run(tmp_path / "first", 5.0, None, 7.5))
+    (tmp_path / "first/first_0.mcap").write_text("mess")
+    assert record.finished() is None
+
+
+def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path: Path) -> None:
+    record = Record(tmp_path, "first")
+    record.begin(MAKING)
+    bag_of(tmp_path)
+    assert record.finished() is None
+    record.clear()
+    assert not (tmp_path / "first").exists()
+    record.clear()  # nothing is there
+
+
+def test_a_bag_that_is_not_known_to_be_ours_is_never_removed(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path)
+    with pytest.raises(BagError, match="first exists; remove it, or choose another --out"):
+        Record(tmp_path, "first").clear()
+    assert sorted(path.name for path in bag.iterdir()) == ["first_0.mcap", "metadata.yaml"]
+
+
+def test_what_no_recorder_wrote_is_never_removed(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    (tmp_path / "first/notes.txt").write_text("mine")
+    with pytest.raises(BagError, match=r"holds what no recorder wrote: notes\.txt"):
+        record.clear()
+    assert (tmp_path / "first/notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"making": 3, "ended": {}}'])
+def test_a_broken_record_is_no_run(tmp_path: Path, content: str) -> None:
+    record = ended(tmp_path)
+    record.path.write_text(content)
+    assert record.finished() is None
+
+
+@pytest.mark.parametrize(
+    ("now", "words"),
+    [
+        (MAKING, ""),
+        (Making("other", "code"), "its definition"),
+        (Making("definition", "other"), "the code"),
+        (Making("other", "other"), "its definition and the code"),
+    ],
+)
+def test_a_making_says_what_has_changed(now: Making, words: str) -> None:
+    assert now.differs(MAKING) == words
+
+
+def test_a_making_depends_on_the_parameters_the_robot_and_the_duration() -> None:
+    parameters = {"clik": {"k_Po": 1.0}}
+    before = Making.of(Variant({}, 5.0), parameters)
+    assert Making.of(Variant({}, 5.0), {"clik": {"k_Po": 1.0}}) == before
+    for settings, given in (
+        (Variant({}, 5.0), {"clik": {"k_Po": 2.0}}),
+        (Variant({}, 6.0), parameters),
+        (Variant({}, 5.0, robot="ur10"), parameters),
+        (Variant({}, 5.0, may_diverge=True), parameters),
+    ):
+        now = Making.of(settings, given)
+        assert (now.definition != before.definition, now.code == before.code) == (True, True)
+
+
+# --- the schedule ----------------------------------------------------------------------------
+
+
+class Watch:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.outcomes: list[Outcome] = []
+
+    def started(self, experiment: str, variant: str, duration: float) -> None:
+        self.said.append(f"{experiment} {variant} started")
+
+    def simulated(self, experiment: str, variant: str, t: float) -> None: ...
+
+    def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
+        self.said.append(f"{experiment} {variant} {how}")
+
+    def finished(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+
+@pytest.fixture
+def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
+    """Let a thread look at the runs, which have no bags here."""
+    monkeypatch.setattr(schedule, "_looker", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setattr(
+        schedule, "look", lambda e, folder, runs: Outcome(e, folder, sentence="-".join(runs))
+    )
+    monkeypatch.setattr(schedule, "known_run", lambda *_: (None, ""))
+    return Watch()
+
+
+def task(folder: Path, name: str, *variants: str) -> Task:
+    made = {variant: Variant({}, 1.0) for variant in variants}
+    return Task(Experiment(name, "claim", (), made, ()), folder / name, list(variants))
+
+
+def runs_by(
+    monkeypatch: pytest.MonkeyPatch, function: Callable[[str, threading.Event], None]
+) -> None:
+    """Let a run be a call of ``function``."""
+
+    def run(experiment, variant, folder, progress, stop):  # type: ignore[no-untyped-def]
+        function(variant, stop)
+        return Run(folder / variant, 1.0, None, 2.0)
+
+    monkeypatch.setattr(schedule, "run_variant", run)
+
+
+def test_as_many_runs_go_on_side_by_side_as_there_are_jobs(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    together = threading.Barrier(3)  # each waits for two others, of either experiment
+    runs_by(monkeypatch, lambda *_: together.wait(PATIENCE) and None)
+    tasks = [task(tmp_path, "e1", "a", "b"), task(tmp_path, "e2", "c", "d", "e", "f")]
+    outcomes = Schedule(tasks, 3, watch).run()
+    assert [outcome.sentence for outcome in outcomes] == ["a-b", "c-d-e-f"]
+    assert watch.said.count("e2 f 2.0 s") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (SimulationError("clik died:\n  its last words"), "bad: clik died:\n  its last words"),
+        (OSError(28, "No space left"), "bad: OSError(28, 'No space left')"),
+        (ZeroDivisionError("x / 0"), "bad: ZeroDivisionError('x / 0')"),
+    ],
+)
+def test_one_failure_ends_its_experiment_but_not_the_others(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch, error: Exception, words: str
+) -> None:
+    def run(variant: str, _stop: threading.Event) -> None:
+        if variant == "bad":
+            raise error
+
+    runs_by(monkeypatch, run)
+    tasks = [task(tmp_path, "e1", "bad", "never"), task(tmp_path, "e2", "good")]
+    first, second = Schedule(tasks, 1, watch).run()
+    assert first.error == words
+    assert (second.error, second.sentence) == ("", "good")
+    assert "e1 never started" not in watch.said
+    assert [outcome.experiment.name for outcome in watch.outcomes] == ["e1", "e2"]
+
+
+def test_what_cannot_be_looked_at_is_an_error_of_its_experiment_alone(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look(experiment, folder, runs):  # type: ignore[no-untyped-def]
+        if experiment.name == "e1":
+            raise BagError("no wrench")
+        return Outcome(experiment, folder, sentence="seen")
+
+    monkeypatch.setattr(schedule, "look", look)
+    runs_by(monkeypatch, lambda *_: None)
+    first, second = Schedule([task(tmp_path, n, "a") for n in ("e1", "e2")], 2, watch).run()
+    assert (first.error, second.sentence) == ("no wrench", "seen")
+
+
+def test_what_was_run_before_is_run_again_only_if_asked_for_or_changed(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def known(_experiment, variant, folder):  # type: ignore[no-untyped-def]
+        run = Run(folder / variant, 1.0, None, 3.0)
+        return (None, "the code changed") if variant == "old" else (run, "")
+
+    monkeypatch.setattr(schedule, "known_run", known)
+    ran: list[str] = []
+    runs_by(monkeypatch, lambda variant, _: ran.append(variant))
+    (outcome,) = Schedule([task(tmp_path, "e1", "same", "old")], 1, watch).run()
+    assert (ran, outcome.sentence) == (["old"], "same-old")
+    assert watch.said[0] == "e1 same was run before"
+    assert watch.said[-1] == "e1 old 2.0 s, again: the code changed"
+    Schedule([task(tmp_path, "e1", "same")], 1, watch, again=True).run()
+    assert ran == ["old", "same"]
+
+
+def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends: list[str] = []
+
+    def run(variant: str, stop: threading.Event) -> None:
+        assert stop.wait(PATIENCE)
+        ends.append(variant)
+        raise Stopped
+
+    def interrupted(*_: object, **__: object) -> None:
+        while len(watch.said) < 2:
+            pass  # both have started
+        raise KeyboardInterrupt
+
+    runs_by(monkeypatch, run)
+    monkeypatch.setattr(schedule, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Schedule([task(tmp_path, "e1", "a", "b", "c", "d")], 2, watch).run()
+    assert sorted(ends) == ["a", "b"]
+
+
+def test_the_looker_dies_and_the_next_experiment_gets_another(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Dead(ThreadPoolExecutor):
+        def submit(self, *_: object, **__: object):  # type: ignore[no-untyped-def,override]
+            raise schedule.BrokenProcessPool("killed")
+
+    lookers: list[ThreadPoolExecutor] = [Dead(1), ThreadPoolExecutor(1)]
+    monkeypatch.setattr(schedule, "_looker", lambda: lookers.pop(0))
+    runs_by(monkeypatch, lambda *_: None)
+    (outcome,) = Schedule([task(tmp_path, "e1", "a")], 1, watch).run()
+    assert outcome.sentence == "a"
+
+
+def test_a_record_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    assert json.loads(record.path.read_text())["bytes"] == len("meta") + len("messages")
+    assert [path.name for path in record.path.parent.iterdir()] == ["run.json"]

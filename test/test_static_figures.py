@@ -1,0 +1,199 @@
+"""Static figures: every quantity that was recorded, the same bytes each time, text as it is."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from synthetic_runs import write_run
+
+from eulerparams_control.analysis.contact_quantities import VECTORS
+from eulerparams_control.analysis.digest import Curve, Digest
+from eulerparams_control.analysis.quantities import (
+    JOINT_SPEED,
+    JOINT_SPEEDS,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+)
+from eulerparams_control.analysis.quantity import Prediction
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.static import quantity_figure, svg, write_figures
+from eulerparams_control.analysis.static_image import plain
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+
+T = np.linspace(0.0, 1.99, 200)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Digest:
+    """A rod that swings by 0.1 rad, and a contact force of (1, 2, 3) N (1 + t)."""
+    angles = 0.1 * np.sin(3 * T)
+    wrenches = np.outer(1 + T, [1.0, 2.0, 3.0, 0.1, 0.0, 0.0])
+    folder = tmp_path_factory.mktemp("run") / "swing"
+    write_run(folder, angles, speeds=0.3 * np.cos(3 * T), wrenches=wrenches)
+    return Digest.of(Recording.load(folder))
+
+
+def with_curve(run: Digest, name: str, *columns: np.ndarray, **other: Any) -> Digest:
+    curves = [Curve(np.linspace(0.0, 1.99, len(y)), y) for y in columns]
+    return replace(run, curves={**run.curves, name: curves}, **other)
+
+
+def lines_of(figure: Figure) -> list[list[np.ndarray]]:
+    return [[np.asarray(line.get_ydata()) for line in axes.lines] for axes in figure.axes]
+
+
+def texts_of(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_writes_one_file_a_format_for_each_quantity_that_was_recorded(
+    run: Digest, tmp_path: Path
+) -> None:
+    files = write_figures(tmp_path / "new" / "figures", [run], ("svg", "png", "pdf"))
+    expected = {f"{name}.{end}" for name in run.curves for end in ("svg", "png", "pdf")}
+    assert {"f.svg", "joint_speeds.pdf", "orientation_error.png"} <= expected
+    assert {file.name for file in files} == expected
+    starts = {".svg": b"<svg", ".png": b"\x89PNG", ".pdf": b"%PDF"}
+    for file in files:
+        assert file.read_bytes().startswith(starts[file.suffix])
+
+
+def test_the_curves_of_a_figure_are_those_of_the_digest(run: Digest) -> None:
+    (drawn,) = lines_of(quantity_figure([run], ORIENTATION_ERROR))
+    (curve,) = run.curves["orientation_error"]
+    assert np.allclose(drawn[0], curve.y, atol=1e-4)  # clipped at a decade below the axis
+    assert np.abs(drawn[0]).max() == pytest.approx(np.degrees(0.1), rel=1e-2)
+
+
+def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run: Digest) -> None:
+    figure = quantity_figure([run], VECTORS[0])
+    lines = [axes.lines[0] for axes in figure.axes]
+    now = [float(np.interp(1.0, line.get_xdata(), line.get_ydata())) for line in lines]
+    assert now == pytest.approx([np.interp(1.0, *curve) for curve in run.curves["f"]])
+    assert now[1] == pytest.approx(4.0)  # along the hinge: in the tip as in the base
+    first, *others = figure.axes
+    assert all(axes.get_shared_x_axes().joined(first, axes) for axes in others)
+    lengths = [float(np.ptp(axes.get_ylim())) for axes in figure.axes]
+    assert lengths == pytest.approx(lengths[:1] * 3)
+
+
+def test_each_joint_has_its_own_axes_named_like_it(run: Digest) -> None:
+    figure = quantity_figure([run], JOINT_SPEEDS)
+    assert [axes.get_title("left") for axes in figure.axes] == ["hinge", "roll"]
+
+
+def test_a_figure_is_the_same_text_each_time(run: Digest) -> None:
+    first, second = (svg(quantity_figure([run], VECTORS[0])) for _ in range(2))
+    assert first == second
+    assert "<script" not in first
+    assert "<metadata" not in first
+
+
+def test_figures_in_one_page_share_no_ids_and_refer_to_their_own(run: Digest) -> None:
+    texts = [svg(quantity_figure([run], quantity)) for quantity in (VECTORS[0], ORIENTATION_ERROR)]
+    found = [re.findall(r'\bid="([^"]*)"', text) for text in texts]
+    for ids, text in zip(found, texts, strict=True):
+        assert len(ids) == len(set(ids))
+        used = re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', text)
+        assert {a or b for a, b in used} <= set(ids)
+        assert re.search(r"<style[^>]*>#\S+ \*\{", text)  # not of the page around it
+    assert not set(found[0]) & set(found[1])
+
+
+@pytest.mark.parametrize("name", ["$a_{x$", r"\frac{", "<b>&amp;", "a\x01b", "日本"])
+def test_the_name_of_a_run_is_text_whatever_it_is(run: Digest, name: str, tmp_path: Path) -> None:
+    named = replace(run, path=tmp_path / name)
+    figure = quantity_figure([named], ORIENTATION_ERROR)
+    assert texts_of(figure)[0] == plain(name)
+    ElementTree.fromstring(svg(figure))
+
+
+def test_a_long_name_is_shortened_in_the_middle() -> None:
+    assert plain("a" * 100 + "z", 11) == "aaaa…aaaaz"
+    assert plain("short") == "short"
+    assert plain("\ud800\n") == "\ufffd\ufffd"
+
+
+@pytest.mark.parametrize("quantity", [JOINT_SPEED, VECTORS[0], POSITION_ERROR])
+@pytest.mark.parametrize("value", [1e25, 1e300, np.inf, np.nan, -1e300])
+def test_a_run_that_diverged_leaves_the_figure_but_does_not_break_it(
+    run: Digest, quantity: Any, value: float
+) -> None:
+    columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is VECTORS[0] else 1)
+    wild = with_curve(run, quantity.name, *columns)
+    figure = quantity_figure([run, wild], quantity)
+    ElementTree.fromstring(svg(figure))
+    drawn = np.concatenate([y for lines in lines_of(figure) for y in lines])
+    assert np.abs(drawn[np.isfinite(drawn)]).max() < 1e14
+    assert figure.axes[0].get_ylim()[1] < 1e13
+
+
+def test_a_run_without_the_quantity_does_not_matter(run: Digest) -> None:
+    bare = replace(run, curves={})
+    (drawn,) = lines_of(quantity_figure([bare, run], POSITION_ERROR))
+    assert len(drawn) == 1
+    with pytest.raises(ConfigurationError, match="no run has recorded position_error"):
+        quantity_figure([bare], POSITION_ERROR)
+
+
+def test_what_theory_says_is_dashed_and_named(run: Digest) -> None:
+    theory = [
+        Prediction("orientation_error", "by (28) $", T, np.full(200, 7.0)),
+        Prediction("position_error", "another", T, T),
+    ]
+    figure = quantity_figure([run], ORIENTATION_ERROR, theory)
+    (drawn,) = lines_of(figure)
+    assert len(drawn) == 2
+    assert np.all(drawn[1] == 7.0)
+    assert figure.axes[0].get_ylim()[1] > 7.0
+    assert figure.axes[0].lines[1].is_dashed()
+    assert "by (28) $" in texts_of(figure)
+    assert "another" not in texts_of(figure)
+
+
+def test_theory_of_a_vector_is_drawn_with_the_component_it_is_of(run: Digest) -> None:
+    theory = Prediction("f", "(52)", T, np.stack([T, 2 * T], axis=1))
+    drawn = lines_of(quantity_figure([run], VECTORS[0], [theory]))
+    assert [len(lines) for lines in drawn] == [2, 2, 1]
+    assert np.array_equal(drawn[1][1], 2 * T)
+
+
+def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run: Digest) -> None:
+    near = replace(run, near_pole=[(0.2, 0.4), (0.3, 0.5)], near_singular=[(1.0, 1.5)])
+    figure = quantity_figure([near], ORIENTATION_ERROR)
+    shades = figure.axes[0].patches
+    spans = [(p.get_x(), p.get_x() + p.get_width(), bool(p.get_hatch())) for p in shades]
+    assert sorted(spans) == [
+        pytest.approx((0.2, 0.5, False)),  # merged: laid over each other they would be darker
+        pytest.approx((1.0, 1.5, True)),
+    ]
+    assert texts_of(figure)[1:] == ["near the pole of XYZ", "near a kinematic singularity"]
+
+
+def test_limits_of_the_joints_are_drawn_where_they_are_near(run: Digest) -> None:
+    fast = with_curve(run, "joint_speed", np.full(200, 2.0))
+    assert "limit of the URDF" in texts_of(quantity_figure([fast], JOINT_SPEED))
+    assert float(lines_of(quantity_figure([fast], JOINT_SPEED))[0][1][0]) == 3.0
+    assert "limit of the URDF" not in texts_of(quantity_figure([run], JOINT_SPEED))
+
+
+def test_the_legend_is_outside_the_curves(run: Digest) -> None:
+    figure = quantity_figure([replace(run, path=Path(f"/{i}/run")) for i in range(9)], JOINT_SPEED)
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    assert legend.y0 >= figure.axes[0].get_window_extent().y1
+    assert 0 <= legend.x0 < legend.x1 <= figure.bbox.x1
+    assert figure.get_size_inches()[0] == 3.5
+
+
+def test_files_that_cannot_be_written_are_named(run: Digest, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(ConfigurationError, match="cannot write "):
+        write_figures(tmp_path / "taken", [run])
+    with pytest.raises(UnknownNameError, match="unknown format 'svgg' \\(did you mean 'svg'"):
+        write_figures(tmp_path, [run], ("svgg",))
