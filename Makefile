@@ -28,7 +28,7 @@ bench: $(READY)
 	@$(PYTHON) benchmarks/run.py
 
 paper: $(READY)
-	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper
+	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper $(ARGS)
 
 map: $(READY)
 	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)

@@ -17,6 +17,7 @@ from synthetic_runs import write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, STEP
 
 from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, measure
@@ -119,7 +120,7 @@ def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="is not fixed to the tip"):
         measure("peak_force", run)
     assert measure("peak_orientation_error", run) == pytest.approx(math.degrees(0.2))
-    write_page(tmp_path / "page.html", [run], "", "")
+    write_page(tmp_path / "page.html", [Digest.of(run)], "", "")
     assert "run: the wrench cannot be moved to the tip" in (tmp_path / "page.html").read_text()
     bare = loaded(tmp_path / "bare", measured=[0.1])
     assert bare.why_no_wrench == "no wrench was recorded"
@@ -556,7 +557,7 @@ CONTACT_GRIDS = [
 
 
 def titles(run: Recording, folder: Path, **options: Any) -> list[str]:
-    write_page(folder / "page.html", [run], "", "", **options)
+    write_page(folder / "page.html", [Digest.of(run)], "", "", **options)
     return re.findall(r"<h3>(.*?)</h3>", (folder / "page.html").read_text())
 
 

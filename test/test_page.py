@@ -46,7 +46,8 @@ MISSED = Verdict("joint speed", "wild / calm", "", 2.5e8, "", "< 10", False)
 
 def page_of(path: Path, runs: Sequence[Digest | Recording], *args: Any, **options: Any) -> str:
     """Return the page without its libraries, which are checked to be in it."""
-    write_page(path / "page.html", runs, *args, **options)
+    digests = [Digest.of(run) if isinstance(run, Recording) else run for run in runs]
+    write_page(path / "page.html", digests, *args, **options)
     text = (path / "page.html").read_text()
     for library in (get_plotlyjs(), viewer()):
         assert len(library) > 500_000

@@ -1,1 +1,46 @@
-"""Recorded runs as numbers, tables and a page; needs no ROS."""
+"""From bags to numbers and figures, without ROS.
+
+    from eulerparams_control import analysis
+
+    run = analysis.load("out/demo/clik_euler_parameters")
+    run.leading.t, run.leading.orientation_error              # (N,) [s], (N,) [rad]
+    analysis.measure("peak_orientation_error", run)           # [deg], as in the table
+    analysis.table(run)["orientation_error [deg]"]            # all quantities, named with units
+    analysis.figure([run], "orientation_error").savefig("error.pdf")
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.metrics import METRICS, measure
+from eulerparams_control.analysis.quantities import EVERYTHING
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.wide import table
+from eulerparams_control.errors import UnknownNameError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["METRICS", "Digest", "Recording", "figure", "load", "measure", "table"]
+
+load = Recording.load
+
+
+def figure(runs: Sequence[Recording], quantity: str) -> "Figure":
+    """Return a quantity of runs over time as a figure for a paper, one column wide.
+
+    Args:
+        runs: laid over each other.
+        quantity: its name, such as ``orientation_error``; see ``quantities.EVERYTHING``.
+
+    Raises:
+        UnknownNameError: if there is none of that name; lists those that exist.
+        ConfigurationError: if no run has it.
+    """
+    from eulerparams_control.analysis.static import quantity_figure  # matplotlib takes a second
+
+    known = {each.name: each for each in EVERYTHING}
+    if quantity not in known:
+        raise UnknownNameError("quantity", quantity, known)
+    return quantity_figure(list(map(Digest.of, runs)), known[quantity])

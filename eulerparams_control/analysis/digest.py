@@ -21,7 +21,7 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.poles import (
     Approach,
     approach,
-    joined,
+    merged,
     near_pole,
     near_singular,
 )
@@ -197,8 +197,8 @@ class _Making:
             float(last.leading.t[-1]),
             last.sequence,
             min(self._approaches, key=lambda one: one.distance),
-            joined(self._poles),
-            joined(self._singular),
+            merged(self._poles),
+            merged(self._singular),
             joined_curves,
             self._highest,
             together(self._numbers),

@@ -19,7 +19,6 @@ from eulerparams_control.analysis.page_assets import script, style, viewer
 from eulerparams_control.analysis.page_sections import body, header
 from eulerparams_control.analysis.plots import Figure, time_range
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.replay import replay
 from eulerparams_control.analysis.sentence import describe
 from eulerparams_control.analysis.table import rows
@@ -56,7 +55,7 @@ _PAGE = """<!DOCTYPE html>
 
 def write_page(
     path: str | PathLike[str],
-    digests: Sequence[Digest | Recording],
+    digests: Sequence[Digest],
     claim: str,
     sentence: str,
     verdicts: Sequence["Verdict"] = (),
@@ -78,18 +77,17 @@ def write_page(
         UnknownNameError: if there is no such quantity.
         ConfigurationError: if the file cannot be written.
     """
-    runs = [Digest.of(run) if isinstance(run, Recording) else run for run in digests]
-    drawn = panels(runs, picture(first), predictions)
-    replayed = replay(runs)
-    sentence = sentence or describe(runs)
+    drawn = panels(digests, picture(first), predictions)
+    replayed = replay(digests)
+    sentence = sentence or describe(digests)
     text = _PAGE.format(
         policy=_POLICY,
         title=escape(sentence),
         style=style(),
-        header=header(runs, claim, sentence, verdicts),
-        body=body(runs, drawn, verdicts, rows(runs), replayed),
+        header=header(digests, claim, sentence, verdicts),
+        body=body(digests, drawn, verdicts, rows(digests), replayed),
         figures=figures_json(drawn.figures),
-        replay=as_json({**replayed.data, "range": time_range(runs)}),
+        replay=as_json({**replayed.data, "range": time_range(digests)}),
         plotly=get_plotlyjs(),
         viewer=viewer(),
         script=script(),

@@ -65,8 +65,7 @@ def numbers(digests: Sequence[Digest], rows: Sequence[Row]) -> str:
 
 def _number_cells(row: Row) -> Iterator[str]:
     """Yield the numbers of a row, with all their digits where they are known."""
-    exact = getattr(row, "numbers", [None] * len(row.values))
-    for text, number in zip(row.values, exact, strict=True):
+    for text, number in zip(row.values, row.numbers, strict=True):
         yield f'<td class="number"{_exact(number)}>{escape(text)}</td>'
 
 

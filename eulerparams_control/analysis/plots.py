@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.labels import line
 from eulerparams_control.analysis.packing import packed_reals
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
 GREY = "rgba(128, 128, 128, 0.9)"
@@ -88,7 +88,7 @@ def traces(drawing: Drawing, lines: Lines, unit: str) -> list[dict[str, Any]]:
             "name": escape(names[index]),
             "legendgroup": str(index),
             "mode": "lines",
-            "line": line(index, len(names)),
+            "line": {**line(index, len(names)), "simplify": False},  # it has few points as it is
             "hovertemplate": f"%{{y:.6~g}} {unit}",
             **_points(*curve, drawing.bins),
         }
@@ -124,10 +124,10 @@ def _points(t: Array, y: Array, bins: int) -> dict[str, Any]:
 
 
 def limits_of(
-    limits: Callable[[Recording], Array], digests: Sequence[Digest], runs: Sequence[int]
+    limits: Callable[[Robot], Array], digests: Sequence[Digest], runs: Sequence[int]
 ) -> list[Array]:
-    """Return the limits of the robots of some runs; they are those of its URDF."""
-    return [limits(cast("Recording", digests[index])) for index in runs]
+    """Return the limits of the robots of some runs: those of their URDFs."""
+    return [limits(digests[index].robot) for index in runs]
 
 
 def limit_lines(limits: Sequence[Array]) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """When a run is near a pole of its Euler angles: what the plots shade and mark."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,9 @@ NEAR_SINGULAR = 0.05
 """Smallest singular value of J below which a plot is shaded, if no controller says its own."""
 
 _MOST = 50  # intervals that are shaded: a noisy run may have very many
+
+type Interval = tuple[float, float]
+"""From, to [s]."""
 
 
 class Approach(NamedTuple):
@@ -40,12 +43,12 @@ def approach(recording: Recording) -> Approach:
     return Approach(float(recording.leading.t[index]), distance, recording.sequence.name)
 
 
-def near_pole(recording: Recording) -> list[tuple[float, float]]:
+def near_pole(recording: Recording) -> list[Interval]:
     """Return the intervals [s] in which a run is near a pole of its Euler angles."""
     return _intervals(recording.leading.t, recording.pole_distance < NEAR)
 
 
-def near_singular(recording: Recording) -> list[tuple[float, float]]:
+def near_singular(recording: Recording) -> list[Interval]:
     """Return the intervals [s] in which the arm is near a kinematic singularity.
 
     Where the damped inverse of the controller damps: below its damping_eps.
@@ -54,17 +57,17 @@ def near_singular(recording: Recording) -> list[tuple[float, float]]:
     return _intervals(recording.leading.t, recording.leading.smallest_singular_value < eps)
 
 
-def joined(intervals: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return intervals merged where they touch, at most some tens of them."""
-    merged: list[tuple[float, float]] = []
+def merged(intervals: Iterable[Interval]) -> list[Interval]:
+    """Return the union of intervals, in order; at most some tens of them."""
+    found: list[Interval] = []
     for start, end in sorted(intervals):
-        if merged and start <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        if found and start <= found[-1][1]:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
         else:
-            merged.append((start, end))
-    return merged[:_MOST]
+            found.append((start, end))
+    return found[:_MOST]
 
 
-def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[Interval]:
     steps = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(int)))
     return [(float(t[i]), float(t[j - 1])) for i, j in zip(steps[::2], steps[1::2], strict=True)]

@@ -14,6 +14,7 @@ from eulerparams_control.analysis.contact_quantities import (
 from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.representation_quantities import ERRORS, RATES, TIP
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
 _EMPTY = np.zeros(0)
@@ -58,12 +59,12 @@ def _joint_efforts(recording: Recording) -> tuple[Array, Array]:
     return (_EMPTY, _EMPTY) if effort is None else (effort.t, np.abs(effort.tau))
 
 
-def _velocity_limits(recording: Recording) -> Array:
-    return recording.robot.limits.velocity
+def _velocity_limits(robot: Robot) -> Array:
+    return robot.limits.velocity
 
 
-def _effort_limits(recording: Recording) -> Array:
-    return recording.robot.limits.effort
+def _effort_limits(robot: Robot) -> Array:
+    return robot.limits.effort
 
 
 def _servo_lag(recording: Recording) -> tuple[Array, Array]:

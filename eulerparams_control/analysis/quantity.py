@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
 
@@ -30,7 +31,7 @@ class Quantity(NamedTuple):
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
-    limits: Callable[[Recording], Array] | None = None
+    limits: Callable[[Robot], Array] | None = None
     logarithmic: bool = False
     group: str = ""
 
@@ -56,7 +57,7 @@ class JointQuantity(NamedTuple):
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
-    limits: Callable[[Recording], Array]
+    limits: Callable[[Robot], Array]
 
 
 class VectorQuantity(NamedTuple):

@@ -1,34 +1,19 @@
 """What is marked in the time of all plots: where a run is near a singularity, and how near."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.plots import GREY
-from eulerparams_control.analysis.poles import NEAR, Approach
+from eulerparams_control.analysis.poles import NEAR, Approach, Interval, merged
 from eulerparams_control.analysis.text import number
 
 REPRESENTATION = "rgba(204, 121, 167, 0.22)"
 KINEMATIC = "rgba(230, 159, 0, 0.20)"
 KINEMATIC_EDGE = "rgba(190, 130, 0, 0.8)"
 
-_MOST = 50  # intervals that are shaded: a noisy run may have very many
 _LINE = 14  # [px] height of a line of text
-
-Interval = tuple[float, float]
-
-
-def merged(intervals: Iterable[Interval]) -> list[Interval]:
-    """Return the union of intervals, in order."""
-    found: list[Interval] = []
-    for start, end in sorted(intervals):
-        if found and start <= found[-1][1]:
-            found[-1] = (found[-1][0], max(end, found[-1][1]))
-        else:
-            found.append((start, end))
-    return found[:_MOST]
-
 
 def bands(digests: Sequence[Digest]) -> list[dict[str, Any]]:
     """Return the shades of the time near the poles, and near the kinematic singularities."""

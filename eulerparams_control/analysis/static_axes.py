@@ -10,6 +10,7 @@ from matplotlib.ticker import FixedLocator, LogFormatterSciNotation, NullLocator
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import line
 from eulerparams_control.analysis.plots import reached
+from eulerparams_control.analysis.poles import merged
 from eulerparams_control.analysis.quantity import (
     JointQuantity,
     Prediction,
@@ -17,7 +18,6 @@ from eulerparams_control.analysis.quantity import (
     VectorQuantity,
 )
 from eulerparams_control.analysis.scale import axis, signed_axis, spans, symmetric_axis
-from eulerparams_control.analysis.shades import merged
 from eulerparams_control.rotations import Array
 
 type AnyQuantity = Quantity | VectorQuantity | JointQuantity

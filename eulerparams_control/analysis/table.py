@@ -24,10 +24,11 @@ _NAME_WIDTH = 12
 
 
 class Row(NamedTuple):
-    """A number of each run: what it is, and the numbers as text."""
+    """A number of each run: what it is, and the numbers as text and as they are."""
 
     title: str
     values: list[str]
+    numbers: list[float | None]
 
 
 class _Number(NamedTuple):
@@ -96,7 +97,7 @@ def rows(digests: Sequence[Digest]) -> list[Row]:
     """
     columns = [digest.numbers for digest in digests]
     return [
-        Row(_title(row, digests), [MISSING if v is None else number(v) for v in values])
+        Row(_title(row, digests), [MISSING if v is None else number(v) for v in values], [*values])
         for row, values in zip(_NUMBERS, zip(*columns, strict=True), strict=True)
         if not row.needs or any(value is not None for value in values)
     ]

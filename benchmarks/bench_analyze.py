@@ -1,0 +1,139 @@
+"""Analysing a bag against reading it with mcap alone, in one run; and the memory that it takes.
+
+    python benchmarks/bench_analyze.py [SECONDS]
+
+The bag is one of impedance control at 1 kHz: joint_states, wrench, compliant_frame, joint_effort,
+1 MB for each second.  SECONDS is 60 for `make bench`; 3600 makes 3.7 GB.
+"""
+
+import math
+import resource
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from geometry_msgs.msg import WrenchStamped
+from mcap.reader import make_reader
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from eulerparams_control.bags import BagWriter
+from eulerparams_control.bags.format import Topic
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.robot import Robot
+from eulerparams_control.ros.conversions import motion_to_ros
+
+START = 1_700_000_000_000_000_000
+FRAME = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+TOPICS = {
+    "/robot_description": "std_msgs/msg/String",
+    "/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/reference": FRAME,
+    "/compliant_frame": FRAME,
+    "/joint_effort": "sensor_msgs/msg/JointState",
+}
+IMPEDANCE = {
+    **{"M_p": [10.0] * 3, "D_p": [300.0] * 3, "K_p": [1000.0] * 3},
+    **{"M_o": [1.0] * 3, "D_o": [20.0] * 3, "K_o": [50.0] * 3},
+    "orientation": "euler_parameters",
+}
+
+
+class Message:
+    """A serialised message whose stamp and numbers can be changed in place."""
+
+    def __init__(self, message: Any, numbers: np.ndarray) -> None:
+        self.data = bytearray(serialize_message(message))
+        self._at = bytes(self.data).index(numbers.tobytes())
+        self._size = numbers.nbytes
+
+    def at(self, stamp: int, numbers: np.ndarray) -> bytes:
+        self.data[4:12] = struct.pack("<iI", stamp // 10**9, stamp % 10**9)
+        self.data[self._at : self._at + self._size] = numbers.tobytes()
+        return bytes(self.data)
+
+
+def write_bag(folder: Path, seconds: int) -> None:
+    """Write a bag of an arm that moves a little, pushed, at 1 kHz."""
+    ur5 = load_robot("ur5")
+    robot, home = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
+    state = robot.state(home, np.zeros(6))
+    frame = DesiredFrame(state.p_e, state.R_e)
+    motion = motion_to_ros(Trajectory([0.0], [frame]), robot.base_frame, robot.tip_frame)
+    joints, marks = list(robot.joints), np.arange(1.5, 13.5)
+    states = JointState(name=joints, position=marks[:6].tolist(), velocity=[0.1] * 6)
+    efforts = JointState(name=joints, effort=marks[:6].tolist())
+    pushed = WrenchStamped()
+    pushed.header.frame_id = robot.tip_frame
+    messages = {
+        "/wrench": Message(pushed, np.zeros(6)),
+        "/joint_states": Message(states, marks[:6]),
+        "/compliant_frame": Message(motion, state.p_e),
+        "/joint_effort": Message(efforts, marks[:6]),
+    }
+    with BagWriter(folder) as bag:
+        for name, kind in TOPICS.items():
+            bag.add_topic(Topic(name, kind))
+        node = {"/impedance_control": {"ros__parameters": IMPEDANCE}}
+        bag.attach("parameters.yaml", yaml.safe_dump(node))
+        bag.write("/robot_description", serialize_message(String(data=ur5.urdf)), START, START)
+        for k in range(1000 * seconds):
+            stamp, w = START + k * 1_000_000, math.sin(5e-4 * k)
+            if k == 1:
+                bag.write("/reference", serialize_message(motion), stamp - 1, stamp - 1)
+            numbers = {
+                "/wrench": np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1]) * w,
+                "/joint_states": home + 0.01 * w,
+                "/compliant_frame": state.p_e + 0.01 * w,
+                "/joint_effort": 20.0 * home,
+            }
+            for name, message in messages.items():
+                bag.write(name, message.at(stamp, numbers[name]), stamp, stamp)
+
+
+def run(seconds: int = 60) -> Iterator[tuple[str, str, str]]:
+    """Yield what `make bench` shows: what, against what, the ratio."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag, page = Path(folder) / "bag", Path(folder) / "page.html"
+        write_bag(bag, seconds)
+        size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
+        read = _seconds(sys.executable, __file__, str(bag))
+        analyzed = _seconds(sys.executable, "-m", "eulerparams_control.analysis.main",
+                            str(bag), "--out", str(page))  # fmt: skip
+        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+        yield (
+            f"analyze {size:.0f} MB: page of {page.stat().st_size / 1e6:.1f} MB, {memory:.0f} MB",
+            f"mcap alone: {size / read:.0f} MB/s",
+            f"{read / analyzed:.2f} of the speed (at least 0.3)",
+        )
+
+
+def _seconds(*command: str) -> float:
+    begin = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - begin
+
+
+def _read(bag: Path) -> None:
+    for file in bag.glob("*.mcap"):
+        with open(file, "rb") as stream:
+            for _ in make_reader(stream).iter_messages():
+                pass
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1 and not sys.argv[1].isdigit():
+        _read(Path(sys.argv[1]))
+    else:
+        for row in run(*map(int, sys.argv[1:])):
+            print(*row, sep=" | ")
