@@ -5,7 +5,7 @@
     run = analysis.load("out/demo/clik_euler_parameters")
     run.leading.t, run.leading.orientation_error              # (N,) [s], (N,) [rad]
     analysis.measure("peak_orientation_error", run)           # [deg], as in the table
-    analysis.table(run)["orientation_error [deg]"]            # all quantities, named with units
+    analysis.columns(run)["orientation_error [deg]"]            # all quantities, named with units
     analysis.figure([run], "orientation_error").savefig("error.pdf")
 """
 
@@ -16,13 +16,13 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.wide import table
+from eulerparams_control.analysis.wide import columns
 from eulerparams_control.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["METRICS", "Digest", "Recording", "figure", "load", "measure", "table"]
+__all__ = ["METRICS", "Digest", "Recording", "columns", "figure", "load", "measure"]
 
 load = Recording.load
 

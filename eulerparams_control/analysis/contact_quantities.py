@@ -6,6 +6,7 @@ from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.rotations import Array
 
+_GROUP = "Contact and compliance by component"
 _NOTHING = np.zeros(0), np.zeros((0, 3))
 
 
@@ -119,9 +120,25 @@ MOTION_LOOP_ORIENTATION = Quantity(
 )
 
 VECTORS = (
-    VectorQuantity("f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f),
     VectorQuantity(
-        "mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _mu
+        "f",
+        "Contact force, base axes",
+        "f [N]",
+        f"Force: {_WRENCH}.",
+        "N",
+        1e-6,
+        _f,
+        group=_GROUP,
+    ),
+    VectorQuantity(
+        "mu",
+        "Contact moment, base axes",
+        "mu [Nm]",
+        f"Moment: {_WRENCH}.",
+        "Nm",
+        1e-6,
+        _mu,
+        group=_GROUP,
     ),
     VectorQuantity(
         "p_cd_d",
@@ -131,6 +148,7 @@ VECTORS = (
         "mm",
         1e-6,
         _p_cd_d,
+        group=_GROUP,
     ),
     VectorQuantity(
         "rho_cd_d",
@@ -141,6 +159,7 @@ VECTORS = (
         "deg",
         1e-6,
         _rho_cd_d,
+        group=_GROUP,
     ),
 )
 """In the order of the page."""

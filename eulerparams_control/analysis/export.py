@@ -1,4 +1,7 @@
-"""All quantities of a run as a file, csv or parquet: see ``wide`` for its columns."""
+"""All quantities of a run as a file, csv or parquet: see ``wide`` for its columns.
+
+A file has the columns of all quantities, those that were not recorded empty.
+"""
 
 import re
 from pathlib import Path
@@ -11,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.wide import table
+from eulerparams_control.analysis.wide import columns, names
 from eulerparams_control.errors import ConfigurationError
 
 FORMATS = ("csv", "parquet")
@@ -49,19 +52,19 @@ class Export:
         """Write the rows of a part; those of before are not written again."""
         new = part.measured.t > self._until
         self._until = float(part.measured.t[-1])
-        columns = {name: values[new] for name, values in table(part).items()}
+        found = {name: pa.array(values[new]) for name, values in columns(part).items()}
+        nothing = pa.nulls(int(new.sum()), pa.float64())
         try:
             if self._writer is None:
-                self._open(list(columns))
-            nothing = np.full(int(new.sum()), np.nan)
-            arrays = [pa.array(columns.get(name, nothing)) for name in self._schema.names]
+                self._open(names(part.robot))
+            arrays = [found.get(name, nothing) for name in self._schema.names]
             self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
         except OSError as error:
             raise ConfigurationError(f"cannot write {self.path}: {error}") from error
 
-    def _open(self, names: list[str]) -> None:
+    def _open(self, columns: list[str]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._schema = pa.schema([(name, pa.float64()) for name in names])
+        self._schema = pa.schema([(name, pa.float64()) for name in columns])
         of = pyarrow.csv.CSVWriter if self.path.suffix == ".csv" else pyarrow.parquet.ParquetWriter
         self._writer = of(str(self.path), self._schema)
 

@@ -8,21 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis import rows
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.desired import NO_START, DesiredFrames, References
+from eulerparams_control.analysis.desired import DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedances import impedance_node
+from eulerparams_control.analysis.parsing import Parsers
+from eulerparams_control.analysis.queues import LATEST, Ends, Queue
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.rows import Rows, joined
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
-from eulerparams_control.bags.columns import Group, columns
-from eulerparams_control.bags.reader import Bag, RawMessage
-from eulerparams_control.errors import BagError, InvalidMessageError
-from eulerparams_control.messages import BEGAN
-from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.bags.reader import Bag
+from eulerparams_control.errors import BagError
+from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import OrientationRepresentation
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
@@ -34,9 +33,6 @@ LASTING = 0.1
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
 
-_ANSWERED = 500_000_000  # [ns] after which the answers to a state are in the bag
-_BATCH = 8192  # messages that are decoded at once
-_LATEST = np.iinfo(np.int64).max
 
 Progress = Callable[[float], None]
 """Is told the part of the bag that was read, 0 to 1."""
@@ -85,53 +81,6 @@ def blocks(
     return _Reader(Bag(path), options or Options(), progress or (lambda _: None)).blocks(size)
 
 
-class _Topic:
-    """What was read of a topic, decoded in batches, and not given out yet."""
-
-    def __init__(self, parse: Callable[[list[RawMessage]], tuple[list[Rows], int]]) -> None:
-        self._parse = parse
-        self._raw: list[RawMessage] = []
-        self._rows: list[Rows] = []
-        self.invalid = 0
-
-    def add(self, message: RawMessage) -> None:
-        self._raw.append(message)
-        if len(self._raw) >= _BATCH:
-            self._decode()
-
-    def _decode(self) -> None:
-        found, invalid = self._parse(self._raw)
-        self._rows += found
-        self.invalid += invalid
-        self._raw = []
-
-    def until(self, stamp: int) -> Rows | None:
-        """Return the rows up to a stamp; the last of them is kept for the next part."""
-        if self._raw:
-            self._decode()
-        if not self._rows:
-            return None
-        everything = joined(self._rows).by_stamp()
-        n = int(np.searchsorted(everything.stamp, stamp, side="right"))
-        self._rows = [everything.take(np.arange(max(n - 1, 0), len(everything.stamp)))]
-        return everything.take(np.arange(n)) if n else None
-
-    def nth(self, count: int) -> int:
-        """Return the stamp of the row with that number, from 1, or of the last."""
-        if self._raw:
-            self._decode()
-        found = [part.stamp for part in self._rows] or [np.array([_LATEST])]
-        stamps = np.unique(np.concatenate(found))
-        return int(stamps[min(count, len(stamps)) - 1])
-
-    def everything(self) -> Rows | None:
-        """Return the rows in the order in which they came, and forget them."""
-        if self._raw:
-            self._decode()
-        found, self._rows = self._rows, []
-        return joined(found) if found else None
-
-
 class _Reader:
     """One pass over the topics of an arm."""
 
@@ -142,11 +91,9 @@ class _Reader:
         self._parameters = _parameters(bag, self._namespace)
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
+        self._parsers = Parsers(bag, self._topics, self._robot)
         self._desired = DesiredFrames(self._lasting(), self._measured_pose)
-        self._trajectories: dict[int, Trajectory] = {}  # by time of sending
         self._pending: Rows | None = None  # references that have not begun
-        self._began: dict[int, int] = {}  # start by time of sending of the news
-        self._said: set[str] = set()
         self._end_of_part = -float("inf")
         self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
         self._displacements: dict[str, Any] = {}
@@ -188,10 +135,9 @@ class _Reader:
 
     def blocks(self, size: int) -> Iterator[Recording]:
         """Yield the parts of the run."""
-        parsers = self._parsers()
-        queues = {name: _Topic(parser) for name, parser in parsers.items()}
+        queues = {name: Queue(parse) for name, parse in self._parsers.all().items()}
         by_topic = {self._topics[name]: queue for name, queue in queues.items()}
-        states, ends = self._topics["joint_states"], _Ends(size)
+        states, ends = self._topics["joint_states"], Ends(size)
         total = sum(self._bag.topics[topic].count for topic in by_topic)
         self._messages = queues
         given = False
@@ -222,100 +168,12 @@ class _Reader:
     def _is_over(self) -> bool:
         return self._end_of_part >= self._options.end
 
-    def _parsers(self) -> dict[str, Callable[[list[RawMessage]], tuple[list[Rows], int]]]:
-        joints = self._robot.joints
-        base, tip = self._robot.base_frame, self._robot.tip_frame
-        moving, pulling = ("position", "velocity"), ("effort",)
-        of_group: dict[str, Callable[[Group], list[NDArray[Any]]]] = {
-            "joint_states": lambda group: list(rows.joint_rows(group, joints, moving)),
-            "joint_reference": lambda group: list(rows.joint_rows(group, joints, moving)),
-            "joint_effort": lambda group: list(rows.joint_rows(group, joints, pulling)),
-            "wrench": rows.wrench_rows,
-            "compliant_frame": lambda group: list(rows.frame_rows(group, base, tip)),
-        }
-        parsers = {
-            name: self._parser(name, of)
-            for name, of in of_group.items()
-            if name in self._topics
-        }
-        for name in ("reference", "diagnostics"):
-            if name in self._topics:
-                parsers[name] = getattr(self, f"_{name}")
-        return parsers
-
-    def _groups(self, name: str, messages: list[RawMessage]) -> Iterator[Group]:
-        schema = self._bag.schema(self._topics[name])
-        return columns(schema, [message.data for message in messages])
-
-    def _parser(
-        self, name: str, of: Callable[[Group], list[NDArray[Any]]]
-    ) -> Callable[[list[RawMessage]], tuple[list[Rows], int]]:
-        def parse(messages: list[RawMessage]) -> tuple[list[Rows], int]:
-            sent = np.array([message.publish_time or message.log_time for message in messages])
-            found, valid = [], 0
-            for group in self._groups(name, messages):
-                try:
-                    values = of(group)
-                except InvalidMessageError:
-                    continue
-                good = rows.finite(values)
-                all_rows = Rows(rows.stamps(group), sent[group.index], tuple(values))
-                found.append(all_rows if good.all() else all_rows.take(good))
-                valid += int(good.sum())
-            return found, len(messages) - valid
-
-        return parse
-
-    def _reference(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
-        """Return start and first frame of references; their trajectories are kept aside."""
-        base, tip = self._robot.base_frame, self._robot.tip_frame
-        found, valid = [], 0
-        sent = np.array([message.publish_time or message.log_time for message in messages])
-        for group in self._groups("reference", messages):
-            if rows.is_set_point(group) and not _later(group).any():
-                try:
-                    values = rows.frame_rows(group, base, tip)
-                except InvalidMessageError:
-                    continue
-                good = rows.finite(values)
-                starts = np.where(rows.stamps(group) > 0, rows.stamps(group), NO_START)
-                found.append(Rows(starts, sent[group.index], tuple(values)).take(good))
-                valid += int(good.sum())
-                continue
-            for index in group.index.tolist():
-                one = self._one_reference(messages[index], int(sent[index]))
-                found += one
-                valid += len(one)
-        return found, len(messages) - valid
-
-    def _one_reference(self, message: RawMessage, sent: int) -> list[Rows]:
-        decoded = self._bag.decode(message)
-        try:
-            start, frame, trajectory = rows.motion(
-                decoded, self._robot.base_frame, self._robot.tip_frame
-            )
-        except InvalidMessageError:
-            return []  # the controller refused it too
-        if trajectory is not None:
-            self._trajectories[sent] = trajectory
-        return [Rows(np.array([start]), np.array([sent]), frame.columns)]
-
-    def _diagnostics(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
-        """Remember when a controller said that a reference began."""
-        for message in messages:
-            for status in self._bag.decode(message).status:
-                for value in status.values:
-                    if value.key == BEGAN and value.value not in self._said:
-                        self._said.add(value.value)
-                        self._began[message.publish_time or message.log_time] = int(value.value)
-        return [], 0
-
     # --- a part -------------------------------------------------------------------------
 
     def _part(self, count: int | None, last: bool) -> Iterator[Recording]:
         """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
         states = self._messages["joint_states"]
-        stamp = _LATEST if count is None else states.nth(count)
+        stamp = LATEST if count is None else states.nth(count)
         measured = states.until(stamp)
         if measured is None:
             return
@@ -334,7 +192,7 @@ class _Reader:
         if not last:
             self._remember(recording)
 
-    def _given(self) -> Iterator[tuple[str, "_Topic"]]:
+    def _given(self) -> Iterator[tuple[str, Queue]]:
         for name, queue in self._messages.items():
             if name not in ("joint_states", "reference", "diagnostics"):
                 yield name, queue
@@ -373,15 +231,15 @@ class _Reader:
             return References(nothing, nothing, Frames.nowhere(0), {})
         found = joined(parts)
         found = self._pending = found.take(np.argsort(found.sent, kind="stable"))
-        for news, start in self._began.items():
+        for news, start in self._parsers.began.items():
             before = int(np.searchsorted(found.sent, news, side="right"))
             if before:
                 found.stamp[before - 1] = start
-        self._began.clear()
+        self._parsers.began.clear()
         trajectories = {
-            k: self._trajectories[sent]
+            k: self._parsers.trajectories[sent]
             for k, sent in enumerate(found.sent.tolist())
-            if sent in self._trajectories
+            if sent in self._parsers.trajectories
         }
         return References(found.sent, found.stamp, Frames(*found.values), trajectories)
 
@@ -389,7 +247,7 @@ class _Reader:
         if self._pending is None:
             return
         for sent in self._pending.sent[:done].tolist():
-            self._trajectories.pop(sent, None)
+            self._parsers.trajectories.pop(sent, None)
         left = self._pending.take(np.arange(done, len(self._pending.sent)))
         self._pending = left if len(left.sent) else None
 
@@ -469,38 +327,6 @@ class _Reader:
             if queue.invalid:
                 found.append(f"{queue.invalid} messages of {name} are not valid and left out")
         return "; ".join(found)
-
-
-class _Ends:
-    """When a part is complete: its states are there, and the answers to them.
-
-    Args:
-        size: states of a part; 0 is all.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._seen = 0
-        self._at: int | None = None
-
-    def see(self, log_time: int) -> None:
-        self._seen += 1
-        if self._size and self._seen == self._size:
-            self._at = log_time
-
-    def reached(self, log_time: int) -> bool:
-        return self._at is not None and log_time > self._at + _ANSWERED
-
-    def count(self) -> int:
-        self._seen -= self._size
-        self._at = None
-        return self._size
-
-
-def _later(group: Group) -> NDArray[np.bool_]:
-    """Return which set-points are to be reached later (N,)."""
-    seconds = group.numbers["points[0].time_from_start.sec"]
-    return (seconds > 0) | (group.numbers["points[0].time_from_start.nanosec"] > 0)
 
 
 def _namespace(bag: Bag, options: Options) -> str:

@@ -9,23 +9,34 @@ import numpy as np
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
+_STATES = (("q", "rad"), ("dq", "rad/s"))
 
-def table(recording: Recording) -> dict[str, Array]:
+
+def columns(recording: Recording) -> dict[str, Array]:
     """Return the columns (N,) of a run by name and unit, at its N joint_states."""
     measured = recording.measured
-    columns = {"t [s]": measured.t}
-    for joint, name in enumerate(recording.robot.joints):
-        columns[f"q.{name} [rad]"] = measured.q[:, joint]
-        columns[f"dq.{name} [rad/s]"] = measured.dq[:, joint]
+    values = [measured.t, *measured.q.T, *measured.dq.T]
+    found = dict(zip(_names_of_states(recording.robot), values, strict=True))
     for quantity in EVERYTHING:
         t, y = quantity.of(recording)
         if len(t):
             held = _held(measured.t, t, y.reshape(len(t), -1))
-            names = _names(quantity, recording, held.shape[1])
-            columns |= dict(zip(names, held.T, strict=True))
-    return columns
+            found |= dict(zip(_names(quantity, recording.robot), held.T, strict=True))
+    return found
+
+
+def names(robot: Robot) -> list[str]:
+    """Return the names of all columns that a run of an arm may have."""
+    quantities = [name for quantity in EVERYTHING for name in _names(quantity, robot)]
+    return [*_names_of_states(robot), *quantities]
+
+
+def _names_of_states(robot: Robot) -> list[str]:
+    q, dq = ([f"{x}.{joint} [{u}]" for joint in robot.joints] for x, u in _STATES)
+    return ["t [s]", *q, *dq]
 
 
 def _held(t: Array, own: Array, y: Array) -> Array:
@@ -36,11 +47,11 @@ def _held(t: Array, own: Array, y: Array) -> Array:
     return held
 
 
-def _names(quantity: AnyQuantity, recording: Recording, count: int) -> list[str]:
+def _names(quantity: AnyQuantity, robot: Robot) -> list[str]:
     unit = f" [{quantity.unit}]" if quantity.unit else ""
     if isinstance(quantity, JointQuantity):
-        return [f"{quantity.name}.{joint}{unit}" for joint in recording.robot.joints]
+        return [f"{quantity.name}.{joint}{unit}" for joint in robot.joints]
     if isinstance(quantity, VectorQuantity):
-        parts = [part.replace(" ", "_") for part in quantity.components[:count]]
+        parts = [part.replace(" ", "_") for part in quantity.components]
         return [f"{quantity.name}.{part}{unit}" for part in parts]
     return [f"{quantity.name}{unit}"]

@@ -1,0 +1,134 @@
+"""From the messages of an arm to rows of numbers, topic by topic."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.analysis import rows
+from eulerparams_control.analysis.desired import NO_START
+from eulerparams_control.analysis.queues import Parse
+from eulerparams_control.analysis.rows import Rows
+from eulerparams_control.bags.columns import Group, columns
+from eulerparams_control.bags.reader import Bag, RawMessage
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.messages import BEGAN
+from eulerparams_control.motion import Trajectory
+from eulerparams_control.robot import Robot
+
+
+class Parsers:
+    """What parses the messages of each topic of an arm.
+
+    Args:
+        bag: the bag.
+        topics: of the arm, by what they are called here.
+        robot: the arm.
+
+    Attributes:
+        trajectories: references that are no set-points, by time of sending [ns].
+        began: stamps [ns] at which a controller said that a reference began, by the time of
+            sending of the news.
+    """
+
+    def __init__(self, bag: Bag, topics: Mapping[str, str], robot: Robot) -> None:
+        self._bag, self._topics, self._robot = bag, topics, robot
+        self.trajectories: dict[int, Trajectory] = {}
+        self.began: dict[int, int] = {}
+        self._said: set[str] = set()
+
+    def all(self) -> dict[str, Parse]:
+        """Return what parses each of the topics."""
+        joints = self._robot.joints
+        base, tip = self._robot.base_frame, self._robot.tip_frame
+        moving, pulling = ("position", "velocity"), ("effort",)
+        of_group: dict[str, Callable[[Group], list[NDArray[Any]]]] = {
+            "joint_states": lambda group: list(rows.joint_rows(group, joints, moving)),
+            "joint_reference": lambda group: list(rows.joint_rows(group, joints, moving)),
+            "joint_effort": lambda group: list(rows.joint_rows(group, joints, pulling)),
+            "wrench": rows.wrench_rows,
+            "compliant_frame": lambda group: list(rows.frame_rows(group, base, tip)),
+        }
+        parsers = {
+            name: self._parser(name, of)
+            for name, of in of_group.items()
+            if name in self._topics
+        }
+        for name in ("reference", "diagnostics"):
+            if name in self._topics:
+                parsers[name] = getattr(self, f"_{name}")
+        return parsers
+
+    def _groups(self, name: str, messages: list[RawMessage]) -> Iterator[Group]:
+        schema = self._bag.schema(self._topics[name])
+        return columns(schema, [message.data for message in messages])
+
+    def _parser(
+        self, name: str, of: Callable[[Group], list[NDArray[Any]]]
+    ) -> Parse:
+        def parse(messages: list[RawMessage]) -> tuple[list[Rows], int]:
+            sent = np.array([message.publish_time or message.log_time for message in messages])
+            found, valid = [], 0
+            for group in self._groups(name, messages):
+                try:
+                    values = of(group)
+                except InvalidMessageError:
+                    continue
+                good = rows.finite(values)
+                all_rows = Rows(rows.stamps(group), sent[group.index], tuple(values))
+                found.append(all_rows if good.all() else all_rows.take(good))
+                valid += int(good.sum())
+            return found, len(messages) - valid
+
+        return parse
+
+    def _reference(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
+        """Return start and first frame of references; their trajectories are kept aside."""
+        base, tip = self._robot.base_frame, self._robot.tip_frame
+        found, valid = [], 0
+        sent = np.array([message.publish_time or message.log_time for message in messages])
+        for group in self._groups("reference", messages):
+            if rows.is_set_point(group) and not _later(group).any():
+                try:
+                    values = rows.frame_rows(group, base, tip)
+                except InvalidMessageError:
+                    continue
+                good = rows.finite(values)
+                starts = np.where(rows.stamps(group) > 0, rows.stamps(group), NO_START)
+                found.append(Rows(starts, sent[group.index], tuple(values)).take(good))
+                valid += int(good.sum())
+                continue
+            for index in group.index.tolist():
+                one = self._one_reference(messages[index], int(sent[index]))
+                found += one
+                valid += len(one)
+        return found, len(messages) - valid
+
+    def _one_reference(self, message: RawMessage, sent: int) -> list[Rows]:
+        decoded = self._bag.decode(message)
+        try:
+            start, frame, trajectory = rows.motion(
+                decoded, self._robot.base_frame, self._robot.tip_frame
+            )
+        except InvalidMessageError:
+            return []  # the controller refused it too
+        if trajectory is not None:
+            self.trajectories[sent] = trajectory
+        return [Rows(np.array([start]), np.array([sent]), frame.columns)]
+
+    def _diagnostics(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
+        """Remember when a controller said that a reference began."""
+        for message in messages:
+            for status in self._bag.decode(message).status:
+                for value in status.values:
+                    if value.key == BEGAN and value.value not in self._said:
+                        self._said.add(value.value)
+                        self.began[message.publish_time or message.log_time] = int(value.value)
+        return [], 0
+
+
+def _later(group: Group) -> NDArray[np.bool_]:
+    """Return which set-points are to be reached later (N,)."""
+    seconds = group.numbers["points[0].time_from_start.sec"]
+    return (seconds > 0) | (group.numbers["points[0].time_from_start.nanosec"] > 0)

@@ -1,0 +1,221 @@
+"""The options of analyze, what it writes, and the same as a library."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from synthetic_runs import URDF, write_run
+from test_loading import _two_arms
+
+from eulerparams_control import analysis
+from eulerparams_control.analysis import Digest
+from eulerparams_control.analysis.export import Export, file_name
+from eulerparams_control.analysis.loading import blocks
+from eulerparams_control.analysis.main import main
+from eulerparams_control.bags import Bag, BagWriter
+from eulerparams_control.bags.format import Topic
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.motion import DesiredFrame
+
+Q = [0.8 * math.sin(0.03 * k) for k in range(500)]
+NODE = {"orientation": "euler_parameters", "k_Po": 10.0, "damping_eps": 0.5}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("analyze") / "swing"
+    wrenches = [[0.1 * k, 0.0, 1.0, 0.0, 0.0, 0.1] for k in range(500)]
+    frames = [DesiredFrame(np.array([1.0, 0.0, 1e-5 * k]), np.eye(3)) for k in range(500)]
+    command = [1.01 * q for q in Q]
+    return write_run(folder, Q, command, wrenches=wrenches, compliant=frames, parameters=NODE)
+
+
+def analyze(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str]:
+    code = main(list(map(str, args)))
+    return code, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_the_export_is_the_table_of_the_library(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    code, out = analyze(capsys, bag, "--no-page", "--export", suffix, "--out", tmp_path / "p.html")
+    assert code == 0
+    assert f"The table: {tmp_path / f'swing.{suffix}'}" in out
+    read = pyarrow.csv.read_csv if suffix == "csv" else pyarrow.parquet.read_table
+    found = read(str(tmp_path / f"swing.{suffix}"))
+    expected = analysis.columns(analysis.load(bag))
+    assert set(expected) <= set(found.column_names)
+    for name in set(found.column_names) - set(expected):
+        assert found.column(name).null_count == len(Q), name
+    for name, values in expected.items():
+        column = np.array(found.column(name).to_pylist(), dtype=float)
+        np.testing.assert_array_equal(column, values, err_msg=name)
+    angles = np.degrees(np.abs([1.01 * q for q in Q]))
+    np.testing.assert_allclose(expected["orientation_error [deg]"], angles, atol=1e-9)
+    assert expected["q.hinge [rad]"].tolist() == Q
+    for name in ("error_rotation_vector.y [deg]", "lyapunov", "force [N]", "p_cd_d.z [mm]"):
+        assert np.isfinite(expected[name]).any()
+
+
+def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path) -> None:
+    with Export(tmp_path / "parts.csv") as export:
+        for part in blocks(bag, size=60):
+            export.add(part)
+    with Export(tmp_path / "whole.csv") as export:
+        export.add(analysis.load(bag))
+    parts, whole = ((tmp_path / f"{n}.csv").read_text().splitlines() for n in ("parts", "whole"))
+    assert len(whole) == len(Q) + 1
+    assert [line.split(",")[0] for line in parts] == [line.split(",")[0] for line in whole]
+    rates = re.compile("lyapunov_rate.as_measured")
+    here = [i for i, name in enumerate(whole[0].split(",")) if rates.search(name)]
+    for one, other in zip(parts[1:], whole[1:], strict=True):
+        cells = zip(one.split(","), other.split(","), strict=True)
+        assert all(a == b for i, (a, b) in enumerate(cells) if i not in here)
+
+
+def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) -> None:
+    """The first 100 samples have no command."""
+    late = tmp_path / "late"
+    with BagWriter(late) as writer:
+        source = Bag(bag)
+        for name, info in source.topics.items():
+            writer.add_topic(Topic(name, info.type))
+        count = 0
+        for topic, log_time, publish_time, data in source.read_raw():
+            count += topic == "/joint_states"
+            if topic != "/wrench" or count > 100:
+                writer.write(topic, data, log_time, publish_time)
+    with Export(tmp_path / "late.parquet") as export:
+        for part in blocks(late, size=60):
+            export.add(part)
+    force = pyarrow.parquet.read_table(tmp_path / "late.parquet")["force [N]"].to_pylist()
+    assert all(value is None or math.isnan(value) for value in force[:100])
+    assert all(value > 0 for value in force[101:])
+
+
+def test_a_table_that_cannot_be_written_is_refused(bag: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="cannot write"):
+        Export(tmp_path / "file" / "run.csv").add(analysis.load(bag))
+
+
+def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag: Path) -> None:
+    whole = Digest.of(analysis.load(bag))
+    parts = Digest.of_parts(blocks(bag, size=70), samples=len(Q))
+    for one, other in zip(parts.numbers, whole.numbers, strict=True):
+        assert one == (None if other is None else pytest.approx(other, rel=1e-12, abs=1e-15))
+    assert (parts.start, parts.end, parts.approach) == (whole.start, whole.end, whole.approach)
+    assert parts.near_pole == whole.near_pole
+    assert parts.curves.keys() == whole.curves.keys()
+    for name, highest in whole.highest.items():
+        assert parts.highest[name] == pytest.approx(highest, rel=1e-9), name
+        (t, y), (t_whole, y_whole) = parts.curves[name][0], whole.curves[name][0]
+        assert np.nanmax(y) == pytest.approx(np.nanmax(y_whole), rel=1e-9, abs=1e-12)
+        assert (t[0], t[-1]) == (t_whole[0], t_whole[-1])
+        assert np.all(np.diff(t) >= 0)
+    assert np.all(np.diff(parts.track.t) >= 0)
+
+
+def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path: Path) -> None:
+    """The smallest singular value of the rod is 1 everywhere."""
+    for eps, near in ((0.9, []), (1.1, [(0.0, 0.04)])):
+        path = write_run(tmp_path / f"run_{eps}", [0.1] * 5, parameters=NODE | {"damping_eps": eps})
+        assert Digest.of(analysis.load(path)).near_singular == near
+
+
+def test_only_a_part_of_the_time_is_analysed(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = analyze(capsys, bag, "--no-page", "--from", 0.2, "--to", 0.3)
+    peak = math.degrees(1.01 * max(map(abs, Q[20:31])))
+    assert code == 0
+    assert re.search(rf"orientation error, peak \[deg\] *│ *{peak:.1f} │", out)
+    code, out = analyze(capsys, bag, "--no-page", "--from", 3, "--to", 2)
+    assert (code, out) == (2, "error: --from 3 --to 2: expected a time before the end\n")
+    code, out = analyze(capsys, bag, "--no-page", "--from", 90)
+    assert code == 2
+    assert "no joint_states from 90 to inf s" in out
+
+
+@pytest.mark.parametrize("args", [("--from", "-1"), ("--to", "nan"), ("--topic", "joint_states")])
+def test_impossible_options_are_refused(
+    bag: Path, capsys: pytest.CaptureFixture[str], args: tuple[str, str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([str(bag), *args])
+    assert ended.value.code == 2
+    assert "expected" in capsys.readouterr().err
+
+
+def test_all_arms_of_a_bag_are_shown_or_the_one_that_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = _two_arms(tmp_path / "both", tmp_path)
+    code, out = analyze(capsys, both, "--out", tmp_path / "page.html", "--export", "csv")
+    assert code == 0
+    assert re.search(r"orientation error, peak \[deg\] *│ *5\.73 │ *11\.5 │", out)
+    assert {f.name for f in tmp_path.glob("*.csv")} == {"both_left.csv", "both_right.csv"}
+    code, out = analyze(capsys, both, "--no-page", "--namespace", "right")
+    assert re.search(r"orientation error, peak \[deg\] *│ *11\.5 │", out)
+    code, out = analyze(capsys, both, "--no-page", "--namespace", "/middle")
+    assert code == 2
+    assert "has the arms /left, /right" in out
+
+
+def test_a_bag_that_cannot_be_read_does_not_hide_the_others(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "broken.mcap").write_bytes(b"no bag at all")
+    code, out = analyze(capsys, tmp_path / "broken.mcap", bag, "--no-page")
+    assert code == 2
+    assert "expected an MCAP file" in out
+    assert re.search(r"orientation error, peak \[deg\] *│ *46\.", out)
+
+
+def test_figures_are_written_for_each_quantity(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = ("--no-page", "--figures", tmp_path / "f", "--figure-format", "svg")
+    code, _ = analyze(capsys, bag, *args)
+    assert code == 0
+    names = {path.name for path in (tmp_path / "f").iterdir()}
+    assert {"orientation_error.svg", "error_angle_axis.svg", "force.svg"} <= names
+
+
+def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_run(tmp_path / "run", [0.1, 0.2], desired=False, urdf="")
+    (tmp_path / "arm.urdf").write_text(URDF)
+    code, out = analyze(capsys, bag, "--no-page")
+    assert code == 2
+    urdf = ("--urdf", tmp_path / "arm.urdf")
+    code, out = analyze(capsys, bag, "--no-page", *urdf)
+    assert code == 2
+    assert "give it with --tip-frame" in out
+    code, out = analyze(capsys, bag, "--no-page", *urdf, "--tip-frame", "tip")
+    assert code == 0
+    assert "joint speed, peak" in out
+
+
+@pytest.mark.parametrize(
+    ("label", "name"), [("a/b", "a_b"), ("../../x", "x"), ("..", "run"), ("é n", "é_n")]
+)
+def test_files_of_tables_stay_in_their_folder(label: str, name: str) -> None:
+    assert file_name(label) == name
+
+
+def test_the_library_draws_a_figure_by_name(bag: Path) -> None:
+    run = analysis.load(bag)
+    figure = analysis.figure([run], "orientation_error")
+    (line,) = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
+    drawn: Any = line.get_ydata()
+    assert drawn.max() == pytest.approx(analysis.measure("peak_orientation_error", run))
+    with pytest.raises(UnknownNameError, match="orientation_error"):
+        analysis.figure([run], "orientation_eror")
