@@ -51,7 +51,9 @@ def test_the_export_is_the_table_of_the_library(
     found = read(str(tmp_path / f"swing.{suffix}"))
     expected = analysis.columns(analysis.load(bag))
     assert set(expected) <= set(found.column_names)
-    for name in set(found.column_names) - set(expected):
+    stamps = [1_700_000_000_000_000_000 + 10_000_000 * k for k in range(500)]
+    assert found.column("stamp [ns]").to_pylist() == stamps
+    for name in set(found.column_names) - set(expected) - {"stamp [ns]"}:
         assert found.column(name).null_count == len(Q), name
     for name, values in expected.items():
         column = np.array(found.column(name).to_pylist(), dtype=float)
@@ -80,7 +82,7 @@ def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path
 
 
 def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) -> None:
-    """The first 100 samples have no command."""
+    """The first 100 samples have no wrench."""
     late = tmp_path / "late"
     with BagWriter(late) as writer:
         source = Bag(bag)

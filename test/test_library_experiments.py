@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -11,8 +12,18 @@ from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.experiments.criteria import judge
 from eulerparams_control.experiments.definition import load_experiment
 from eulerparams_control.experiments.library import Result, library_names, run_library
+from eulerparams_control.experiments.library._errata import errata
+from eulerparams_control.experiments.library._samples import (
+    accelerated,
+    derivatives,
+    rotations,
+    vectors,
+)
+from eulerparams_control.experiments.library.e1 import DIFFERENCES, TWICE, residuals
 from eulerparams_control.experiments.model import Criterion, Experiment
 from eulerparams_control.experiments.predictions import FORMS, Predicted
+from eulerparams_control.orientation import EulerSequence
+from eulerparams_control.rotations import S
 
 # Seen in the prototype, to the digits that were written down.
 SEEN = {
@@ -21,6 +32,8 @@ SEEN = {
     "e5": {"apart": 4.6e-4},
 }
 OF_DIGITS = 0.01
+
+FOUND = 1.0  # what a wrong T or dT leaves of (24), [1], and of (38) and (50), [rad/s^2], at least
 
 # Runge-Kutta's method in steps of 2 ms leaves 1e-9 deg of errors of 180 deg.
 INTEGRATED = 1e-6
@@ -61,6 +74,42 @@ def test_the_printed_equations_are_further_off_than_those_that_hold() -> None:
     assert sorted(printed) == [f"eq_{n}_as_printed" for n in ("38", "4", "50", "59", "62", "7")]
     for name in printed:
         assert numbers[name].value > 1e5 * numbers[name.removesuffix("_as_printed")].value
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "found"),
+    [
+        ("dT", lambda dT: 3 * dT, {"(38)", "(50)"}),
+        ("dT", lambda dT: 0 * dT, {"(38)", "(50)"}),
+        ("dT", lambda dT: dT.T, {"(38)", "(50)"}),
+        ("T", lambda T: T * [1, 1, 2], {"(24)", "(38)", "(50)"}),
+        ("T", lambda T: T[:, ::-1], {"(24)", "(38)", "(50)"}),
+    ],
+)
+def test_a_wrong_T_or_its_derivative_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+    method: str,
+    wrong: Callable[[np.ndarray], np.ndarray],
+    found: set[str],
+) -> None:
+    right = getattr(EulerSequence, method)
+    monkeypatch.setattr(EulerSequence, method, lambda *given: wrong(right(*given)))
+    left = residuals(errata())
+    assert {name for name in ("(24)", "(38)", "(50)") if left[name] > FOUND} == found
+
+
+def test_derivatives_by_differences_are_those_of_a_function_that_is_known() -> None:
+    first, second = derivatives(lambda t: np.array([math.sin(10 * t + 1), math.exp(3 * t)]))
+    np.testing.assert_allclose(first, [10 * math.cos(1), 3], rtol=1e-11)
+    np.testing.assert_allclose(second, [-100 * math.sin(1), 9], atol=TWICE / 10)
+
+
+def test_a_frame_that_is_accelerated_turns_as_it_is_told() -> None:
+    R, (omega, domega) = rotations(1, 1)[0], vectors(2, 2)
+    R_of = accelerated(R, omega, domega)
+    dR, ddR = derivatives(R_of)  # dR = S(omega) R, ddR = (S(domega) + S(omega)^2) R
+    np.testing.assert_allclose(dR, S(omega) @ R, atol=DIFFERENCES / 10)
+    np.testing.assert_allclose(ddR, (S(domega) + S(omega) @ S(omega)) @ R, atol=TWICE / 10)
 
 
 def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do() -> None:

@@ -2,15 +2,19 @@
 
 import itertools
 import math
+import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from synthetic_runs import URDF, write_run
+from synthetic_runs import _START as START
+from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
@@ -19,7 +23,9 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
+from eulerparams_control.messages import BEGAN
 from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
 from eulerparams_control.rotations import exp
 
@@ -211,3 +217,215 @@ def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path: Path) ->
     run = Recording.load(write_run(tmp_path / "run", q))
     assert run.measured.q[:, 0].tolist() == [0.1, 0.3, 0.5]
     assert "2 messages of joint_states are not valid and left out" in run.warning
+
+
+# --- what is wrong with a bag is said -----------------------------------------------------
+
+
+def _rewritten(source: Path, folder: Path, change: Any) -> Path:
+    """Write a bag again, each message as ``change`` returns it; None leaves it out."""
+    bag = Bag(source)
+    with BagWriter(folder) as writer:
+        for name, info in bag.topics.items():
+            writer.add_topic(Topic(name, info.type))
+        counts: dict[str, int] = {}
+        for message in bag.read_raw():
+            counts[message.topic] = counts.get(message.topic, -1) + 1
+            changed = change(message, counts[message.topic])
+            if changed is not None:
+                topic, log_time, publish_time, data = changed
+                writer.write(topic, data, log_time, publish_time)
+    return folder
+
+
+def _shifted(message: RawMessage, dt: int) -> tuple[str, int, int, bytes]:
+    """Return a message with a header, its stamp moved by dt [ns]."""
+    sec, nanosec = struct.unpack_from("<iI", message.data, 4)
+    stamp = max(0, sec * 10**9 + nanosec + dt)
+    head = struct.pack("<iI", *divmod(stamp, 10**9))
+    return message.topic, message.log_time, message.publish_time, (
+        message.data[:4] + head + message.data[12:]
+    )
+
+
+@pytest.mark.parametrize("size", [0, 30])
+def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(
+    tmp_path: Path, size: int
+) -> None:
+    """A simulator that restarts after 1 s sends the same stamps again."""
+    source = write_run(tmp_path / "source", [0.1] * 100 + [1.0] * 100)
+
+    def restart(message: RawMessage, k: int) -> tuple[str, int, int, bytes]:
+        late = message.topic == "/joint_states" and k >= 100
+        return _shifted(message, -1_000_000_000) if late else message_of(message)
+
+    run = _rewritten(source, tmp_path / "run", restart)
+    parts = list(blocks(run, size=size))
+    assert sum(len(part.measured.t) - 1 for part in parts) + 1 == 100
+    assert max(part.leading.orientation_error.max() for part in parts) == pytest.approx(0.1)
+    assert "the stamps of joint_states jump back at 0.990 s: the rest is left out" in (
+        parts[-1].warning
+    )
+
+
+def message_of(message: RawMessage) -> tuple[str, int, int, bytes]:
+    return message.topic, message.log_time, message.publish_time, message.data
+
+
+def test_samples_without_stamps_are_counted(tmp_path: Path) -> None:
+    source = write_run(tmp_path / "source", [0.01 * k for k in range(50)])
+    never = -1_800_000_000_000_000_000
+    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
+        _shifted(message, never) if message.topic == "/joint_states" else message_of(message)
+    ))  # fmt: skip
+    assert "49 messages of joint_states have the stamp of another" in Recording.load(run).warning
+
+
+def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
+    source = write_run(tmp_path / "source", [0.1] * 5)
+    with BagWriter(tmp_path / "run") as bag:
+        for name, info in Bag(source).topics.items():
+            bag.add_topic(Topic(name, info.type))
+        for message in Bag(source).read_raw():
+            for _ in range(2):
+                bag.write(message.topic, message.data, message.log_time, message.publish_time)
+    assert Recording.load(tmp_path / "run").warning == ""
+
+
+def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path: Path) -> None:
+    q = [0.0] * 100 + [0.02 * k for k in range(100)]
+    source = write_run(tmp_path / "source", q, [0.0] * 200)
+    run = Recording.load(_rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/joint_reference" and k >= 100 else message_of(message)
+    )))  # fmt: skip
+    assert run.measured.orientation_error[-1] == pytest.approx(q[-1])
+    assert run.command is not None
+    assert run.command.t[-1] == 0.99
+    assert "joint_reference ends at 0.990 s, joint_states at 1.990 s" in run.warning
+
+
+@pytest.mark.parametrize("velocity", [[], [math.nan] * 2])
+def test_velocities_that_are_missing_are_differences(
+    tmp_path: Path, velocity: list[float]
+) -> None:
+    with BagWriter(tmp_path / "run") as bag:
+        for topic, kind in (("joint_states", "sensor_msgs/msg/JointState"),):
+            bag.add_topic(Topic(f"/{topic}", kind))
+        for k in range(50):
+            message = JointState(name=["hinge", "roll"], position=[0.02 * k, 0.0])
+            message.velocity = velocity
+            message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
+            bag.write("/joint_states", bytes(serialize_message(message)), k, k)
+    run = Recording.load(tmp_path / "run", urdf=URDF, tip_frame="tip")
+    np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
+    assert "joint_states lacks velocities" in run.warning
+
+
+@pytest.mark.parametrize("start", [0.55, 1.0, 2.49])
+def test_the_sign_of_the_quaternion_is_that_of_the_run_from_its_start(
+    tmp_path: Path, start: float
+) -> None:
+    """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
+    q = [0.011 * k for k in range(400)]
+    node = NODE | {"quaternion_sign": "continuous"}
+    path = write_run(tmp_path / "run", q, q, parameters=node)
+    whole = Recording.load(path).lyapunov
+    assert whole is not None
+    for options in ({"size": 0}, {"size": 37}):
+        parts = list(blocks(path, Options(start=start), **options))
+        V = np.concatenate([part.lyapunov.V for part in parts if part.lyapunov])
+        t = np.concatenate([part.lyapunov.t for part in parts if part.lyapunov])
+        at = np.searchsorted(whole.t, t)
+        np.testing.assert_allclose(V, whole.V[at], rtol=1e-12)
+        assert V.max() > 2.5
+
+
+def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "both") as bag:
+        for side in ("/left", "/right"):
+            began = 5 * PERIOD_NS if side == "/right" else None
+            path = write_run(tmp_path / side[1:], [0.0] * 30, lasting=0.1, began=began)
+            for name, info in Bag(path).topics.items():
+                bag.add_topic(Topic(name if name == "/diagnostics" else side + name, info.type))
+            for topic, log_time, publish_time, data in Bag(path).read_raw():
+                if topic == "/diagnostics":
+                    values = [KeyValue(key=BEGAN, value=str(began + START))]
+                    status = DiagnosticStatus(name="right/clik", values=values)
+                    data = bytes(serialize_message(DiagnosticArray(status=[status])))
+                else:
+                    topic = side + topic
+                bag.write(topic, data, log_time, publish_time)
+    left, right = (Recording.load(tmp_path / "both", namespace=s) for s in ("/left", "/right"))
+    assert left.measured.desired.p[5, 2] > 0.4 * DISTANCE
+    assert right.measured.desired.p[5, 2] == 0.0
+    assert right.measured.desired.p[20, 2] == pytest.approx(DISTANCE)
+
+
+@pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 60, "٣"])
+def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
+    source = write_run(tmp_path / "source", [0.1] * 30, began=0)
+    values = [KeyValue(key=BEGAN, value=text)]
+    data = bytes(serialize_message(DiagnosticArray(status=[DiagnosticStatus(values=values)])))
+    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
+        (*message_of(message)[:3], data) if message.topic == "/diagnostics" else message_of(message)
+    ))  # fmt: skip
+    assert len(Recording.load(run).measured.t) == 30
+
+
+@pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
+def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
+    source = write_run(tmp_path / "source", [0.1] * 30, began=0)
+    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
+        (*message_of(message)[:3], message.data[:20]) if message.topic == topic
+        else message_of(message)
+    ))  # fmt: skip
+    found = Recording.load(run, tip_frame="tip")
+    assert f"1 messages of {topic[1:]} are not valid" in found.warning
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"hysteresis": None}, {"hysteresis": [1]}, {"hysteresis": math.nan},
+        {"quaternion_initial_sign": "x"}, {"euler_sequence": "QQQ"}, {"quaternion_sign": "foo"},
+    ],
+)  # fmt: skip
+def test_parameters_that_are_not_valid_leave_the_rest(
+    tmp_path: Path, wrong: dict[str, Any]
+) -> None:
+    run = Recording.load(write_run(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong))
+    assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
+    assert "the parameters of the controller are not valid" in run.warning
+    assert len(run.pole_distance) == 5
+
+
+@pytest.mark.parametrize("timeout", ["abc", [1], math.nan, -1.0])
+def test_an_impossible_timeout_of_the_parameters_is_the_default(
+    tmp_path: Path, timeout: Any
+) -> None:
+    parameters = NODE | {"reference_timeout": timeout}
+    run = Recording.load(write_run(tmp_path / "run", [0.1] * 5, parameters=parameters))
+    assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
+
+
+def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
+    """One joint_states a second, and 200 wrenches between two."""
+    source = write_run(tmp_path / "source", [0.1] * 4000, wrenches=[[1.0, 0, 0, 0, 0, 0]] * 4000)
+    run = _rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/joint_states" and k % 200 else message_of(message)
+    ))  # fmt: skip
+    parts = list(blocks(run, size=50))
+    assert len(parts) > 4
+    assert max(len(part.sensed.t) for part in parts if part.sensed) < 1500
+
+
+def test_before_the_first_wrench_there_is_none(tmp_path: Path) -> None:
+    wrenches = [[50.0, 0, 0, 0, 0, 0]] * 30
+    source = write_run(tmp_path / "source", [0.1] * 30, wrenches=wrenches)
+    run = Recording.load(_rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/wrench" and k < 10 else message_of(message)
+    )))  # fmt: skip
+    assert run.wrench is not None
+    f, _ = run.wrench.at(run.measured.t)
+    assert np.isnan(f[:10]).all()
+    assert f[10:, 0].tolist() == pytest.approx([50.0 * math.cos(0.1)] * 20)

@@ -1,23 +1,32 @@
 """Runs side by side: domains of their own, what is not run again, what a failure leaves."""
 
+import io
 import json
+import shutil
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from rich.console import Console
 
+from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.experiments import domains, schedule
+from eulerparams_control.experiments import domains, records, runner, schedule, sources
+from eulerparams_control.experiments import main as executable
+from eulerparams_control.experiments.display import Display
 from eulerparams_control.experiments.domains import Domain
 from eulerparams_control.experiments.model import Experiment, Variant
 from eulerparams_control.experiments.outcome import Outcome
 from eulerparams_control.experiments.processes import Stopped
 from eulerparams_control.experiments.records import Making, Record, Run
+from eulerparams_control.experiments.runner import IncompleteBagError
 from eulerparams_control.experiments.schedule import Schedule, Task
 
 PATIENCE = 30.0  # [s] a guard against hanging, not a measure
@@ -95,7 +104,9 @@ def ended(folder: Path) -> Record:
     """Return the record of a run that ended with a whole bag."""
     record = Record(folder, "first")
     record.begin(MAKING)
-    record.end(MAKING, Run(bag_of(folder), 5.0, None, 7.5))
+    bag = bag_of(folder)
+    record.claim()
+    record.end(MAKING, Run(bag, 5.0, None, 7.5))
     return record
 
 
@@ -109,26 +120,139 @@ def test_a_run_is_known_by_its_whole_bag(tmp_path: Path) -> None:
 def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path: Path) -> None:
     record = Record(tmp_path, "first")
     record.begin(MAKING)
+    record.claim()  # the recorder has made none yet
     bag_of(tmp_path)
+    record.claim()
     assert record.finished() is None
     record.clear()
     assert not (tmp_path / "first").exists()
     record.clear()  # nothing is there
 
 
-def test_a_bag_that_is_not_known_to_be_ours_is_never_removed(tmp_path: Path) -> None:
-    bag = bag_of(tmp_path)
-    with pytest.raises(BagError, match="first exists; remove it, or choose another --out"):
-        Record(tmp_path, "first").clear()
-    assert sorted(path.name for path in bag.iterdir()) == ["first_0.mcap", "metadata.yaml"]
+def test_a_bag_that_ended_whole_is_removed_also_if_its_folder_was_copied(tmp_path: Path) -> None:
+    ended(tmp_path / "before")
+    shutil.copytree(tmp_path / "before", tmp_path / "now")
+    record = Record(tmp_path / "now", "first")
+    assert record.finished() is not None
+    record.clear()
+    assert not (tmp_path / "now/first").exists()
 
 
-def test_what_no_recorder_wrote_is_never_removed(tmp_path: Path) -> None:
-    record = ended(tmp_path)
-    (tmp_path / "first/notes.txt").write_text("mine")
-    with pytest.raises(BagError, match=r"holds what no recorder wrote: notes\.txt"):
+def refused(record: Record, words: str) -> None:
+    """Check that what is there is neither taken for the run nor removed."""
+    before = {path: path.read_bytes() for path in record.bag.iterdir()}
+    assert record.finished() is None
+    with pytest.raises(BagError, match=words):
         record.clear()
-    assert (tmp_path / "first/notes.txt").read_text() == "mine"
+    assert {path: path.read_bytes() for path in record.bag.iterdir()} == before
+
+
+NOT_OURS = r"first exists, and is not the bag .*; remove it yourself, or choose another --out"
+
+
+def test_a_bag_that_is_not_known_to_be_ours_is_never_removed(tmp_path: Path) -> None:
+    bag_of(tmp_path)
+    refused(Record(tmp_path, "first"), NOT_OURS)
+
+
+@pytest.mark.parametrize("has_ended", [True, False])
+def test_a_bag_that_a_user_put_in_the_place_of_ours_is_never_removed(
+    tmp_path: Path, has_ended: bool
+) -> None:
+    record = ended(tmp_path)
+    if not has_ended:
+        record.begin(MAKING)
+        record.claim()
+    shutil.rmtree(record.bag)
+    bag_of(tmp_path)  # of the same size
+    refused(record, NOT_OURS)
+
+
+def test_a_bag_that_was_changed_after_its_run_is_never_removed(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    (record.bag / "first_0.mcap").write_text("mine, and longer")
+    refused(record, "first was changed since its run: it had 12 bytes, and has 20; remove it your")
+
+
+def test_a_link_in_the_place_of_a_bag_is_never_followed(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    record.bag.rename(tmp_path / "elsewhere")
+    record.bag.symlink_to(tmp_path / "elsewhere")
+    refused(record, "first is a symbolic link, which no run has made; remove it yourself")
+    record.bag.unlink()
+    record.bag.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(BagError, match="symbolic link"):
+        record.clear()
+
+
+def test_a_link_in_a_bag_is_what_no_recorder_wrote(tmp_path: Path) -> None:
+    record = ended(tmp_path)
+    record.begin(MAKING)
+    record.claim()
+    (record.bag / "first_1.mcap").symlink_to(record.bag / "first_0.mcap")
+    refused(record, r"holds what no recorder wrote: first_1\.mcap; move it away")
+
+
+def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path: Path) -> None:
+    record = Record(tmp_path, "first")
+    record.begin(MAKING)
+    bag_of(tmp_path)  # after the run had looked
+    log = record.path.parent / "bag_recorder.log"
+    log.write_text("error: first exists; nothing is overwritten: choose another folder")
+    runner._claim(record)
+    refused(record, NOT_OURS)
+    log.write_text("recording 4 topics")
+    runner._claim(record)
+    record.clear()
+
+
+# --- the lock --------------------------------------------------------------------------------
+
+
+def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_ended(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = (
+        "import sys; from pathlib import Path; "
+        "from eulerparams_control.experiments.records import locked\n"
+        "with locked(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path / "e2"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        assert executable.main(["e2", "--out", str(tmp_path)]) == 2
+        said = capsys.readouterr().out
+        assert said == (
+            f"error: another call of experiment writes to {tmp_path / 'e2'}; wait for its end, "
+            "or choose another --out\n"
+        )
+        assert not (tmp_path / "e2/summary.json").exists()
+        other.kill()
+        other.communicate()
+    assert executable.main(["e2", "--out", str(tmp_path)]) == 0
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="cannot write to .*/file/e2: Not a directory"):
+        with records.locked(tmp_path / "file/e2"):
+            pass
+
+
+# --- what a run is made of -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "mine.mcap", "second_0.mcap"])
+def test_what_no_recorder_wrote_is_never_removed(tmp_path: Path, name: str) -> None:
+    record = ended(tmp_path)
+    record.begin(MAKING)
+    record.claim()
+    (tmp_path / "first" / name).write_text("mine")
+    refused(record, f"holds what no recorder wrote: {name}; move it away")
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"making": 3, "ended": {}}'])
@@ -165,6 +289,41 @@ def test_a_making_depends_on_the_parameters_the_robot_and_the_duration() -> None
         assert (now.definition != before.definition, now.code == before.code) == (True, True)
 
 
+@pytest.mark.parametrize(
+    "changes", [{"home": (0.1,) * 6}, {"tip_frame": "wrist_3_link"}, {"joints": ()}, {"urdf": ""}]
+)
+def test_a_making_depends_on_the_whole_description_of_the_robot(
+    monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any]
+) -> None:
+    before = Making.of(Variant({}, 5.0), {})
+    robot = replace(load_robot("ur5"), **changes)
+    monkeypatch.setattr(records, "load_robot", lambda _: robot)
+    assert Making.of(Variant({}, 5.0), {}).differs(before) == "its definition"
+
+
+@pytest.mark.parametrize("library", ["pin", "pybullet", "numpy"])
+def test_a_making_depends_on_the_versions_of_the_libraries(
+    monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    before = sources.version([])
+    of = sources.version_of
+    monkeypatch.setattr(sources, "version_of", lambda n: "0" if n == library else of(n))
+    assert sources.version([]) != before
+
+
+def test_what_was_looked_at_depends_on_the_assets_of_its_page(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assets = tmp_path / "eulerparams_control/analysis/assets"
+    assets.mkdir(parents=True)
+    monkeypatch.setattr(sources, "_ROOT", tmp_path)
+    versions = {sources.code.__wrapped__()}
+    for name in ("page.css", "run.js"):
+        (assets / name).write_text(name)
+        versions.add(sources.code.__wrapped__())
+    assert len(versions) == 3
+
+
 # --- the schedule ----------------------------------------------------------------------------
 
 
@@ -182,6 +341,9 @@ class Watch:
 
     def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
         self.said.append(f"{experiment} {variant} {how}")
+
+    def repeated(self, experiment: str, variant: str, why: str) -> None:
+        self.said.append(f"{experiment} {variant} repeated: {why}")
 
     def finished(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)
@@ -248,6 +410,92 @@ def test_one_failure_ends_its_experiment_but_not_the_others(
     assert (second.error, second.sentence) == ("", "good")
     assert "e1 never started" not in watch.said
     assert [outcome.experiment.name for outcome in watch.outcomes] == ["e1", "e2"]
+
+
+def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    going: list[str] = []
+    beside: list[list[str]] = []
+    starts = threading.Barrier(3)
+
+    def run(variant: str, _stop: threading.Event) -> None:
+        again = f"e1 {variant} repeated: 460 stamps" in watch.said
+        going.append(variant)
+        if again:
+            beside.append(list(going))
+        elif variant in "abc":
+            starts.wait(PATIENCE)
+        if variant in "ab" and not again:
+            going.remove(variant)
+            raise IncompleteBagError("460 stamps")
+        going.remove(variant)
+
+    runs_by(monkeypatch, run)
+    tasks = [task(tmp_path, "e1", "a", "b"), task(tmp_path, "e2", "c", "d", "e", "f")]
+    first, second = Schedule(tasks, 3, watch).run()
+    assert (first.error, first.sentence) == ("", "a-b")
+    assert (second.error, second.sentence) == ("", "c-d-e-f")
+    assert sorted(beside) == [["a"], ["b"]]
+    assert [o.experiment.name for o in watch.outcomes] == ["e2", "e1"]
+
+
+def test_a_run_that_is_incomplete_by_itself_too_ends_its_experiment(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[str] = []
+
+    def run(variant: str, _stop: threading.Event) -> None:
+        ran.append(variant)
+        if variant == "bad":
+            raise IncompleteBagError("460 stamps")
+
+    runs_by(monkeypatch, run)
+    tasks = [task(tmp_path, "e1", "bad", "good"), task(tmp_path, "e2", "fine")]
+    first, second = Schedule(tasks, 1, watch).run()
+    assert first.error == "bad: 460 stamps, run by itself, too"
+    assert (second.error, second.sentence) == ("", "fine")
+    assert ran == ["bad", "good", "fine", "bad"]
+    assert [o.experiment.name for o in watch.outcomes] == ["e2", "e1"]
+
+
+def test_an_experiment_that_failed_otherwise_repeats_nothing(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(variant: str, _stop: threading.Event) -> None:
+        raise {"a": IncompleteBagError("460 stamps"), "b": SimulationError("died")}[variant]
+
+    runs_by(monkeypatch, run)
+    (outcome,) = Schedule([task(tmp_path, "e1", "a", "b")], 1, watch).run()
+    assert outcome.error == "b: died"
+    assert watch.said.count("e1 a started") == 1
+
+
+@pytest.mark.parametrize(("missing", "kind"), [(1, IncompleteBagError), (-1, BagError)])
+def test_only_a_bag_that_misses_messages_is_incomplete(
+    monkeypatch: pytest.MonkeyPatch, missing: int, kind: type[BagError]
+) -> None:
+    found = {"/joint_states": set(range(801)), "/joint_reference": set(range(801 - missing))}
+    monkeypatch.setattr(runner, "_stamps", lambda *_: found)
+    with pytest.raises(BagError, match="joint_reference has .* stamps; expected 801") as error:
+        runner._check_complete(Path("bag"), Variant({}, 0.8), 1000.0, False)
+    assert error.type is kind
+
+
+def test_the_terminal_says_that_a_run_is_repeated(tmp_path: Path) -> None:
+    console = Console(file=io.StringIO(), width=200)
+    with Display(console, [task(tmp_path, "e1", "a")], details=True) as display:
+        display.started("e1", "a", 1.0)
+        display.simulated("e1", "a", 0.7)
+        display.repeated("e1", "a", "460 stamps")
+        assert display._simulated == 0
+        display.started("e1", "a", 1.0)
+        display.ended("e1", "a", "2.0 s", 1.0)
+        assert display._simulated == 1
+    assert console.file.getvalue().splitlines() == [
+        "  e1 a: incomplete, to be run once more by itself: 460 stamps",
+        "  e1 a: 2.0 s",
+    ]
 
 
 def test_what_cannot_be_looked_at_is_an_error_of_its_experiment_alone(

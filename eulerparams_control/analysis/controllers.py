@@ -7,9 +7,7 @@ from eulerparams_control.errors import BagError
 from eulerparams_control.orientation import (
     EulerSequence,
     OrientationOptions,
-    OrientationRepresentation,
     SignRule,
-    representation,
 )
 
 type Parameters = Mapping[str, Mapping[str, Any]]
@@ -37,11 +35,15 @@ def controller_node(
     raise BagError(f"no parameters of a node {expected} were recorded")
 
 
-def orientation_of(parameters: Parameters, name: str) -> OrientationRepresentation:
-    """Return a representation with the options of the controller; its defaults if none ran."""
-    node = next((values for values in parameters.values() if "orientation" in values), {})
-    options = OrientationOptions(EulerSequence(str(node.get("euler_sequence", "XYZ"))), _sign(node))
-    return representation(name, options)
+def options_of(parameters: Parameters) -> OrientationOptions:
+    """Return what the controller was told of its representation; the defaults if none ran.
+
+    Raises:
+        ConfigurationError, TypeError, ValueError: if that is impossible.
+    """
+    keys = {"orientation", "euler_sequence"}
+    node = next((values for values in parameters.values() if keys & values.keys()), {})
+    return OrientationOptions(EulerSequence(str(node.get("euler_sequence", "XYZ"))), _sign(node))
 
 
 def _sign(node: Mapping[str, Any]) -> SignRule:

@@ -65,25 +65,31 @@ class DesiredFrames:
         self._held = held
         self._motion: _Motion | None = None
 
-    def follow(self, references: References, stamps: Stamps, sent: Stamps) -> tuple[Frames, int]:
-        """Return the frames at M ticks, and how many references are done with.
+    def follow(
+        self, references: References, ticks: Stamps, sent: Stamps, at: Stamps | None = None
+    ) -> tuple[Frames, int]:
+        """Return the frames at M stamps, and how many references are done with.
 
         Those that are not, which have not begun yet, are to be given again with the next block.
 
         Args:
             references: not given before, or not done with.
-            stamps, sent: (M,) [ns] of the ticks, increasing.
+            ticks, sent: (N,) [ns] of the ticks of the controller, increasing.
+            at: (M,) [ns] at which the frames are wanted, the ticks among them; None: the ticks.
         """
-        M = len(stamps)
-        sent = np.maximum.accumulate(sent) if M else sent
+        N = len(ticks)
+        sent = np.maximum.accumulate(sent) if N else sent
         received = np.searchsorted(sent, references.sent)  # the tick that finds it
-        begins = np.maximum(received, np.searchsorted(stamps, references.start))
-        replaced = np.append(received[1:], M)  # by the next one, before it began
+        begins = np.maximum(received, np.searchsorted(ticks, references.start))
+        replaced = np.append(received[1:], N)  # by the next one, before it began
         begun = np.flatnonzero(begins < replaced)
-        done = int(np.searchsorted(received, M))
-        if done and begins[done - 1] >= M:
+        done = int(np.searchsorted(received, N))
+        if done and begins[done - 1] >= N:
             done -= 1
-        found = Frames.nowhere(M)
+        stamps = ticks if at is None else at
+        places = np.append(np.searchsorted(stamps, ticks), len(stamps))  # of the ticks
+        received, begins = places[received], places[np.minimum(begins, N)]
+        found = Frames.nowhere(len(stamps))
         going = self._motion
         if going is None and len(references.sent):
             self._hold(found, received, begins[begun], stamps)

@@ -194,7 +194,7 @@ class _Making:
             last.why_no_wrench if last.sensed is not None else "",
             last.diverged,
             self._start,
-            float(last.leading.t[-1]),
+            max(float(last.leading.t[-1]), float(last.measured.t[-1])),
             last.sequence,
             min(self._approaches, key=lambda one: one.distance),
             merged(self._poles),

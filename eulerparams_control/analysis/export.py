@@ -1,6 +1,7 @@
 """All quantities of a run as a file, csv or parquet: see ``wide`` for its columns.
 
-A file has the columns of all quantities, those that were not recorded empty.
+A file has the columns of all quantities, those that were not recorded empty, and the stamp of the
+joint_states.
 """
 
 import re
@@ -53,6 +54,8 @@ class Export:
         new = part.measured.t > self._until
         self._until = float(part.measured.t[-1])
         found = {name: pa.array(values[new]) for name, values in columns(part).items()}
+        stamps = part.began + np.round(1e9 * part.measured.t[new]).astype(np.int64)
+        found["stamp [ns]"] = pa.array(stamps)
         nothing = pa.nulls(int(new.sum()), pa.float64())
         try:
             if self._writer is None:
@@ -64,7 +67,8 @@ class Export:
 
     def _open(self, columns: list[str]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._schema = pa.schema([(name, pa.float64()) for name in columns])
+        stamp = pa.field("stamp [ns]", pa.int64())
+        self._schema = pa.schema([stamp, *((name, pa.float64()) for name in columns)])
         of = pyarrow.csv.CSVWriter if self.path.suffix == ".csv" else pyarrow.parquet.ParquetWriter
         self._writer = of(str(self.path), self._schema)
 

@@ -1,14 +1,18 @@
 """From a bag to recordings: all at once, or one part after the other in bounded memory."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.controllers import options_of
 from eulerparams_control.analysis.desired import DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedances import impedance_node
@@ -20,12 +24,21 @@ from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.reader import Bag
-from eulerparams_control.errors import BagError
+from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
 from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.orientation import OrientationRepresentation
+from eulerparams_control.orientation import (
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+)
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 from eulerparams_control.stacked import sample
+
+EARTH = (0.0, 0.0, -9.81)
+"""Gravity [m/s^2] where no controller was told its own."""
+
+_ANSWERED = 500_000_000  # [ns] by which a topic may end before another
 
 LASTING = 0.1
 """[s] for which a streamed frame goes on: the default of the controllers' reference_timeout."""
@@ -49,6 +62,7 @@ class Options:
         namespace: of the arm; None is the only one.
         names: what topics are called in this bag, by what they are called here.
         start, end: [s] of the recording that is looked at.
+        euler_sequence: of the Euler angles; "" takes that of the parameters, XYZ if they name none.
     """
 
     urdf: str = ""
@@ -57,7 +71,8 @@ class Options:
     namespace: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
     start: float = 0.0
-    end: float = float("inf")
+    end: float = math.inf
+    euler_sequence: str = ""
 
 
 def blocks(
@@ -89,12 +104,16 @@ class _Reader:
         self._namespace = _namespace(bag, options)
         self._topics = topics(bag, self._namespace, options.names)
         self._parameters = _parameters(bag, self._namespace)
+        self._said: dict[str, None] = {}  # warnings, an ordered set
+        self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
-        self._parsers = Parsers(bag, self._topics, self._robot)
+        self._parsers = Parsers(bag, self._topics, self._robot, self._namespace)
         self._desired = DesiredFrames(self._lasting(), self._measured_pose)
         self._pending: Rows | None = None  # references that have not begun
-        self._end_of_part = -float("inf")
+        self._end_of_part = -math.inf
+        self._jumped = False
+        self._latest: dict[str, int] = {}  # stamp of each topic
         self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
         self._displacements: dict[str, Any] = {}
         self._start: int | None = None
@@ -103,32 +122,59 @@ class _Reader:
 
     def _make_robot(self) -> Robot:
         options = self._options
-        base, tip = self._frames()
-        told = (impedance_node(self._parameters) or {}).get("gravity") or ()
-        gravity = told if len(told) == 3 else (0.0, 0.0, -9.81)
+        base, tip = given = self._frames()
         base, tip = options.base_frame or base, options.tip_frame or tip
-        return Robot(self._urdf, base, tip, gravity=gravity)
+        if "reference" in self._topics and (base, tip) != given:
+            self._warn(f"its reference is for {given[1]} in {given[0]}, not for {tip} in {base}: "
+                       "errors are not known")  # fmt: skip
+        told = (impedance_node(self._parameters) or {}).get("gravity") or EARTH
+        try:
+            gravity = np.array(told, dtype=float).reshape(3)
+        except (TypeError, ValueError):
+            self._warn(f"the gravity {told} of the parameters is not valid: {EARTH} is taken")
+            gravity = np.array(EARTH)
+        try:
+            return Robot(self._urdf, base, tip, gravity=gravity.tolist())
+        except RobotError as error:
+            raise RobotError(f"{self._bag.path}: {error}") from error
+
+    def _options_of_orientation(self) -> OrientationOptions:
+        try:
+            told = options_of(self._parameters)
+            name = self._options.euler_sequence
+            return replace(told, sequence=EulerSequence(name)) if name else told
+        except (TypeError, ValueError, EulerParamsError) as error:
+            self._warn(f"the parameters of the controller are not valid ({error}): the defaults of "
+                       "euler_sequence and quaternion_sign are taken")  # fmt: skip
+            return OrientationOptions()
+
+    def _warn(self, text: str) -> None:
+        self._said[text] = None
 
     def _frames(self) -> tuple[str, str]:
         """Return base and tip frame: from the references, else from the parameters."""
         if "reference" in self._topics:
-            for found in self._bag.messages([self._topics["reference"]]):
-                if len(found.message.joint_names) == 1:
-                    return str(found.message.header.frame_id), str(found.message.joint_names[0])
+            for raw in self._bag.read_raw([self._topics["reference"]]):
+                with suppress(BagError):  # a damaged one
+                    found = self._bag.decode(raw)
+                    if len(found.joint_names) == 1:
+                        return str(found.header.frame_id), str(found.joint_names[0])
         for values in self._parameters.values():
             if "tip_frame" in values:
                 return str(values.get("base_frame", "")), str(values["tip_frame"])
         if not self._options.tip_frame:
             raise BagError(
-                f"{self._bag.path}: nothing in it names the tip frame; give it with --tip-frame"
+                f"{self._bag.path}: nothing in it names the tip frame; give it with --tip-frame, "
+                "and with --base-frame what poses refer to"
             )
         return "", ""
 
     def _lasting(self) -> float:
         """Return for how long the controller lets a set-point go on [s]."""
         for values in self._parameters.values():
-            if "orientation" in values and "reference_timeout" in values:
-                return float(values["reference_timeout"])
+            told = values.get("reference_timeout") if "orientation" in values else None
+            if isinstance(told, int | float) and 0 <= told < math.inf:
+                return float(told)
         return LASTING
 
     # --- reading ------------------------------------------------------------------------
@@ -143,9 +189,7 @@ class _Reader:
         given = False
         for number, message in enumerate(self._bag.read_raw(by_topic)):
             by_topic[message.topic].add(message)
-            if message.topic == states:
-                ends.see(message.log_time)
-            if ends.reached(message.log_time):
+            if ends.see(message.log_time, message.topic == states):
                 self._progress(number / total)
                 for part in self._part(ends.count(), last=False):
                     given = True
@@ -166,7 +210,17 @@ class _Reader:
         return f"{self._bag.path}: no joint_states from {options.start:g} to {options.end:g} s"
 
     def _is_over(self) -> bool:
-        return self._end_of_part >= self._options.end
+        return self._end_of_part >= self._options.end or self._jumped
+
+    def _end_where_the_clock_jumps(self) -> None:
+        """Leave out what was sent after the stamps of joint_states jumped back."""
+        self._messages["joint_states"].settle()
+        jumped = self._messages["joint_states"].jumped
+        if jumped is None or self._jumped:
+            return
+        self._jumped = True
+        for queue in self._messages.values():
+            queue.drop_after(jumped)
 
     # --- a part -------------------------------------------------------------------------
 
@@ -174,39 +228,86 @@ class _Reader:
         """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
         states = self._messages["joint_states"]
         stamp = LATEST if count is None else states.nth(count)
+        self._end_where_the_clock_jumps()
+        stamp, last = (LATEST, True) if self._jumped else (stamp, last)
         measured = states.until(stamp)
         if measured is None:
             return
         if self._start is None:
             self._start = int(measured.stamp[0])
         taken = {name: queue.until(stamp) for name, queue in self._given()}
-        commands, efforts = taken.get("joint_reference"), taken.get("joint_effort")
+        found = {name: rows.stamp[-1] for name, rows in taken.items() if rows is not None}
+        self._latest |= {name: int(latest) for name, latest in found.items()}
         self._measured = measured
-        own, frames = self._desired_at(commands or efforts or measured)
+        self._fill_velocities(measured, "joint_states")
+        if commands := taken.get("joint_reference"):
+            self._fill_velocities(commands, "joint_reference")
+        own, frames = self._desired_at(taken, measured)
         t = self._times(measured.stamp)
         self._end_of_part = float(t[-1])
-        if t[-1] < self._options.start or t[0] > self._options.end:
+        if t[0] > self._options.end:
             return
-        recording = self._recording(measured, taken, own, frames)
-        yield recording
+        if last:
+            self._check_the_ends(measured)
+        whole = self._recording(measured, taken, own, frames)
+        if t[-1] >= self._options.start:
+            inside = {name: self._within(found) for name, found in taken.items()}
+            state = self._within(measured)
+            assert state is not None
+            begun = t[0] < self._options.start
+            before = self._displacements_at(whole, self._options.start) if begun else None
+            yield self._recording(state, inside, own, frames, before)
         if not last:
-            self._remember(recording)
+            self._displacements = self._displacements_at(whole, math.inf)
+
+    def _fill_velocities(self, found: Rows, name: str) -> None:
+        """Take differences of the positions for velocities that are not there."""
+        q, dq = found.values
+        missing = ~np.isfinite(dq)
+        if missing.any() and len(q) > 1:
+            dq[missing] = np.gradient(q, found.stamp / 1e9, axis=0)[missing]
+        elif missing.any():
+            dq[missing] = 0.0
+        if missing.any():
+            self._warn(f"{name} lacks velocities: differences of its positions are taken for them")
+
+    def _check_the_ends(self, measured: Rows) -> None:
+        """Warn if a topic ends before joint_states, or does not have its time."""
+        for name, queue in self._given():
+            latest = self._latest.get(name)
+            if latest is None and queue.has_any:
+                self._warn(f"{name} has no stamp within those of joint_states")
+            if latest is not None and latest < measured.stamp[-1] - _ANSWERED:
+                end, of = self._times(np.array([latest, measured.stamp[-1]]))
+                self._warn(f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s")
 
     def _given(self) -> Iterator[tuple[str, Queue]]:
         for name, queue in self._messages.items():
             if name not in ("joint_states", "reference", "diagnostics"):
                 yield name, queue
 
-    def _desired_at(self, ticks: Rows) -> tuple[NDArray[np.int64], Frames]:
-        """Return stamps at which the desired frame is known, and the frames."""
+    def _desired_at(
+        self, taken: dict[str, Rows | None], measured: Rows
+    ) -> tuple[NDArray[np.int64], Frames]:
+        """Return stamps at which the desired frame is known, and the frames.
+
+        References begin at the commands, the ticks of the controller, if there are some.
+        """
         overlap = self._last_desired
+        commands = ("joint_reference", "joint_effort")
+        ticking = next((name for name in commands if name in self._messages), "")
+        ticks = taken.get(ticking) if ticking else measured
+        ticks = measured.take(np.zeros(0, dtype=int)) if ticks is None else ticks
+        rest = [found.stamp for found in (*taken.values(), measured) if found is not None]
+        at = np.unique(np.concatenate(rest))
         if overlap is not None:
             ticks = ticks.take(ticks.stamp > overlap[0][-1])
+            at = at[at > overlap[0][-1]]
         if "diagnostics" in self._messages:
             self._messages["diagnostics"].everything()
-        frames, done = self._desired.follow(self._references(), ticks.stamp, ticks.sent)
+        frames, done = self._desired.follow(self._references(), ticks.stamp, ticks.sent, at)
         self._forget(done)
-        own = ticks.stamp
+        own = at
         if overlap is not None:
             own = np.concatenate([overlap[0], own])
             frames = Frames(
@@ -257,11 +358,8 @@ class _Reader:
         taken: dict[str, Rows | None],
         own: NDArray[np.int64],
         frames: Frames,
+        before: dict[str, Any] | None = None,
     ) -> Recording:
-        taken = {name: self._within(found) for name, found in taken.items()}
-        state = self._within(measured)
-        assert state is not None
-
         def series(found: Rows | None) -> Series | None:
             if found is None:
                 return None
@@ -269,7 +367,7 @@ class _Reader:
             there = frames.at(own, found.stamp)
             return Series(self._robot, self._times(found.stamp), q, dq, there)
 
-        motion = series(state)
+        motion = series(measured)
         assert motion is not None
         efforts, sensed = taken.get("joint_effort"), taken.get("wrench")
         return Recording(
@@ -284,7 +382,9 @@ class _Reader:
             compliant=self._compliant(taken.get("compliant_frame"), own, frames),
             urdf=self._urdf,
             namespace=self._namespace,
-            before=self._displacements,
+            before=self._displacements if before is None else before,
+            options=self._orientation,
+            began=self._start or 0,
         )
 
     def _sensed(self, found: Rows | None) -> SensorSeries | None:
@@ -312,13 +412,15 @@ class _Reader:
     def _times(self, stamps: NDArray[np.int64]) -> Array:
         return (stamps - (self._start or 0)) / 1e9
 
-    def _remember(self, recording: Recording) -> None:
-        """Keep the displacements at the end: the signs of the next part follow from them."""
-        if len(recording.known) and recording.known[-1] == len(recording.leading.t) - 1:
-            self._displacements = {
-                name: sample(recording.displacements(name), -1)
-                for name in OrientationRepresentation.registry
-            }
+    def _displacements_at(self, recording: Recording, end: float) -> dict[str, Any]:
+        """Return the last displacements before an instant [s]: the signs after it follow."""
+        known = int(np.searchsorted(recording.leading.t[recording.known], end))
+        if not known:
+            return self._displacements
+        return {
+            name: sample(recording.displacements(name), known - 1)
+            for name in OrientationRepresentation.registry
+        }
 
     def _warning(self) -> str:
         """Return what is wrong with the bag, as far as it was read."""
@@ -326,7 +428,13 @@ class _Reader:
         for name, queue in self._messages.items():
             if queue.invalid:
                 found.append(f"{queue.invalid} messages of {name} are not valid and left out")
-        return "; ".join(found)
+            if queue.repeated:
+                found.append(f"{queue.repeated} messages of {name} have the stamp of another and "
+                             "are left out")  # fmt: skip
+        if self._jumped:
+            end = f"{self._end_of_part:.3f} s"
+            found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
+        return "; ".join([*found, *self._said])
 
 
 def _namespace(bag: Bag, options: Options) -> str:
@@ -337,7 +445,7 @@ def _namespace(bag: Bag, options: Options) -> str:
         return found[0]
     raise BagError(
         f"{bag.path} has the arms {', '.join(name or '(without a namespace)' for name in found)}; "
-        f"choose one of them by its namespace"
+        "choose one of them with --namespace"
     )
 
 
@@ -350,3 +458,10 @@ def _parameters(bag: Bag, namespace: str) -> dict[str, dict[str, Any]]:
             found[str(name)] = values
     return found
 
+
+def read_urdf(path: str) -> str:
+    """Return the text of a URDF; raises ConfigurationError if it cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"cannot read the URDF {path}: {error}") from error

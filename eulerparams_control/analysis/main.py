@@ -13,7 +13,8 @@ from rich.text import Text
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import FORMATS, Export, file_name
-from eulerparams_control.analysis.loading import BLOCK, Options, blocks
+from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.loading import BLOCK, Options, blocks, read_urdf
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import write_figures
@@ -52,10 +53,12 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     add("--to", dest="end", type=_seconds, default=math.inf, metavar="S", help="end there [s]")
     add("--export", choices=FORMATS, help="all quantities over time as a table for each run")
     add("--figures", metavar="DIR", help="a figure for each quantity, for papers")
-    add("--figure-format", action="append", metavar="F", help="of figures: svg, png, pdf; repeat")
+    add("--figure-format", action="append", metavar="F", choices=("svg", "png", "pdf"),
+        help="svg, png or pdf, may be repeated; svg and png if not given")  # fmt: skip
     add("--urdf", metavar="FILE", help="for bags without robot_description")
     add("--tip-frame", default="", metavar="NAME", help="the link to look at")
     add("--base-frame", default="", metavar="NAME", help="the link that poses refer to")
+    add("--euler-sequence", default="", metavar="S", help="of the Euler angles, such as ZYZ")
     add("--namespace", metavar="NS", help="of the arm, if not all arms of the bag, such as /left")
     add("--topic", action="append", default=[], type=_renamed, metavar="NAME:=/TOPIC",
         help="what a topic is called in the bags, such as joint_states:=/arm/state")  # fmt: skip
@@ -63,9 +66,12 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} s; expected a time >= 0 from the beginning")
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a time [s] >= 0 from the beginning")
     return value
 
 
@@ -88,27 +94,29 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
         console.print(table)
     for digest in digests:
         _warn(digest, console)
+    _say_which_end_early(digests, console)
     if options.figures:
         formats = options.figure_format or ["svg", "png"]
         written = write_figures(options.figures, digests, formats)
         _say(console, f"{len(written)} figures: {Path(options.figures).resolve()}")
     if not options.no_page:
         with console.status("drawing"):
-            write_page(options.out, digests, "", "")
+            write_page(options.out, digests, "", "", first=_first(digests))
         _say(console, f"The page: {Path(options.out).resolve()}")
     return 2 if failed else 0
 
 
 def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest], bool]:
     """Return the digests of all runs, and whether a bag could not be read; says why."""
-    digests, failed = [], False
+    digests, failed, names = [], False, set[str]()
     shown = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         for path in options.bags:
             try:
-                arms = _namespaces(path, options)
-                digests += [_digest(path, arm, options, progress, console) for arm in arms]
+                for arm in _namespaces(path, options):
+                    name = _table_of(path, arm, options, names)
+                    digests.append(_digest(path, arm, name, options, progress, console))
             except EulerParamsError as error:
                 failed = True
                 _say(console, f"error: {error}", "red")
@@ -124,32 +132,49 @@ def _namespaces(path: str, options: argparse.Namespace) -> list[str]:
 def _digest(
     path: str,
     namespace: str,
+    file: Path | None,
     options: argparse.Namespace,
     progress: Progress,
     console: Console,
 ) -> Digest:
     """Return the digest of an arm of a bag, and write its table if there is to be one."""
     what = Options(
-        urdf=_read(options.urdf) if options.urdf else "",
+        urdf=read_urdf(options.urdf) if options.urdf else "",
         tip_frame=options.tip_frame,
         base_frame=options.base_frame,
         namespace=namespace,
         names=dict(options.topic),
         start=options.start,
         end=options.end,
+        euler_sequence=options.euler_sequence,
     )
     task = progress.add_task(str(Text(f"{path}{namespace}")), total=1.0)
     parts = blocks(path, what, BLOCK, lambda part: progress.update(task, completed=part))
     with ExitStack() as open_files:
-        if options.export:
-            name = file_name(f"{Path(path).resolve().name}{namespace}")
-            file = Path(options.out).parent / f"{name}.{options.export}"
+        if file is not None:
             parts = _exporting(parts, open_files.enter_context(Export(file)))
         digest = Digest.of_parts(parts, _samples(path, namespace, options))
     progress.update(task, completed=1.0)
-    if options.export:
+    if file is not None:
         _say(console, f"The table: {file.resolve()}")
     return digest
+
+
+def _table_of(
+    path: str, namespace: str, options: argparse.Namespace, taken: set[str]
+) -> Path | None:
+    """Return the file of the table of a run, another one for each run; None if there is none."""
+    if not options.export:
+        return None
+    parts = Path(path).resolve().parts
+    for depth in range(1, len(parts) + 1):
+        name = file_name(str(Path(*parts[-depth:])) + namespace)
+        if name not in taken:
+            break
+    else:
+        name = f"{name}_{len(taken)}"
+    taken.add(name)
+    return Path(options.out).parent / f"{name}.{options.export}"
 
 
 def _exporting(parts: Iterator[Recording], export: Export) -> Iterator[Recording]:
@@ -168,23 +193,29 @@ def _samples(path: str, namespace: str, options: argparse.Namespace) -> int:
     return max(1, round(count * min(1.0, looked_at / length))) if length > 0 else count
 
 
+def _say_which_end_early(digests: list[Digest], console: Console) -> None:
+    """Say which runs are shorter than others: their last values are of another time."""
+    longest = max(digest.end for digest in digests)
+    for name, digest in zip(labels(digests), digests, strict=True):
+        if digest.end < 0.98 * longest:
+            text = f"{name} ends at {digest.end:.3f} s, the longest run at {longest:.3f} s"
+            _say(console, f"{text}: what is called end is there", "yellow")
+
+
+def _first(digests: list[Digest]) -> str:
+    """Return the quantity that matters most: the contact, where all runs are about one."""
+    in_contact = all({"force", "displacement"} <= digest.curves.keys() for digest in digests)
+    return "displacement" if in_contact else "orientation_error"
+
+
 def _warn(digest: Digest, console: Console) -> None:
     if digest.warning:
         _say(console, f"warning: {digest.name}: {digest.warning}", "yellow")
-    if "position_error" not in digest.curves:
-        _say(
-            console,
-            f"{digest.name}: no message of the topic reference: errors are not known; "
-            "start the recorder before the motion",
-            "yellow",
-        )
-
-
-def _read(path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"cannot read the URDF {path}: {error}") from error
+    if "was not finished" in digest.warning:
+        _say(console, f"it was read up to {digest.end:.3f} s; bag_recorder --recover {digest.path} "
+             "makes it whole as far as it goes", "yellow")  # fmt: skip
+    if "position_error" not in digest.curves and "errors are not known" not in digest.warning:
+        _say(console, f"{digest.name}: no reference was recorded: errors are not known", "yellow")
 
 
 def _say(console: Console, text: str, style: str = "") -> None:

@@ -80,18 +80,15 @@ def _shares() -> Iterator[Path]:
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
     """Return the file of a mesh that a URDF names; None if it is not there.
 
-    The URDF is not trusted: a relative name does not leave the folders, and only files of
-    meshes are read.
+    The URDF is not trusted: no name leaves the folders, and only files of meshes are read.
 
     Args:
         name: ``package://PACKAGE/PATH``, ``file://PATH``, or a path.
-        folders: in which packages, and relative paths, are looked for.
+        folders: in which packages, and relative paths, are looked for; others must be in them.
     """
     if Path(name).suffix.lower() not in _SUFFIXES:
         return None
     path = Path(name.removeprefix("package://").removeprefix("file://"))
-    if path.is_absolute():
-        return path if path.is_file() else None
     for folder in folders:
         found = (folder / path).resolve()
         if found.is_relative_to(folder.resolve()) and found.is_file():

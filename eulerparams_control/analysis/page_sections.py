@@ -93,7 +93,7 @@ def _warnings(digests: Sequence[Digest]) -> Iterator[str]:
     """Yield what is not as usual with a run."""
     for name, digest in zip(labels(digests), digests, strict=True):
         if digest.warning:
-            yield _warning(f"Incomplete recording: {digest.warning}")
+            yield _warning(f"{name}: {digest.warning}.")
         if digest.diverged is not None:
             t = f"{digest.diverged:.3f}"
             yield _warning(f"{name} diverged at {t} s: its curves and numbers end there.")

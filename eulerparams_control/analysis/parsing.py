@@ -8,14 +8,16 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis import rows
 from eulerparams_control.analysis.desired import NO_START
-from eulerparams_control.analysis.queues import Parse
+from eulerparams_control.analysis.queues import LATEST, Parse
 from eulerparams_control.analysis.rows import Rows
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.messages import BEGAN
 from eulerparams_control.motion import Trajectory
 from eulerparams_control.robot import Robot
+
+_MOVING = ("joint_states", "joint_reference")  # of which a velocity may be missing
 
 
 class Parsers:
@@ -25,6 +27,7 @@ class Parsers:
         bag: the bag.
         topics: of the arm, by what they are called here.
         robot: the arm.
+        namespace: of its nodes.
 
     Attributes:
         trajectories: references that are no set-points, by time of sending [ns].
@@ -32,8 +35,11 @@ class Parsers:
             sending of the news.
     """
 
-    def __init__(self, bag: Bag, topics: Mapping[str, str], robot: Robot) -> None:
+    def __init__(
+        self, bag: Bag, topics: Mapping[str, str], robot: Robot, namespace: str
+    ) -> None:
         self._bag, self._topics, self._robot = bag, topics, robot
+        self._namespace = namespace
         self.trajectories: dict[int, Trajectory] = {}
         self.began: dict[int, int] = {}
         self._said: set[str] = set()
@@ -75,7 +81,7 @@ class Parsers:
                     values = of(group)
                 except InvalidMessageError:
                     continue
-                good = rows.finite(values)
+                good = rows.finite(values[:1] if name in _MOVING else values)
                 all_rows = Rows(rows.stamps(group), sent[group.index], tuple(values))
                 found.append(all_rows if good.all() else all_rows.take(good))
                 valid += int(good.sum())
@@ -106,12 +112,12 @@ class Parsers:
         return found, len(messages) - valid
 
     def _one_reference(self, message: RawMessage, sent: int) -> list[Rows]:
-        decoded = self._bag.decode(message)
         try:
+            decoded = self._bag.decode(message)
             start, frame, trajectory = rows.motion(
                 decoded, self._robot.base_frame, self._robot.tip_frame
             )
-        except InvalidMessageError:
+        except (InvalidMessageError, BagError):
             return []  # the controller refused it too
         if trajectory is not None:
             self.trajectories[sent] = trajectory
@@ -119,13 +125,28 @@ class Parsers:
 
     def _diagnostics(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
         """Remember when a controller said that a reference began."""
+        invalid = 0
         for message in messages:
-            for status in self._bag.decode(message).status:
-                for value in status.values:
-                    if value.key == BEGAN and value.value not in self._said:
-                        self._said.add(value.value)
-                        self.began[message.publish_time or message.log_time] = int(value.value)
-        return [], 0
+            try:
+                decoded = self._bag.decode(message)
+            except BagError:
+                invalid += 1
+                continue
+            for status in decoded.status:
+                if f"/{status.name}".rpartition("/")[0] == self._namespace:
+                    self._note(status, message.publish_time or message.log_time)
+        return [], invalid
+
+    def _note(self, status: Any, sent: int) -> None:
+        for value in status.values:
+            if value.key == BEGAN and value.value not in self._said and _is_stamp(value.value):
+                self._said.add(value.value)
+                self.began[sent] = int(value.value)
+
+
+def _is_stamp(text: str) -> bool:
+    """Return whether a text is a time [ns] as stamps have it."""
+    return text.isascii() and text.isdecimal() and len(text) <= 19 and int(text) < LATEST
 
 
 def _later(group: Group) -> NDArray[np.bool_]:

@@ -13,7 +13,12 @@ from eulerparams_control.analysis.contact_quantities import (
 )
 from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, Quantity
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.representation_quantities import ERRORS, RATES, TIP
+from eulerparams_control.analysis.representation_quantities import (
+    ERRORS,
+    MEASURED_ERRORS,
+    RATES,
+    TIP,
+)
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
@@ -84,7 +89,7 @@ ORIENTATION_ERROR = Quantity(
     "orientation error [deg]",
     "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
     "quaternion in (27), whatever representation the controller uses. In kinematic control that of "
-    "the command, joint_reference; of the arm itself see Servo and the table.",
+    "the command, joint_reference; that of the arm itself is below.",
     "deg",
     1e-6,
     _orientation_error,
@@ -199,6 +204,7 @@ QUANTITIES = (
     SINGULAR_VALUE,
     POSITION_ERROR,
     LYAPUNOV,
+    *MEASURED_ERRORS,
     SERVO_LAG,
 )
 """In the order of the page; the first is the picture that matters, unless another is named."""

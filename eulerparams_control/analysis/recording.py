@@ -17,14 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.controllers import orientation_of
+from eulerparams_control.analysis.controllers import options_of
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedance_run import ImpedanceRun, impedance_run
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.errors import BagError
-from eulerparams_control.orientation import EulerSequence, OrientationRepresentation
+from eulerparams_control.orientation import (
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    representation,
+)
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
@@ -47,7 +52,9 @@ class Recording:
         compliant: from compliant_frame; None if there is none.
         urdf: text of the robot's description.
         namespace: of its topics; "" if they have none.
-        before: displacements, by representation, at the first instant of a later part of a run.
+        before: displacements, by representation, before the first instant of a later part of a run.
+        options: of the representation; None: as the parameters say.
+        began: [ns] stamp of the first joint_states of the recording.
     """
 
     path: Path
@@ -64,6 +71,8 @@ class Recording:
     namespace: str = ""
 
     before: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    options: OrientationOptions | None = None
+    began: int = 0
 
     @classmethod
     def load(
@@ -77,7 +86,7 @@ class Recording:
 
         Args:
             path: folder or file of the bag.
-            urdf: text of a URDF; "" takes the robot_description in the bag.
+            urdf: a URDF, its text or its path; "" takes the robot_description in the bag.
             tip_frame: the link to look at; "" takes that of the reference.
             options: see :class:`loading.Options`.
 
@@ -85,8 +94,13 @@ class Recording:
             BagError: if it is no bag, or holds no joint_states.
             RobotError: if the URDF does not fit.
         """
-        from eulerparams_control.analysis.loading import Options, blocks  # it makes Recordings
+        from eulerparams_control.analysis.loading import (  # it makes Recordings
+            Options,
+            blocks,
+            read_urdf,
+        )
 
+        urdf = urdf if "<" in urdf or not urdf else read_urdf(urdf)
         (recording,) = blocks(path, Options(urdf=urdf, tip_frame=tip_frame, **options))
         return recording
 
@@ -158,7 +172,7 @@ class Recording:
 
     def orientation(self, name: str) -> OrientationRepresentation:
         """Return a representation with the options that the controller was told."""
-        return orientation_of(self.parameters, name)
+        return representation(name, self.options or options_of(self.parameters))
 
     def displacements(self, name: str) -> Any:
         """Return x_de in a representation at the M instants ``known``, its fields stacked.
@@ -198,7 +212,7 @@ class Recording:
     @property
     def sequence(self) -> EulerSequence:
         """The sequence of Euler angles of its parameters; XYZ if they name none."""
-        return EulerSequence(str(self.parameter("euler_sequence", "XYZ")))
+        return (self.options or options_of(self.parameters)).sequence
 
     @cached_property
     def pole_distance(self) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eulerparams_control.analysis.quantity import VectorQuantity
+from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.orientation import OrientationRepresentation
 from eulerparams_control.rotations import Array
@@ -56,10 +56,63 @@ def _rates(recording: Recording) -> tuple[Array, Array]:
     return found.t, np.column_stack([found.dV, found.dV_measured])
 
 
+def _p_d(recording: Recording) -> tuple[Array, Array]:
+    known = recording.known
+    return recording.leading.t[known], recording.leading.desired.p[known]
+
+
+def _measured_orientation_error(recording: Recording) -> tuple[Array, Array]:
+    return _measured(recording, np.degrees(recording.measured.orientation_error))
+
+
+def _measured_position_error(recording: Recording) -> tuple[Array, Array]:
+    return _measured(recording, 1e3 * recording.measured.position_error)
+
+
+def _measured(recording: Recording, error: Array) -> tuple[Array, Array]:
+    """Return an error over time; empty without a command: then it is the error itself."""
+    known = np.flatnonzero(np.isfinite(error))
+    if recording.command is None:
+        known = known[:0]
+    return recording.measured.t[known], error[known]
+
+
+MEASURED_ERRORS = (
+    Quantity(
+        "measured_orientation_error",
+        "Orientation error of the arm itself",
+        "orientation error [deg]",
+        "Angle between the desired frame and the tip as it was measured, joint_states.",
+        "deg",
+        1e-6,
+        _measured_orientation_error,
+    ),
+    Quantity(
+        "measured_position_error",
+        "Position error of the arm itself",
+        "position error [mm]",
+        "Distance between the desired and the measured origin of the tip, joint_states.",
+        "mm",
+        1e-6,
+        _measured_position_error,
+    ),
+)
+"""Beside those of the command, where there is one."""
+
 ERRORS = tuple(map(_error, OrientationRepresentation.registry.values()))
 """One for each representation that is registered."""
 
 TIP = (
+    VectorQuantity(
+        "p_d",
+        "Desired position",
+        "p_d [m]",
+        "Origin of the desired frame in the base frame.",
+        "m",
+        1e-9,
+        _p_d,
+        group=_TIP,
+    ),
     VectorQuantity(
         "p_e",
         "Position of the tip",
@@ -87,10 +140,11 @@ TIP = (
 RATES = VectorQuantity(
     "lyapunov_rate",
     "Rate of the Lyapunov function",
-    "dV [1/s]",
+    "dV",
     "Derivative of V: by the paper, (31), (43) or (69), and as it was measured, by differences "
-    "of V. They agree where the closed loop is that of the paper.",
-    "1/s",
+    "of V. They agree where the closed loop is that of the paper. V_1 has no unit, V_2 is in "
+    "1/s^2, V_3 in J.",
+    "",
     1e-9,
     _rates,
     ("by the paper", "as measured"),

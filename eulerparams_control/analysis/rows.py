@@ -41,9 +41,31 @@ class Rows:
         values = tuple(column[index] for column in self.values)
         return Rows(self.stamp[index], self.sent[index], values)
 
-    def by_stamp(self) -> "Rows":
-        """Return them by increasing stamp, the first of each."""
-        return self.take(np.unique(self.stamp, return_index=True)[1])
+    def by_stamp(self) -> tuple["Rows", int]:
+        """Return them by increasing stamp, the first of each; and how many others differ from it.
+
+        A robot that waits in lock-step sends a state again: that is no loss.
+        """
+        stamps, first, which = np.unique(self.stamp, return_index=True, return_inverse=True)
+        if len(stamps) == len(self.stamp):
+            return self.take(first), 0
+        pairs = ((column, column[first][which]) for column in self.values)
+        differs = [_differ(column, kept) for column, kept in pairs]
+        return self.take(first), int(np.any(differs, axis=0).sum())
+
+    def in_order(self) -> "Rows":
+        """Return them in the order in which they were sent."""
+        return self.take(np.argsort(self.sent, kind="stable"))
+
+
+def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return in which rows (N,) two arrays differ; NaN is equal to NaN."""
+    n = len(one)
+    if one.dtype == object:
+        return np.asarray(one != other, dtype=bool).reshape(n)
+    same = (one == other) | (np.isnan(one) & np.isnan(other))
+    differ: NDArray[np.bool_] = ~same.reshape(n, -1).all(axis=1)
+    return differ
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
@@ -66,7 +88,7 @@ def stamps(group: Group) -> Stamps:
 def joint_rows(group: Group, joints: Sequence[str], fields: Sequence[str]) -> list[Array]:
     """Return values (N, n) of the joints by name, for each of the fields of JointState.
 
-    A field that is empty is 0 where another is not.
+    A field after the first is NaN where it is empty.
 
     Raises:
         InvalidMessageError: if a joint is missing, or there are not as many values as names.
@@ -80,7 +102,7 @@ def joint_rows(group: Group, joints: Sequence[str], fields: Sequence[str]) -> li
     for place, name in enumerate(fields):
         values = group.numbers[name].astype(float)
         if place and not values.shape[1]:
-            values = np.zeros((len(values), len(names)))
+            values = np.full((len(values), len(names)), np.nan)
         if values.shape[1] != len(names):
             raise InvalidMessageError(f"it has {len(names)} names but {values.shape[1]} of {name}")
         found.append(values[:, index])

@@ -21,7 +21,12 @@ from eulerparams_control.errors import UnknownNameError
 Options = Callable[[str, str], Mapping[str, Any]]
 """The options of a metric, by its name and a variant."""
 
-_DESCRIBED = {"orientation_error": "peak_orientation_error", "joint_speed": "peak_joint_speed"}
+_DESCRIBED = {
+    "force": "peak_force",
+    "measured_orientation_error": "peak_orientation_error",
+    "orientation_error": "peak_orientation_error",
+    "joint_speed": "peak_joint_speed",
+}
 """The quantities that describe any run, with the metrics of their largest values."""
 
 _MOST_NAMED = 4  # runs; of more the largest and the smallest stand for all
@@ -65,19 +70,25 @@ def fill(text: str, recordings: Mapping[str, Recording], options: Options = _no_
 
 
 def describe(digests: Sequence[Digest]) -> str:
-    """Return a sentence for any runs: their largest orientation error, else joint speed."""
-    names = labels(digests)
-    for name, metric in _DESCRIBED.items():
-        pairs = [
-            (d.highest[name], label)
-            for label, d in zip(names, digests, strict=True)
-            if name in d.highest
-        ]
-        if len(pairs) > _MOST_NAMED:
-            pairs = [max(pairs), min(pairs)]
-        unit = get_metric(metric).unit
-        found = [f"{quantity(value, unit)} ({label})" for value, label in pairs]
-        if found:
-            text = " to ".join(found) if len(digests) > _MOST_NAMED else ", ".join(found)
-            return f"{get_metric(metric).description}: {text}."
+    """Return a sentence for any runs: their contact force, orientation error, or joint speed.
+
+    What all runs have is preferred; the error is that of the arm itself beside a command.
+    """
+    for has in (all, any):
+        for name, metric in _DESCRIBED.items():
+            if digests and has(name in digest.highest for digest in digests):
+                return f"{get_metric(metric).description}: {_values(name, metric, digests)}."
     return ""
+
+
+def _values(name: str, metric: str, digests: Sequence[Digest]) -> str:
+    """Return the highest values of a quantity with the names of their runs."""
+    pairs = [
+        (digest.highest[name], label)
+        for label, digest in zip(labels(digests), digests, strict=True)
+        if name in digest.highest
+    ]
+    several = len(pairs) > _MOST_NAMED
+    pairs = [max(pairs), min(pairs)] if several else pairs
+    found = [f"{quantity(value, get_metric(metric).unit)} ({label})" for value, label in pairs]
+    return (" to " if several else ", ").join(found)

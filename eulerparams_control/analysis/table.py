@@ -32,31 +32,27 @@ class Row(NamedTuple):
 
 
 class _Number(NamedTuple):
-    """A row of the table; ``needs`` names what of a recording it is about, "" if any has it."""
+    """A row of the table.
+
+    ``needs`` names what of a recording it is about, "" if any has it; ``of_parts`` makes the number
+    of a run from those of its parts.
+    """
 
     title: str
     metric: str
     options: Mapping[str, str] = MappingProxyType({})
     needs: str = ""
+    of_parts: Callable[[list[float]], float] = max
 
     def together(self, values: Sequence[float | None]) -> float | None:
         """Return the number of a run from those of its parts; None if none has it."""
         known = [value for value in values if value is not None]
-        if not known:
-            return None
-        for name, of in _OF_PARTS.items():
-            if name in self.metric:
-                return of(known)
-        return max(known)
+        return self.of_parts(known) if known else None
 
 
-_OF_PARTS: dict[str, Callable[[list[float]], float]] = {
-    "final": lambda values: values[-1],
-    "closest": min,
-    "smallest": min,
-    "saturated": sum,
-}
-"""By a word in the name of the metric; else it is a peak."""
+def _last(values: list[float]) -> float:
+    return values[-1]
+
 
 _MEASURED = {"of": "measured"}
 _COMPLIANT = {"against": "compliant"}
@@ -65,27 +61,27 @@ _COMPLIANT = {"against": "compliant"}
 _NUMBERS = (
     _Number("diverged at", "divergence_time", needs="diverged"),
     _Number("orientation error, peak", "peak_orientation_error"),
-    _Number("orientation error, end", "final_orientation_error"),
+    _Number("orientation error, end", "final_orientation_error", of_parts=_last),
     _Number("  measured, peak", "peak_orientation_error", _MEASURED, "command"),
-    _Number("  measured, end", "final_orientation_error", _MEASURED, "command"),
+    _Number("  measured, end", "final_orientation_error", _MEASURED, "command", of_parts=_last),
     _Number("position error, peak", "peak_position_error"),
-    _Number("position error, end", "final_position_error"),
+    _Number("position error, end", "final_position_error", of_parts=_last),
     _Number("  measured, peak", "peak_position_error", _MEASURED, "command"),
-    _Number("  measured, end", "final_position_error", _MEASURED, "command"),
+    _Number("  measured, end", "final_position_error", _MEASURED, "command", of_parts=_last),
     _Number("force, peak", "peak_force", needs="contact"),
-    _Number("force, end", "final_force", needs="contact"),
+    _Number("force, end", "final_force", needs="contact", of_parts=_last),
     _Number("moment, peak", "peak_moment", needs="contact"),
-    _Number("moment, end", "final_moment", needs="contact"),
-    _Number("compliant frame, end", "final_displacement", needs="compliant"),
-    _Number("compliant frame, end", "final_turn", needs="compliant"),
+    _Number("moment, end", "final_moment", needs="contact", of_parts=_last),
+    _Number("compliant frame, end", "final_displacement", needs="compliant", of_parts=_last),
+    _Number("compliant frame, end", "final_turn", needs="compliant", of_parts=_last),
     _Number("motion loop, peak", "peak_position_error", _COMPLIANT, "compliant"),
     _Number("motion loop, peak", "peak_orientation_error", _COMPLIANT, "compliant"),
     _Number("joint speed, peak", "peak_joint_speed"),
     _Number("  measured, peak", "peak_joint_speed", _MEASURED, "command"),
     _Number("effort, peak", "peak_effort", needs="effort"),
-    _Number("time at an effort limit", "saturated_time", needs="effort"),
-    _Number("closest to pole of", "closest_approach"),
-    _Number("smallest singular value of J", "smallest_singular_value"),
+    _Number("time at an effort limit", "saturated_time", needs="effort", of_parts=sum),
+    _Number("closest to pole of", "closest_approach", of_parts=min),
+    _Number("smallest singular value of J", "smallest_singular_value", of_parts=min),
     _Number("servo lag, largest", "servo_lag", needs="command"),
 )
 
@@ -99,7 +95,7 @@ def rows(digests: Sequence[Digest]) -> list[Row]:
     return [
         Row(_title(row, digests), [MISSING if v is None else number(v) for v in values], [*values])
         for row, values in zip(_NUMBERS, zip(*columns, strict=True), strict=True)
-        if not row.needs or any(value is not None for value in values)
+        if any(value is not None for value in values)
     ]
 
 

@@ -1,42 +1,46 @@
 """All quantities of a run as one table: a row for each joint_states, a column a component.
 
 What has stamps of its own, such as wrench, has in each row its last sample up to then: the one that
-a controller would take.  It is NaN before the first.
+a controller would take.  It is NaN before the first.  What is not named ``measured`` is of the
+commanded motion where there is one, joint_reference, but for q and dq, which are those of the arm.
 """
 
 import numpy as np
 
 from eulerparams_control.analysis.quantities import EVERYTHING
-from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, VectorQuantity
+from eulerparams_control.analysis.quantity import JointQuantity, Quantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
-_STATES = (("q", "rad"), ("dq", "rad/s"))
+_STATES = (("q", "rad"), ("dq", "rad/s"), ("tau", "Nm"))
+_QUANTITIES = [each for each in EVERYTHING if not isinstance(each, JointQuantity)]
 
 
 def columns(recording: Recording) -> dict[str, Array]:
     """Return the columns (N,) of a run by name and unit, at its N joint_states."""
     measured = recording.measured
     values = [measured.t, *measured.q.T, *measured.dq.T]
-    found = dict(zip(_names_of_states(recording.robot), values, strict=True))
-    for quantity in EVERYTHING:
+    if recording.effort is not None:
+        values += [*_held(measured.t, recording.effort.t, recording.effort.tau).T]
+    found = dict(zip(_names_of_states(recording.robot), values, strict=False))
+    for quantity in _QUANTITIES:
         t, y = quantity.of(recording)
         if len(t):
             held = _held(measured.t, t, y.reshape(len(t), -1))
-            found |= dict(zip(_names(quantity, recording.robot), held.T, strict=True))
+            found |= dict(zip(_names(quantity), held.T, strict=True))
     return found
 
 
 def names(robot: Robot) -> list[str]:
     """Return the names of all columns that a run of an arm may have."""
-    quantities = [name for quantity in EVERYTHING for name in _names(quantity, robot)]
+    quantities = [name for quantity in _QUANTITIES for name in _names(quantity)]
     return [*_names_of_states(robot), *quantities]
 
 
 def _names_of_states(robot: Robot) -> list[str]:
-    q, dq = ([f"{x}.{joint} [{u}]" for joint in robot.joints] for x, u in _STATES)
-    return ["t [s]", *q, *dq]
+    states = [f"{x}.{joint} [{unit}]" for x, unit in _STATES for joint in robot.joints]
+    return ["t [s]", *states]
 
 
 def _held(t: Array, own: Array, y: Array) -> Array:
@@ -47,10 +51,8 @@ def _held(t: Array, own: Array, y: Array) -> Array:
     return held
 
 
-def _names(quantity: AnyQuantity, robot: Robot) -> list[str]:
+def _names(quantity: Quantity | VectorQuantity) -> list[str]:
     unit = f" [{quantity.unit}]" if quantity.unit else ""
-    if isinstance(quantity, JointQuantity):
-        return [f"{quantity.name}.{joint}{unit}" for joint in robot.joints]
     if isinstance(quantity, VectorQuantity):
         parts = [part.replace(" ", "_") for part in quantity.components]
         return [f"{quantity.name}.{part}{unit}" for part in parts]

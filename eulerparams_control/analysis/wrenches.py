@@ -45,9 +45,11 @@ class Wrenches(NamedTuple):
     mu: Array
 
     def at(self, t: Array) -> tuple[Array, Array]:
-        """Return f and mu (M, 3) at instants t (M,) [s]: the last sample before each counts."""
-        before = np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
-        return self.f[before], self.mu[before]
+        """Return f and mu (M, 3) at instants t (M,) [s], the last samples; NaN before the first."""
+        index = np.searchsorted(self.t, t, side="right") - 1
+        f, mu = self.f[index], self.mu[index]
+        f[index < 0] = mu[index < 0] = np.nan
+        return f, mu
 
     @property
     def is_felt(self) -> bool:

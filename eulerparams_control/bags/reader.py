@@ -62,6 +62,7 @@ class Bag:
         self.path = Path(path)
         self._files = [survey(file) for file in bag_files(self.path)]
         self._damage: dict[str, None] = {}  # an ordered set
+        self._decoders: dict[str, Any] = {}
         for file in self._files:
             if file.scan is not None:
                 self._note(file.scan)
@@ -148,8 +149,10 @@ class Bag:
         Raises:
             BagError: if it cannot be decoded.
         """
-        schema = self.schema(message.topic)
-        decode = DecoderFactory().decoder_for("cdr", schema)
+        if message.topic not in self._decoders:
+            schema = self.schema(message.topic)
+            self._decoders[message.topic] = DecoderFactory().decoder_for("cdr", schema)
+        decode = self._decoders[message.topic]
         try:
             return decode(message.data) if decode else None
         except Exception as error:  # the decoder leaks any type

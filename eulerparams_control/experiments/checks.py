@@ -25,6 +25,11 @@ def require(condition: Any, message: str) -> None:
         raise ConfigurationError(message)
 
 
+def check_name(kind: str, name: Any) -> None:
+    """Raise ConfigurationError unless a name can be that of a folder: letters, digits, _."""
+    require(str(name).replace("_", "").isalnum(), f"{kind} '{name}': use letters, digits, _")
+
+
 def check_options(name: str, options: Any) -> None:
     """Raise ConfigurationError if there is no such metric, or it does not take the options."""
     check_call(f"the metric '{name}'", get_metric(name).compute, options)

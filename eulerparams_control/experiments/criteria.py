@@ -114,6 +114,19 @@ def _verdict(criterion: Criterion, variant: str, measured: float, unit: str, tex
     return Verdict(text, variant, criterion.predicted, measured, unit, ", ".join(bounds), met)
 
 
+def all_met(verdicts: Sequence[Verdict]) -> bool | None:
+    """Return whether every criterion that was judged is met; None if none was judged."""
+    return all(verdict.met for verdict in verdicts) if verdicts else None
+
+
+def why_nothing(experiment: Experiment) -> str:
+    """Return why nothing was judged, in words."""
+    of = {name for c in experiment.criteria for name in c.variants or c.together}
+    if not of:
+        return "nothing was judged: it has no criteria"
+    return f"nothing was judged: its criteria need other variants, of {', '.join(sorted(of))}"
+
+
 def write_summary(
     path: Path,
     experiment: Experiment,
@@ -122,6 +135,8 @@ def write_summary(
     **more: Any,
 ) -> None:
     """Write summary.json: the claim, each criterion with what was measured, and what diverged.
+
+    It is ``"met": null`` if nothing was judged.
 
     Args:
         path: of the file.
@@ -134,7 +149,7 @@ def write_summary(
         "experiment": experiment.name,
         "claim": experiment.claim,
         "equations": list(experiment.equations),
-        "met": all(verdict.met for verdict in verdicts),
+        "met": all_met(verdicts),
         "criteria": [_json(asdict(verdict)) for verdict in verdicts],
         "diverged": dict(diverged(recordings)),
         **more,

@@ -41,7 +41,13 @@ from eulerparams_control.analysis.figures import picture
 from eulerparams_control.analysis.sentence import placeholders
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.experiments.charts import parse_chart
-from eulerparams_control.experiments.checks import check_options, is_number, known, require
+from eulerparams_control.experiments.checks import (
+    check_name,
+    check_options,
+    is_number,
+    known,
+    require,
+)
 from eulerparams_control.experiments.library import library_names
 from eulerparams_control.experiments.model import Criterion, Experiment, Parameters, Variant
 from eulerparams_control.experiments.predictions import parse_prediction
@@ -79,6 +85,7 @@ def load_experiment(name_or_path: str) -> Experiment:
 
 
 def _experiment(name: str, content: Any, source: str) -> Experiment:
+    check_name("experiment", name)  # of the folder of its results
     _check_keys(content)
     variants = parse_variants(content) if "variants" in content else {}
     library = str(content.get("library", ""))

@@ -16,7 +16,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from eulerparams_control.experiments.criteria import Verdict
+from eulerparams_control.experiments.criteria import Verdict, why_nothing
 from eulerparams_control.experiments.outcome import REPORT, Outcome, groups, shown
 from eulerparams_control.experiments.schedule import Task
 
@@ -111,6 +111,16 @@ class Display:
             if not self._console.is_terminal:
                 self._say(f"  {experiment} {variant}: {how}")
 
+    def repeated(self, experiment: str, variant: str, why: str) -> None:
+        """Take a run that counts for nothing off the screen, and say why."""
+        with self._lock:
+            key = experiment, variant
+            self._simulated -= self._times.pop(key, 0.0)
+            if key in self._runs:
+                self._progress.remove_task(self._runs.pop(key))
+            text = f"  {experiment} {variant}: incomplete, to be run once more by itself: {why}"
+            self._say(Text(text, style="yellow"))
+
     def finished(self, outcome: Outcome) -> None:
         """Say what came of an experiment."""
         with self._lock:
@@ -129,7 +139,10 @@ class Display:
         if outcome.error:
             self._say(Text(f"error: {name}: {outcome.error}", style="red"))
             return
-        self._console.print(verdict_table(outcome.verdicts))
+        if outcome.verdicts:
+            self._console.print(verdict_table(outcome.verdicts))
+        else:
+            self._say(Text(why_nothing(outcome.experiment), style="yellow"))
         for variant, t in outcome.diverged.items():
             self._say(Text(f"{variant} diverged at {t:.3f} s", style="yellow"))
         self._say(outcome.sentence)
@@ -141,7 +154,7 @@ class Display:
 
 
 def _line(outcome: Outcome) -> Text:
-    style = "green" if outcome.met else "red"
+    style = "green" if outcome.met else "red" if outcome.missed or outcome.error else "yellow"
     parts: list[tuple[str, str]] = [
         (f"{outcome.experiment.name:<18}", "bold"),
         (outcome.count, style),

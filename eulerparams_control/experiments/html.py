@@ -9,6 +9,7 @@ from eulerparams_control.experiments.equations import equation
 from eulerparams_control.experiments.outcome import Group, groups, shown
 
 MISSING = "-"
+NOT_JUDGED = "not judged"
 
 _FEW = 3  # runs that are named each, even if they are the same
 

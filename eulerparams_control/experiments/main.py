@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
@@ -22,6 +23,7 @@ from eulerparams_control.experiments.paper import (
     write_paper_summary,
 )
 from eulerparams_control.experiments.paper_page import write_paper_page
+from eulerparams_control.experiments.records import locked
 from eulerparams_control.experiments.runner import check_names
 from eulerparams_control.experiments.schedule import Schedule, Task
 from eulerparams_control.resources import config_names
@@ -31,8 +33,8 @@ def main(args: list[str] | None = None) -> int:
     """Run ``experiment NAME [NAME ...] [--out DIR] [--variant V ...]``, or ``--paper``.
 
     Returns:
-        the exit code: 0 if every criterion is met, 1 if one is not, 2 if one could not run or
-        after an error.
+        the exit code: 0 if every criterion that was judged is met, 1 if one is not, 2 if one
+        could not run or after an error.
     """
     options = _parse(args)
     console = make_console()
@@ -51,7 +53,7 @@ def main(args: list[str] | None = None) -> int:
         return 130
     if any(outcome.error for outcome in outcomes):
         return 2
-    return 0 if all(outcome.met or not outcome.verdicts for outcome in outcomes) else 1
+    return 1 if any(outcome.missed for outcome in outcomes) else 0
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
@@ -59,6 +61,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         prog="experiment",
         description="Run experiments in lock-step simulation and judge them. What was run before, "
         "with the same definition and the same code, is not run again.",
+        epilog="Ends with 1 if a criterion is not met, and with 2 if an experiment could not run. "
+        "With --variant the criteria that need other variants are not judged; if none was "
+        'judged, that is said, summary.json has "met": null, and the end is with 0.',
     )
     parser.add_argument("names", nargs="*", help="of config/experiments, or paths of YAML files")
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the results")
@@ -94,10 +99,13 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     experiments = _chosen(options.names, options.paper)
     out = options.out
     tasks = [Task(e, out / e.name, _variants(options.variant, e)) for e in experiments]
-    with Display(console, tasks, details=not options.paper) as display:
-        outcomes = Schedule(tasks, options.jobs, display, options.again).run()
-    if options.paper:
-        _write_paper(out, outcomes, console)
+    with ExitStack() as locks:
+        for task in tasks:
+            locks.enter_context(locked(task.folder))
+        with Display(console, tasks, details=not options.paper) as display:
+            outcomes = Schedule(tasks, options.jobs, display, options.again).run()
+        if options.paper:
+            _write_paper(out, outcomes, console)
     return outcomes
 
 

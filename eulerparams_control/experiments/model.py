@@ -10,6 +10,9 @@ from eulerparams_control.experiments.predictions import Predicted
 
 Parameters = dict[str, dict[str, Any]]
 
+LOGS = "logs"
+"""The folder beside the bags of the variants, with what their nodes said."""
+
 
 @dataclass(frozen=True)
 class Criterion:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from eulerparams_control.analysis.text import quantity
-from eulerparams_control.experiments.criteria import Verdict, verdict_from_json
+from eulerparams_control.experiments.criteria import Verdict, all_met, verdict_from_json
 from eulerparams_control.experiments.model import Experiment
 
 SUMMARY, REPORT, FIGURE = "summary.json", "report.html", "figure.svg"
@@ -40,8 +40,13 @@ class Outcome:
 
     @property
     def met(self) -> bool:
-        """Whether it ran and every criterion is met."""
-        return not self.error and bool(self.verdicts) and all(v.met for v in self.verdicts)
+        """Whether it ran, something was judged, and all of that is met."""
+        return not self.error and all_met(self.verdicts) is True
+
+    @property
+    def missed(self) -> bool:
+        """Whether it ran, and a criterion is not met."""
+        return not self.error and all_met(self.verdicts) is False
 
     @property
     def count(self) -> str:
@@ -49,7 +54,7 @@ class Outcome:
         if self.error:
             return "could not run"
         met = sum(verdict.met for verdict in self.verdicts)
-        return f"{met} of {len(self.verdicts)} criteria met" if self.verdicts else "no criteria"
+        return f"{met} of {len(self.verdicts)} criteria met" if self.verdicts else "nothing judged"
 
     @property
     def figure(self) -> str:

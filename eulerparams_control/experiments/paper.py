@@ -42,8 +42,10 @@ def headline(outcomes: Sequence[Outcome]) -> str:
     text = f"{met} of {len(claims)} claims of the paper met"
     if failed := [number_of(o.experiment) for o in claims if o.error]:
         text += f"; {', '.join(failed)} could not run"
-    if missed := [number_of(o.experiment) for o in claims if not o.met and not o.error]:
+    if missed := [number_of(o.experiment) for o in claims if o.missed]:
         text += f"; not met: {', '.join(missed)}"
+    if unjudged := [number_of(o.experiment) for o in claims if not (o.verdicts or o.error)]:
+        text += f"; not judged: {', '.join(unjudged)}"
     return text + "."
 
 
@@ -55,7 +57,7 @@ def paper_table(outcomes: Sequence[Outcome], width: int) -> Table:
         table.add_column(name, no_wrap=True, overflow="ellipsis", max_width=widths.get(name))
     for outcome in outcomes:
         first = groups(outcome.verdicts)[0] if outcome.verdicts else None
-        style = "green" if outcome.met else "red"
+        style = "green" if outcome.met else "red" if outcome.missed or outcome.error else "yellow"
         met = sum(verdict.met for verdict in outcome.verdicts)
         count = "error" if outcome.error else f"{met}/{len(outcome.verdicts)}"
         table.add_row(
@@ -89,7 +91,7 @@ def write_paper_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
                 "experiment": outcome.experiment.name,
                 "claim_of_paper": bool(number_of(outcome.experiment)),
                 "claim": outcome.experiment.claim,
-                "met": outcome.met,
+                "met": outcome.met if outcome.verdicts or outcome.error else None,
                 "error": outcome.error,
                 "sentence": outcome.sentence,
                 "seconds": round(outcome.seconds, 1),

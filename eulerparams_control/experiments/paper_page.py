@@ -7,6 +7,7 @@ from pathlib import Path
 
 from eulerparams_control.experiments.html import (
     MISSING,
+    NOT_JUDGED,
     bound,
     criteria,
     equations,
@@ -73,8 +74,10 @@ def _row(outcome: Outcome) -> str:
     first = groups(outcome.verdicts)[0] if outcome.verdicts else None
     met = sum(verdict.met for verdict in outcome.verdicts)
     style = "yes" if outcome.met else "no"
-    sign = "✓" if outcome.met else "✗"
+    sign = "✓ " if outcome.met else "✗ "
     count = "could not run" if outcome.error else f"{met} of {len(outcome.verdicts)}"
+    if not (outcome.verdicts or outcome.error):
+        style, sign, count = "soft", "", NOT_JUDGED
     texts = (MISSING, "nothing", MISSING)
     if first:
         texts = first.first.predicted or MISSING, first.measured, bound(first.first)
@@ -84,7 +87,7 @@ def _row(outcome: Outcome) -> str:
         f'<tr><td><a href="#{escape(name)}">{escape(number)}</a></td>'
         f"<td>{escape(outcome.experiment.claim)}{_criterion(first)}</td>"
         + "".join(f'<td class="{kind}">{escape(cell)}</td>' for cell, kind in cells)
-        + f'<td class="{style}">{sign} {escape(count)}</td></tr>'
+        + f'<td class="{style}">{sign}{escape(count)}</td></tr>'
     )
 
 
@@ -123,7 +126,9 @@ def _section(outcome: Outcome) -> Iterator[str]:
 def _verdict(outcome: Outcome) -> str:
     if outcome.met:
         return mark(True)
-    return mark(False) if not outcome.error else '<span class="no">could not run</span>'
+    if outcome.error:
+        return '<span class="no">could not run</span>'
+    return mark(False) if outcome.verdicts else f'<span class="soft">{NOT_JUDGED}</span>'
 
 
 def _repeat(outcome: Outcome) -> str:

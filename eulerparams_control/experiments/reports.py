@@ -9,7 +9,7 @@ from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.text import quantity
 from eulerparams_control.experiments.criteria import Verdict
-from eulerparams_control.experiments.html import criteria, equations, page, picture
+from eulerparams_control.experiments.html import NOT_JUDGED, criteria, equations, page, picture
 from eulerparams_control.experiments.library import Result
 from eulerparams_control.experiments.model import Experiment
 
@@ -58,10 +58,13 @@ def _of_numbers(
     )
     met = sum(verdict.met for verdict in verdicts)
     kind = "yes" if met == len(verdicts) else "no"
+    count = f"{met} of {len(verdicts)} criteria met"
+    if not verdicts:
+        kind, count = "soft", NOT_JUDGED
     body = [
         f"<h1>{escape(sentence or experiment.claim)}</h1>",
         f'<p class="soft">{escape(experiment.claim)} '
-        f'<span class="{kind}">{met} of {len(verdicts)} criteria met.</span></p>',
+        f'<span class="{kind}">{count}.</span></p>',
         f'<div class="columns"><div>{equations(experiment.equations)}</div>'
         f"{picture(figure, 'this experiment draws none')}</div>",
         "<h2>Criteria</h2>",

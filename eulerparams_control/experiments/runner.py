@@ -36,7 +36,14 @@ _SILENCE = "no command for the state stamped"
 # A header begins a message: its stamp follows the four bytes that say how it is encoded.
 _CDR_HEADER, _STAMP = 4, struct.Struct("<iI")
 
+# What the recorder says before it ends, if it finds what it has not made.
+_NOT_ITS_OWN = "nothing is overwritten"
+
 Progress = Callable[[float], None]
+
+
+class IncompleteBagError(BagError):
+    """Messages are missing in a bag: on a busy machine the recorder may starve."""
 
 
 def known_run(experiment: Experiment, variant: str, folder: Path) -> tuple[Run | None, str]:
@@ -73,7 +80,7 @@ def run_variant(
         stop: set from another thread when it is to end early.
 
     Raises:
-        BagError: if there is a bag that is not ours, or it is not complete.
+        BagError: if there is a bag that is not ours, or it is not complete (IncompleteBagError).
         SimulationError: if a node dies, with its last words; not if the run may diverge and did.
         Stopped: if it was told to.
     """
@@ -83,7 +90,10 @@ def run_variant(
     parameters = node_parameters(settings)
     making = Making.of(settings, parameters)
     record.begin(making)
-    diverged = _record(settings, parameters, folder, variant, progress, stop)
+    try:
+        diverged = _record(settings, parameters, record, progress, stop)
+    finally:
+        _claim(record)  # it is ours however the run ended
     rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
     end = _check_complete(record.bag, settings, rate, diverged)
     run = Run(record.bag, end, end if diverged else None, time.monotonic() - started)
@@ -94,8 +104,7 @@ def run_variant(
 def _record(
     settings: Variant,
     parameters: Parameters,
-    folder: Path,
-    variant: str,
+    record: Record,
     progress: Progress,
     stop: threading.Event | None,
 ) -> bool:
@@ -103,15 +112,23 @@ def _record(
     controller = CONTROLLERS[settings.controller]
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
-    recorder = {"bag_recorder": {"output": str(folder / variant), "topics": topics}}
+    recorder = {"bag_recorder": {"output": str(record.bag), "topics": topics}}
     remaps = {node.executable: node.remaps for node in controller.nodes}
-    with Nodes(folder / "logs" / variant, stop) as nodes:
+    with Nodes(record.path.parent, stop) as nodes:
         for name in ("bag_recorder", *controller.executables, "pybullet_bridge", "reference"):
             nodes.start(name, (parameters | recorder)[name], remaps=remaps.get(name, {}))
         nodes.wait_for("bag_recorder", "recording ", _START_TIMEOUT)
+        record.claim()  # now: we may be killed
         diverged = _follow(nodes, settings, progress)
         nodes.stop("reference", *controller.executables, "bag_recorder")
     return diverged
+
+
+def _claim(record: Record) -> None:
+    """Mark the bag that the recorder has made as that of the run; it makes none that exists."""
+    log = record.path.parent / "bag_recorder.log"
+    if log.exists() and _NOT_ITS_OWN not in log.read_text(encoding="utf-8", errors="replace"):
+        record.claim()
 
 
 def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
@@ -214,7 +231,8 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
     for topic, stamps in found.items():
         least = expected - (diverged and topic != "/joint_states")
         if not least <= len(stamps) <= expected:
-            raise BagError(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
+            kind = IncompleteBagError if len(stamps) < least else BagError
+            raise kind(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
     return end
 
 

@@ -2,7 +2,7 @@
 
 Runs are processes of nodes, which threads watch.  Looking at bags takes a core for itself, so one
 more process does that, while the next runs go on.  What was run before with the same definition
-and the same code is not run again.
+and the same code is not run again.  A run whose recorder starved is run once more, by itself.
 """
 
 import multiprocessing
@@ -27,7 +27,7 @@ from eulerparams_control.experiments.looking import look
 from eulerparams_control.experiments.model import Experiment
 from eulerparams_control.experiments.outcome import Outcome
 from eulerparams_control.experiments.records import Run
-from eulerparams_control.experiments.runner import known_run, run_variant
+from eulerparams_control.experiments.runner import IncompleteBagError, known_run, run_variant
 
 
 class Watcher(Protocol):
@@ -41,6 +41,9 @@ class Watcher(Protocol):
 
     def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
         """Note that a run ended, or was there already, in words."""
+
+    def repeated(self, experiment: str, variant: str, why: str) -> None:
+        """Note that a run counts for nothing, and will be run once more."""
 
     def finished(self, outcome: Outcome) -> None:
         """Note what came of an experiment."""
@@ -91,6 +94,8 @@ class Schedule:
         self._looker = _looker()
         self._running: dict[Future[Run | None], tuple[Task, str]] = {}
         self._looking: dict[Future[Outcome], Task] = {}
+        self._starved: list[tuple[Task, str]] = []  # to be run once more
+        self._repeated: set[tuple[str, str]] = set()
         self._outcomes: dict[str, Outcome] = {}
 
     def run(self) -> list[Outcome]:
@@ -98,15 +103,19 @@ class Schedule:
         try:
             for task in self._tasks:
                 for variant in task.variants:
-                    future = self._threads.submit(self._run, task, variant)
-                    self._running[future] = task, variant
+                    self._submit(task, variant)
                 if not task.variants:
                     self._look(task)
-            while self._running or self._looking:
+            while self._running or self._looking or self._starved:
+                if not self._running and not self._looking:
+                    self._submit(*self._starved.pop(0))
                 self._advance()
         finally:
             self._end()
         return [self._outcomes[task.experiment.name] for task in self._tasks]
+
+    def _submit(self, task: Task, variant: str) -> None:
+        self._running[self._threads.submit(self._run, task, variant)] = task, variant
 
     def _end(self) -> None:
         """End what still goes on: all runs with their nodes, and the process that looks."""
@@ -148,14 +157,28 @@ class Schedule:
             run = future.result()
             if run is not None:
                 task.runs[variant] = run
+        except IncompleteBagError as error:
+            self._incomplete(task, variant, str(error))
         except Exception as error:  # of any kind: the others go on
             task.error = task.error or f"{variant}: {_said(error)}"
-        if any(other is task for other, _ in self._running.values()):
+        if task.error:
+            self._starved = [pair for pair in self._starved if pair[0] is not task]
+        if any(other is task for other, _ in (*self._running.values(), *self._starved)):
             return
         if task.error:
             self._finish(task, Outcome(task.experiment, task.folder, error=task.error))
         else:
             self._look(task)
+
+    def _incomplete(self, task: Task, variant: str, why: str) -> None:
+        """Let a run whose recorder starved be run once more, when no other goes on."""
+        name = task.experiment.name
+        if (name, variant) in self._repeated:
+            task.error = task.error or f"{variant}: {why}, run by itself, too"
+            return
+        self._repeated.add((name, variant))
+        self._starved.append((task, variant))
+        self._watcher.repeated(name, variant, why)
 
     def _look(self, task: Task) -> None:
         try:

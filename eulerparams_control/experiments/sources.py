@@ -5,6 +5,8 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from eulerparams_control.experiments.processes import module_of
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("eulerparams_control", "sim_bridge")
+_ASSETS = "eulerparams_control/analysis/assets"  # parts of the pages
+_LIBRARIES = ("pin", "pybullet", "numpy")  # what the numbers of a run are calculated with
 
 
 def digest(content: Any) -> str:
@@ -26,22 +30,29 @@ def code_of_runs() -> str:
     """Return the version of the code that acts on runs: the nodes, and what they import."""
     names = {name for controller in CONTROLLERS.values() for name in controller.executables}
     nodes = ("bag_recorder", "pybullet_bridge", "reference", *sorted(names))
-    return _version(imported(map(module_of, nodes)))
+    return version(imported(map(module_of, nodes)))
 
 
 @cache
 def code() -> str:
-    """Return the version of all code."""
-    return _version(path for name in _PACKAGES for path in (_ROOT / name).rglob("*.py"))
+    """Return the version of all code, and of what it puts into pages."""
+    modules = (path for name in _PACKAGES for path in (_ROOT / name).rglob("*.py"))
+    return version([*modules, *filter(Path.is_file, (_ROOT / _ASSETS).rglob("*"))])
 
 
-def imported(modules: Iterable[str]) -> set[Path]:
-    """Return the files of these modules and of all of ours that they import, one by the other."""
+def imported(modules: Iterable[str], but: str = "") -> set[Path]:
+    """Return the files of these modules and of all of ours that they import, one by the other.
+
+    Args:
+        modules: their names.
+        but: the end of the names of files that are left out, with what only they import;
+            "" leaves none out.
+    """
     found: set[Path] = set()
     pending = list(modules)
     while pending:
         for path in _files(pending.pop()):
-            if path not in found:
+            if path not in found and not (but and path.name.endswith(but)):
                 found.add(path)
                 pending += _imports(path)
     return found
@@ -67,8 +78,17 @@ def _imports(path: Path) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def _version(files: Iterable[Path]) -> str:
-    return digest({
+def version(files: Iterable[Path]) -> str:
+    """Return a number for the content of files of ours, and for the libraries that we use."""
+    contents = {
         str(path.relative_to(_ROOT)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files
-    })
+    }
+    return digest([contents, {name: _installed(name) for name in _LIBRARIES}])
+
+
+def _installed(library: str) -> str:
+    try:
+        return version_of(library)
+    except PackageNotFoundError:
+        return ""

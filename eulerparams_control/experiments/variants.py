@@ -5,9 +5,9 @@ import math
 from dataclasses import fields
 from typing import Any
 
-from eulerparams_control.experiments.checks import is_number, known, require
+from eulerparams_control.experiments.checks import check_name, is_number, known, require
 from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.model import Parameters, Variant
+from eulerparams_control.experiments.model import LOGS, Parameters, Variant
 
 CONTROL_NODES = tuple(
     dict.fromkeys(name for controller in CONTROLLERS.values() for name in controller.executables)
@@ -26,7 +26,8 @@ def parse_variants(content: dict[str, Any]) -> dict[str, Variant]:
     variants = content["variants"]
     require(isinstance(variants, dict) and variants, "variants must name at least one")
     for name in variants:
-        require(str(name).replace("_", "").isalnum(), f"variant '{name}': use letters, digits, _")
+        check_name("variant", name)
+        require(name != LOGS, f"variant '{name}': this is the name of the folder of the logs")
     return {
         str(name): _variant(f"variant {name}", common, nodes, changes or {})
         for name, changes in variants.items()

@@ -1,8 +1,9 @@
 """Kind "arm": the same turns by a free frame and by a real arm: does the failure transfer?"""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,10 @@ class ArmMap(TurningMap):
         about = load_robot(self.robot)
         robot = Robot(about.urdf, about.base_frame, about.tip_frame, about.joints)
         return robot, np.array(about.home)
+
+    def besides(self) -> Any:
+        """Return the whole description of the robot."""
+        return asdict(load_robot(self.robot))
 
     def cells(self) -> list[Row]:
         """Return variants x directions."""

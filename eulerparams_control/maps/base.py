@@ -117,6 +117,10 @@ class MapKind(ABC):
     def pictures(self, table: Table) -> list[Picture]:
         """Return the pictures of all cells."""
 
+    def besides(self) -> Any:
+        """Return what the outcomes depend on besides options and code, as JSON can hold it."""
+        return None
+
     def variant(self, cell: Row) -> Variant:
         """Return the representation of a cell."""
         return self.variants[int(cell["variant"])]

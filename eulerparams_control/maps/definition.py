@@ -1,16 +1,17 @@
 """What ``config/maps/NAME.yaml`` says: the kind of map, the representations, the options."""
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.experiments.checks import check_name
+from eulerparams_control.experiments.sources import digest, imported, version
 from eulerparams_control.maps.base import MapKind, Variant
 from eulerparams_control.resources import config_file
 
@@ -38,9 +39,15 @@ class MapDefinition:
 
     @property
     def fingerprint(self) -> str:
-        """A name of the numbers that it leads to: other options, another name."""
-        told = json.dumps({"kind": self.kind.kind, **asdict(self.kind)}, sort_keys=True)
-        return hashlib.sha1(told.encode(), usedforsecurity=False).hexdigest()[:12]
+        """A name of the numbers that it leads to: other options or code, another name."""
+        options = {"kind": self.kind.kind, **asdict(self.kind)}
+        return digest([options, self.kind.besides(), _code(type(self.kind).__module__)])
+
+
+@cache
+def _code(module: str) -> str:
+    """Return the version of what simulates, of a kind in this module; pictures do not."""
+    return version(imported([module], but="_picture.py"))
 
 
 def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDefinition:
@@ -68,6 +75,7 @@ def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDef
 
 
 def _definition(name: str, told: Any, quick: bool, samples: int) -> MapDefinition:
+    check_name("map", name)  # of the folder of its results
     if not isinstance(told, dict) or not isinstance(told.get("variants"), dict):
         raise ConfigurationError("expected the keys kind, title, variants, and options")
     if told.get("kind") not in MapKind.registry:

@@ -33,7 +33,7 @@ def sweep(definition: MapDefinition, folder: Path, engine: Engine, show: Show) -
     """
     batches = batches_of(definition.kind)
     store = Store(folder, definition.fingerprint)
-    finished = store.finished()
+    finished = store.finished(batches)
     total = sum(map(len, batches))
     done = sum(len(batch) for number, batch in enumerate(batches) if number in finished)
     show(done, total)

@@ -1,7 +1,7 @@
 """Rotation vector: theta r, the log map that current packages use (not in the paper)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,7 +79,8 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = theta r."""
-        o = rotation_vectors(Q_cd)  # of eta_cd >= 0
+        sign: Any = np.where(np.asarray(Q_cd.eta) < 0, -1.0, 1.0)
+        o = rotation_vectors(EulerParameters(sign * Q_cd.eta, sign[..., None] * Q_cd.eps))
         energy: float = np.vecdot(o, o @ K_o) / 2
         return energy
 

@@ -1,21 +1,26 @@
 """(24), (38), (50), (59), (62): what is left of them as they hold, and as they are printed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 
 from eulerparams_control.experiments.library._arms import ur5
 from eulerparams_control.experiments.library._samples import (
+    accelerated,
     derivative,
+    derivatives,
     generator,
     rotations,
     size,
     turning,
     vectors,
 )
+from eulerparams_control.impedance import Impedance
 from eulerparams_control.orientation import EulerSequence, representation
 from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
+from eulerparams_control.orientation.sequences import wrap
+from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array, EulerParameters, exp
 
 Residuals = Iterator[tuple[str, float]]
@@ -24,13 +29,15 @@ _SAMPLES = 300
 _CLEAR = 0.3  # [rad] from the pole
 _XYZ = EulerSequence("XYZ")
 _k_P, _k_V = 50.0, 14.142
+_Z = Impedance(np.eye(3), 14.0 * np.eye(3), 50.0 * np.eye(3))
 _SMALL = 1e-5  # [rad] of an infinitesimal turn: what (62) leaves out is half of it
 
 
 def errata() -> Residuals:
     """Yield the residuals of the equations that are wrong in print."""
     yield from _inverse_of_J_A()
-    yield from _accelerations()
+    yield from _resolved()
+    yield from _compliant()
     yield from _turning_frame()
     yield from _stiffness()
 
@@ -41,40 +48,96 @@ def _clear_of_poles(key: int) -> list[Array]:
 
 
 def _inverse_of_J_A() -> Residuals:
-    """Yield those of (24): J^-1 diag(I, T) is the inverse of J_A, which is never built."""
+    """Yield those of (24): J^-1 diag(I, T) is the inverse of J_A, the derivative of (p_e, phi_e).
+
+    J_A comes by differences of the direct kinematics, without J and T.
+    """
     robot, home = ur5()
     for turn in generator(20).uniform(-0.4, 0.4, size=(_SAMPLES, robot.n)):
-        state = robot.state(home + turn, np.zeros(robot.n))
+        q = home + turn
+        state = robot.state(q, np.zeros(robot.n))
         if _XYZ.pole_distance(state.R_e) > _CLEAR:
-            T = _XYZ.T(_XYZ.extract(state.R_e))
-            J_A = np.vstack((state.J[:3], np.linalg.solve(T, state.J[3:])))
+            phi_e = _XYZ.extract(state.R_e)
+            pose = partial(_pose, robot, q, phi_e)
+            J_A = np.column_stack([derivatives(partial(pose, dq))[0] for dq in np.eye(robot.n)])
             J_inverse = np.linalg.inv(state.J)
-            product = np.hstack((J_inverse[:, :3], J_inverse[:, 3:] @ T))
+            product = np.hstack((J_inverse[:, :3], J_inverse[:, 3:] @ _XYZ.T(phi_e)))
             yield "(24)", size(product @ J_A - np.eye(robot.n))
 
 
-def _accelerations() -> Residuals:
-    """Yield those of (38), (50): along domega_e = a_o the error obeys (39)."""
+def _pose(robot: Robot, q: Array, phi: Array, dq: Array, t: float) -> Array:
+    """Return (p_e, phi_e) (6,) at q + t dq, the angles next to phi."""
+    state = robot.state(q + t * dq, np.zeros(robot.n))
+    return np.concatenate((state.p_e, _next_to(phi, _XYZ.extract(state.R_e))))
+
+
+def _next_to(phi: Array, there: Array) -> Array:
+    """Return angles moved by whole turns next to phi (3,)."""
+    return phi + wrap(there - phi)
+
+
+def _resolved() -> Residuals:
+    """Yield those of (38): along domega_e = a_o the angles, differenced twice, obey (39)."""
     law = representation("euler_angles")
     pairs = zip(_clear_of_poles(21), _clear_of_poles(22), strict=True)
     motions = zip(vectors(_SAMPLES, 23), vectors(_SAMPLES, 24), vectors(_SAMPLES, 25), strict=True)
     for (R_d, R_e), (omega_d, domega_d, omega_e) in zip(pairs, motions, strict=True):
         x_de = law.displacement(R_d, R_e)
         a_o = law.resolved_acceleration(x_de, omega_d, domega_d, omega_e, _k_P, _k_V)
-        T, phi_d, phi_e = _XYZ.T(x_de.phi_e), x_de.phi_d, x_de.phi_e
-        dphi_d, dphi_e = _XYZ.rates(phi_d, omega_d), _XYZ.rates(phi_e, omega_e)
-        ddphi_d = _XYZ.rates(phi_d, domega_d - _XYZ.dT(phi_d, dphi_d) @ dphi_d)
-        last = _XYZ.dT(phi_e, dphi_e) @ dphi_e
+        dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
+        printed = a_o + _XYZ.T(x_de.phi_e) @ (dphi_d - ddphi_d)
+        for name, domega_e in (("(38)", a_o), ("(38) as printed", printed)):
+            yield name, _left(x_de.dphi_de, (dphi_d, ddphi_d), R_e, omega_e, domega_e)
 
-        def left(a_o: Array, e: Array = phi_e, last: Array = last, dd: Array = ddphi_d,
-                 rest: Array = _k_V * (dphi_d - dphi_e) + _k_P * x_de.dphi_de) -> float:
-            """Return what is left of (39) where domega_e = a_o, eq. (35)."""
-            return size(dd - _XYZ.rates(e, a_o - last) + rest)
 
-        yield "(38)", left(a_o)
-        yield "(38) as printed", left(a_o + T @ (dphi_d - ddphi_d))
-        yield "(50)", left(a_o)
-        yield "(50) as printed", left(a_o - last + T @ dphi_e)
+def _rates(R_of: Callable[[float], Array]) -> tuple[Array, Array]:
+    """Return dphi, ddphi (3,) of a frame that moves, at t = 0: of its angles, without T and dT."""
+    phi = _XYZ.extract(R_of(0.0))
+    return derivatives(lambda t: _next_to(phi, _XYZ.extract(R_of(t))))
+
+
+def _left(
+    error: Array, aims: tuple[Array, Array], R_e: Array, omega_e: Array, domega_e: Array
+) -> float:
+    """Return what is left of (39), or (51), of an end effector that moves so.
+
+    Args:
+        error: (3,) [rad] Delta phi, of what it follows to it.
+        aims: the first and second derivative of the angles of what it follows.
+        R_e: (3, 3) where it is.
+        omega_e: (3,) [rad/s].
+        domega_e: (3,) [rad/s^2].
+    """
+    dphi_e, ddphi_e = _rates(accelerated(R_e, omega_e, domega_e))
+    dphi, ddphi = aims
+    return size(ddphi - ddphi_e + _k_V * (dphi - dphi_e) + _k_P * error)
+
+
+def _compliant() -> Residuals:
+    """Yield those of (50): along domega_e = a_o the angles phi_c - phi_e obey (51).
+
+    The compliant frame is that of (55): its angles are phi_d + Delta phi_cd, those of the desired
+    frame differenced, and the law gets what follows from them, R_c, omega_c and domega_c.
+    """
+    law = representation("euler_angles")
+    frames = zip(*(_clear_of_poles(key) for key in (33, 34, 35)), strict=True)
+    motions = zip(*(vectors(_SAMPLES, key) for key in range(36, 41)), strict=True)
+    for (R_d, R_c, R_e), (omega_d, domega_d, omega_c, mu, omega_e) in zip(
+        frames, motions, strict=True
+    ):
+        u = law.compliance_input(R_d, mu, None)
+        y = law.compliance_begin(R_d, omega_d, R_c, omega_c)
+        dy = law.compliance_rate(y, u, _Z)
+        end = law.compliance_end(y, dy, u, R_d, omega_d, domega_d)
+        x_ce = law.displacement(end.R_c, R_e)
+        a_o = law.resolved_acceleration(x_ce, end.omega_c, end.domega_c, omega_e, _k_P, _k_V)
+        dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
+        aims = dphi_d + y[3:], ddphi_d + dy[3:]
+        error = wrap(_XYZ.extract(R_d) + y[:3] - x_ce.phi_e)
+        T, dphi_e = _XYZ.T(x_ce.phi_e), _XYZ.rates(x_ce.phi_e, omega_e)
+        printed = a_o - _XYZ.dT(x_ce.phi_e, dphi_e) @ dphi_e + T @ dphi_e
+        for name, domega_e in (("(50)", a_o), ("(50) as printed", printed)):
+            yield name, _left(error, aims, R_e, omega_e, domega_e)
 
 
 def _turning_frame() -> Residuals:
