@@ -94,6 +94,7 @@ class Robot:
         joints: the n active joints, base to tip.
         limits: of the active joints.
         friction: of the active joints, as the URDF states it.
+        is_prismatic: (n,) which of the active joints slide; the others turn.
         locked: joints between base and tip that could move, but are held at 0 in the model.
         mount: joints between the root and the base that could move, held at 0 in the model too.
 
@@ -125,6 +126,8 @@ class Robot:
             for joint in tree.chain(tree.root, self.base_frame)
             if tree.joints[joint].get("type") != "fixed"
         )
+        kinds = [tree.joints[joint].get("type") for joint in self.joints]
+        self.is_prismatic = np.array([kind == "prismatic" for kind in kinds])
         self.limits = JointLimits(
             *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T
         )

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -221,3 +222,18 @@ def test_the_library_draws_a_figure_by_name(bag: Path) -> None:
     assert drawn.max() == pytest.approx(analysis.measure("peak_orientation_error", run))
     with pytest.raises(UnknownNameError, match="orientation_error"):
         analysis.figure([run], "orientation_eror")
+
+
+def test_joints_that_slide_have_units_of_their_own(tmp_path: Path) -> None:
+    """The roll of the rod slides at 0.5 m/s here, 20 mm from its command; the hinge turns."""
+    urdf = URDF.replace('name="roll" type="revolute"', 'name="roll" type="prismatic"')
+    run = analysis.load(write_run(tmp_path / "run", [0.1] * 5, [0.1] * 5, urdf=urdf))
+    slides = np.arange(5) * 0.005
+    moved = replace(run.measured, q=np.column_stack([run.measured.q[:, 0], slides + 0.02]))
+    speeds = np.column_stack([np.full(5, 0.1), np.full(5, 0.5)])
+    assert run.command is not None
+    command = replace(run.command, q=np.column_stack([run.command.q[:, 0], slides]), dq=speeds)
+    run = replace(run, measured=moved, command=command)
+    assert {"q.hinge [rad]", "q.roll [m]", "dq.roll [m/s]"} <= analysis.columns(run).keys()
+    assert analysis.measure("servo_lag", run) == 0.0
+    assert analysis.measure("peak_joint_speed", run) == 0.1

@@ -299,6 +299,8 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (changed(variants={}), "variants must name at least one"),
         (changed(variants=["first"]), "variants must name at least one"),
         (changed(variants={"a/b": {}}), "variant 'a/b': use letters, digits, _"),
+        (changed(variants={"..": {}}), "variant '..': use letters, digits, _"),
+        (changed(variants={"logs": {}}), "variant 'logs': this is the name of the folder of the"),
         (changed(duration=0), "duration must be > 0"),
         (changed(duration=-1.0), "duration must be > 0"),
         (changed(duration="long"), "duration must be > 0"),
@@ -398,6 +400,16 @@ def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
         load_experiment(str(path))
     assert str(refusal.value).startswith(f"{path}: ")
     assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["..", ".", "a b", "a.b", "_"])
+def test_the_name_of_a_file_has_to_be_one_that_its_folder_can_have(
+    tmp_path: Path, name: str
+) -> None:
+    path = write(tmp_path, GOOD, name)
+    with pytest.raises(ConfigurationError) as refusal:
+        load_experiment(str(path))
+    assert str(refusal.value) == f"{path}: experiment '{name}': use letters, digits, _"
 
 
 def test_an_experiment_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
@@ -523,7 +535,7 @@ def test_a_start_that_is_not_possible_is_refused_before_a_node_starts(
 def test_a_bag_that_exists_is_not_written_over(tmp_path: Path) -> None:
     experiment = load_experiment(str(write(tmp_path, GOOD)))
     (tmp_path / "out/first").mkdir(parents=True)
-    with pytest.raises(BagError, match="first exists; remove it, or choose another --out"):
+    with pytest.raises(BagError, match=r"first exists, .*; remove it yourself, or choose another"):
         run_variant(experiment, "first", tmp_path / "out", lambda _: None)
     assert list((tmp_path / "out").rglob("*")) == [tmp_path / "out/first"]
 
@@ -703,7 +715,10 @@ def test_only_what_changed_or_is_not_whole_is_run_again(
 ) -> None:
     shutil.copytree(finished[0], tmp_path / "out/short")
     broken = next((tmp_path / "out/short/angles").glob("*.mcap"))
-    broken.write_bytes(broken.read_bytes()[:-1000])  # as if the recorder had been killed
+    broken.write_bytes(broken.read_bytes()[:-1000])  # as if all had been killed
+    record = tmp_path / "out/short/logs/angles/run.json"
+    begun = json.loads(record.read_text())
+    record.write_text(json.dumps({key: begun[key] for key in ("making", "key")}))
     content = changed()
     content["variants"]["second"] = {"clik": {"k_Po": 30.0}}
     process = run(tmp_path, str(write(tmp_path, content)))

@@ -13,11 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.maps import MapKind, Variant
+from eulerparams_control.maps import MapKind, Variant, arm_map
+from eulerparams_control.maps import definition as definition_module
 from eulerparams_control.maps.arm_map import ArmMap
 from eulerparams_control.maps.arm_picture import difference
 from eulerparams_control.maps.base import Table, of_variant, run_batch
@@ -272,6 +275,89 @@ def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
     assert simulated == [0, 1, 2, 3]  # other options: nothing of it was finished
 
 
+def _fails(kind: MapKind, batches: Batches) -> Iterator[object]:
+    raise AssertionError(f"simulated again: {sorted(batches)}")
+
+
+@pytest.mark.parametrize("damage", ["empty", "truncated", "garbage", "flipped", "other", "rows"])
+def test_a_part_that_is_damaged_or_foreign_is_simulated_again(
+    tmp_path: Path, damage: str
+) -> None:
+    definition = replace(load_map("failure"), kind=SMALL)
+    expected = sweep(definition, tmp_path, engine_here, lambda *_: None)
+    sweep(definition, tmp_path, _fails, lambda *_: None)  # all is finished
+    (folder,) = (tmp_path / "parts").iterdir()
+    part, other = folder / "000001.parquet", folder / "000002.parquet"
+    whole = part.read_bytes()
+    if damage == "other":
+        part.write_bytes(other.read_bytes())
+    elif damage == "rows":  # of the right cells, but without what became of them
+        cells = batches_of(SMALL)[1]
+        pq.write_table(pa.Table.from_pylist(cells), part)
+    else:
+        half = len(whole) // 2
+        flipped = bytes(255 - byte for byte in whole[8:half])
+        part.write_bytes(
+            {
+                "empty": b"",
+                "truncated": whole[:half],
+                "garbage": b"PAR1 is no map PAR1",
+                "flipped": whole[:8] + flipped + whole[half:],
+            }[damage]
+        )
+    for stray in ("x.parquet", "-1.parquet", "000099.parquet"):
+        (folder / stray).write_bytes(b"stray")
+    simulated: list[int] = []
+
+    def counting(kind: MapKind, batches: Batches) -> Iterator[object]:
+        simulated.extend(batches)
+        yield from engine_here(kind, batches)
+
+    again = sweep(definition, tmp_path, counting, lambda *_: None)
+    assert simulated == [1]
+    assert all(np.array_equal(again[name], expected[name]) for name in expected)
+
+
+def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
+    for number, cells in batches.items():
+        yield number, run_batch(kind, cells)
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("eulerparams_control/maps/tip.py", True),
+        ("eulerparams_control/maps/turning.py", True),
+        ("eulerparams_control/orientation/euler_angles.py", True),
+        ("eulerparams_control/rotations.py", True),
+        ("eulerparams_control/maps/arm_picture.py", False),
+        ("eulerparams_control/maps/page.py", False),
+    ],
+)
+def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(
+    monkeypatch: pytest.MonkeyPatch, name: str, counts: bool
+) -> None:
+    definition = load_map("arm")
+    before = definition.fingerprint
+    assert before == load_map("arm").fingerprint
+    read = Path.read_bytes
+    path = Path(definition_module.__file__).parents[2] / name
+    assert path.is_file()
+    monkeypatch.setattr(Path, "read_bytes", lambda p: read(p) + b"#" * (p == path))
+    definition_module._code.cache_clear()
+    assert (definition.fingerprint != before) is counts
+    definition_module._code.cache_clear()
+
+
+def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, free = load_map("arm"), load_map("failure")
+    before = arm.fingerprint, free.fingerprint
+    robot = replace(load_robot("ur5"), home=(0.1,) * 6)
+    monkeypatch.setattr(arm_map, "load_robot", lambda _: robot)
+    assert arm.fingerprint != before[0]
+    assert free.fingerprint == before[1]
+
+
 def test_the_numbers_are_the_same_in_this_process_and_in_workers_of_its_own() -> None:
     with engine(0) as here:
         expected = rows_of(here, SMALL)
@@ -367,6 +453,16 @@ def test_a_wrong_file_is_refused_with_its_path(tmp_path: Path, wrong: str, messa
     path = tmp_path / "wrong.yaml"
     path.write_text(f"{wrong}\nvariants: {{a: {{orientation: euler_parameters}}}}\n")
     with pytest.raises(ConfigurationError, match=f"wrong.yaml: {re.escape(message)}"):
+        load_map(str(path))
+
+
+@pytest.mark.parametrize("name", ["..", "a b", "a.b"])
+def test_the_name_of_a_file_has_to_be_one_that_its_folder_can_have(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / f"{name}.yaml"
+    path.write_text("kind: gain\nvariants: {a: {orientation: euler_parameters}}\n")
+    with pytest.raises(ConfigurationError, match=re.escape(f"map '{name}': use letters, digits")):
         load_map(str(path))
 
 

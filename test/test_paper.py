@@ -1,17 +1,20 @@
 """The page of the paper reproduced: what it says of what was met, missed, and never ran."""
 
+import io
 import json
 import math
 import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.experiments import main as executable
 from eulerparams_control.experiments.charts import Chart, ChartOf, Line
-from eulerparams_control.experiments.criteria import Verdict
+from eulerparams_control.experiments.criteria import Verdict, write_summary
 from eulerparams_control.experiments.definition import load_experiment
+from eulerparams_control.experiments.display import Display
 from eulerparams_control.experiments.drawing import chart_svg
 from eulerparams_control.experiments.equations import equation
 from eulerparams_control.experiments.looking import look
@@ -89,24 +92,65 @@ def test_an_equation_that_the_paper_does_not_have_is_refused() -> None:
             "1 of 3 claims of the paper met; E3 could not run; not met: E2.",
         ),
         ([("e1", True, ""), ("robots", False, "")], "1 of 1 claims of the paper met."),
+        (
+            [("e1", True, ""), ("e9", None, "")],
+            "1 of 2 claims of the paper met; not judged: E9.",
+        ),
     ],
 )
 def test_the_sentence_counts_the_claims_of_the_paper(
-    tmp_path: Path, outcomes: list[tuple[str, bool, str]], words: str
+    tmp_path: Path, outcomes: list[tuple[str, bool | None, str]], words: str
 ) -> None:
     found = [
-        outcome(tmp_path, name, *(() if error else (verdict(met=met),)), error=error)
+        outcome(tmp_path, name, *(() if error or met is None else (verdict(met=met),)), error=error)
         for name, met, error in outcomes
     ]
     assert headline(found) == words
     assert f"<h1>{words}</h1>" in text_of(tmp_path, *found)
 
 
-def test_an_experiment_without_a_verdict_is_not_met(tmp_path: Path) -> None:
-    assert not outcome(tmp_path, "e1").met
-    assert not outcome(tmp_path, "e1", verdict(), error="x").met
-    assert not outcome(tmp_path, "e1", verdict(), verdict(met=False)).met
-    assert outcome(tmp_path, "e1", verdict(), verdict()).met
+@pytest.mark.parametrize(
+    ("verdicts", "error", "met", "missed"),
+    [
+        ((), "", False, False),
+        ((), "x", False, False),
+        ((True,), "x", False, False),
+        ((True, False), "", False, True),
+        ((True, True), "", True, False),
+    ],
+)
+def test_an_experiment_without_a_verdict_is_neither_met_nor_missed(
+    tmp_path: Path, verdicts: tuple[bool, ...], error: str, met: bool, missed: bool
+) -> None:
+    found = outcome(tmp_path, "e1", *(verdict(met=one) for one in verdicts), error=error)
+    assert (found.met, found.missed) == (met, missed)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "met"), [((), None), ((True,), True), ((True, False), False)]
+)
+def test_the_summary_is_met_only_if_something_was_judged(
+    tmp_path: Path, verdicts: tuple[bool, ...], met: bool | None
+) -> None:
+    judged = [verdict(met=one) for one in verdicts]
+    path = tmp_path / "summary.json"
+    write_summary(path, load_experiment("e9"), {}, judged)
+    assert json.loads(path.read_text())["met"] is met
+    write_paper_summary(path, [outcome(tmp_path, "e9", *judged)])
+    assert json.loads(path.read_text())["experiments"][0]["met"] is met
+
+
+def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path: Path) -> None:
+    experiment = load_experiment("e9")
+    console = Console(file=io.StringIO(), width=200)
+    with Display(console, [], details=True) as display:
+        display.finished(Outcome(experiment, tmp_path, sentence="A sentence."))
+    said = console.file.getvalue()
+    assert "nothing was judged: its criteria need other variants, of " in said
+    needed = {name for c in experiment.criteria for name in c.together or c.variants}
+    assert needed
+    assert all(name in said for name in needed)
+    assert "criterion" not in said  # no empty table
 
 
 def test_values_of_several_variants_are_from_the_least_to_the_largest() -> None:
@@ -169,7 +213,8 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     assert "No figure: no run has recorded its quantity" in page
     assert "it has no page" in page
     assert ">nothing</td>" in page  # measured of e18
-    assert page.count("✗ not met") == 1
+    assert page.count("not met") == 0
+    assert page.count("not judged") == 3  # in the sentence, its row and its section
 
 
 def test_an_error_is_in_its_row_with_the_last_words_of_the_node(tmp_path: Path) -> None:
@@ -232,7 +277,7 @@ def test_a_chart_leaves_out_what_did_not_run() -> None:
 
 @pytest.mark.parametrize(
     ("verdicts", "error", "code"),
-    [((True,), "", 0), ((True, False), "", 1), ((), "a node died", 2)],
+    [((True,), "", 0), ((True, False), "", 1), ((), "a node died", 2), ((), "", 0)],
 )
 def test_the_exit_code_says_whether_claims_are_met(
     tmp_path: Path,
@@ -246,6 +291,14 @@ def test_the_exit_code_says_whether_claims_are_met(
     assert executable.main(["--paper", "e2", "--out", str(tmp_path)]) == code
     assert (tmp_path / "index.html").is_file()
     assert json.loads((tmp_path / "summary.json").read_text())["experiments"]
+
+
+def test_the_help_says_how_it_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        executable.main(["--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Ends with 1 if a criterion is not met" in said
+    assert 'summary.json has "met": null' in said
 
 
 def test_an_experiment_named_twice_is_refused(

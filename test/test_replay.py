@@ -131,15 +131,23 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><u
 </instance_geometry></node></node></visual_scene></library_visual_scenes></COLLADA>"""
 
 
-def test_a_collada_file_is_read_with_its_units_placements_and_colours(tmp_path: Path) -> None:
-    (tmp_path / "part.dae").write_text(DAE)
-    orange, plain = read_meshes(tmp_path / "part.dae")
+@pytest.fixture
+def share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in which meshes are looked for."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    (tmp_path / "share").mkdir()
+    return tmp_path / "share"
+
+
+def test_a_collada_file_is_read_with_its_units_placements_and_colours(share: Path) -> None:
+    (share / "part.dae").write_text(DAE)
+    orange, plain = read_meshes(share / "part.dae")
     assert (orange.colour, plain.colour) == ("#ffba00", "")
     corners = [[0, 0, 3], [0, 1, 3], [-2, 1, 3], [-2, 0, 3]]
     assert orange.vertices == pytest.approx(np.array(corners))
     assert orange.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
     assert plain.vertices[plain.triangles[0]] == pytest.approx(np.array(corners)[[3, 2, 1]])
-    urdf = with_visual(f"<mesh filename='file://{tmp_path}/part.dae'/>")
+    urdf = with_visual(f"<mesh filename='file://{share}/part.dae'/>")
     assert [visual["colour"] for visual in drawn(urdf)[0]["visuals"]] == ["#ffba00", ""]
 
 
@@ -151,7 +159,8 @@ def test_a_mesh_is_found_in_its_package_and_nowhere_else(tmp_path: Path) -> None
         file.write_text("")
     folders = [tmp_path / "elsewhere", tmp_path / "share"]
     assert find_mesh("package://arm/link.STL", folders) == inside
-    assert find_mesh(f"file://{outside}", []) == outside
+    assert find_mesh(f"file://{inside}", folders) == inside
+    assert find_mesh(f"file://{outside}", folders) is None
     assert find_mesh("package://arm/../../secret.stl", folders) is None
     assert find_mesh("package://arm/passwords.txt", folders) is None
     assert find_mesh("package://other/link.STL", folders) is None
@@ -188,8 +197,8 @@ def test_simple_shapes_are_drawn(geometry: str, expected: dict[str, Any]) -> Non
     assert visual == place | expected
 
 
-def test_a_mesh_that_two_links_share_is_in_the_page_once(tmp_path: Path) -> None:
-    file = write_stl(tmp_path / "ball.stl", sphere(10))
+def test_a_mesh_that_two_links_share_is_in_the_page_once(share: Path) -> None:
+    file = write_stl(share / "ball.stl", sphere(10))
     mesh = f"<mesh filename='file://{file}' scale='0.1 0.1 0.1'/>"
     urdf = with_visual(mesh).replace('<link name="arm">', f'<link name="arm">{visual_of(mesh)}')
     data, missing = drawn(urdf)

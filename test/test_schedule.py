@@ -238,9 +238,9 @@ def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_en
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot write to .*/file/e2: Not a directory"):
-        with records.locked(tmp_path / "file/e2"):
-            pass
+    words = r"cannot write to .*/file/e2: Not a directory"
+    with pytest.raises(ConfigurationError, match=words), records.locked(tmp_path / "file/e2"):
+        pass
 
 
 # --- what a run is made of -------------------------------------------------------------------
@@ -477,7 +477,7 @@ def test_only_a_bag_that_misses_messages_is_incomplete(
 ) -> None:
     found = {"/joint_states": set(range(801)), "/joint_reference": set(range(801 - missing))}
     monkeypatch.setattr(runner, "_stamps", lambda *_: found)
-    with pytest.raises(BagError, match="joint_reference has .* stamps; expected 801") as error:
+    with pytest.raises(BagError, match=r"joint_reference has .* stamps; expected 801") as error:
         runner._check_complete(Path("bag"), Variant({}, 0.8), 1000.0, False)
     assert error.type is kind
 

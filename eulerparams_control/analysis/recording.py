@@ -21,7 +21,7 @@ from eulerparams_control.analysis.controllers import options_of
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedance_run import ImpedanceRun, impedance_run
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
-from eulerparams_control.analysis.series import Efforts, Series
+from eulerparams_control.analysis.series import Efforts, Series, comparable
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.errors import BagError
 from eulerparams_control.orientation import (
@@ -113,12 +113,16 @@ class Recording:
     def servo_lag(self) -> tuple[Array, Array]:
         """Times (M,) [s], largest angle (M,) [rad] of a joint between command and measurement.
 
+        Of the joints that turn; of the others [m] if none does.
+
         At the stamps that both have; empty without a command.
         """
         if self.command is None:
             return np.zeros(0), np.zeros(0)
         t, i, j = np.intersect1d(self.command.t, self.measured.t, return_indices=True)
-        return t, np.abs(self.command.q[i] - self.measured.q[j]).max(axis=1, initial=0.0)
+        joints = comparable(self.robot)
+        lag = np.abs(self.command.q[i] - self.measured.q[j])[:, joints]
+        return t, lag.max(axis=1, initial=0.0)
 
     @property
     def leading(self) -> Series:

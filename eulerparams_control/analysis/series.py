@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.orientation import EulerSequence
@@ -29,6 +30,12 @@ class Efforts(NamedTuple):
         """(N,) [Nm or N] largest absolute effort of a joint."""
         largest: Array = np.abs(self.tau).max(axis=1)
         return largest
+
+
+def comparable(robot: Robot) -> NDArray[np.bool_]:
+    """Return which joints (n,) have values of one unit: those that turn, all if none does."""
+    turns: NDArray[np.bool_] = ~robot.is_prismatic
+    return turns if turns.any() else ~turns
 
 
 @dataclass(frozen=True)
@@ -101,8 +108,8 @@ class Series:
 
     @cached_property
     def joint_speed(self) -> Array:
-        """(N,) [rad/s] largest absolute joint velocity."""
-        speed: Array = np.abs(self.dq).max(axis=1)
+        """(N,) [rad/s] largest absolute velocity of a joint that turns; [m/s] if none does."""
+        speed: Array = np.abs(self.dq[:, comparable(self.robot)]).max(axis=1)
         return speed
 
     @cached_property

@@ -13,7 +13,7 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 
-_STATES = (("q", "rad"), ("dq", "rad/s"), ("tau", "Nm"))
+_STATES = (("q", "rad", "m"), ("dq", "rad/s", "m/s"), ("tau", "Nm", "N"))
 _QUANTITIES = [each for each in EVERYTHING if not isinstance(each, JointQuantity)]
 
 
@@ -39,7 +39,8 @@ def names(robot: Robot) -> list[str]:
 
 
 def _names_of_states(robot: Robot) -> list[str]:
-    states = [f"{x}.{joint} [{unit}]" for x, unit in _STATES for joint in robot.joints]
+    joints = list(zip(robot.joints, robot.is_prismatic.tolist(), strict=True))
+    states = [f"{x}.{name} [{units[slides]}]" for x, *units in _STATES for name, slides in joints]
     return ["t [s]", *states]
 
 

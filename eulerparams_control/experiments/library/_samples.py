@@ -59,9 +59,9 @@ def derivatives(function: Callable[[float], Array]) -> tuple[Array, Array]:
     """Return the first and the second derivative of a function of time at t = 0."""
     points = [step * WIDE_STEP for step in range(1, len(_SECOND))]
     ahead, behind = (np.array([function(sign * t) for t in points]) for sign in (1, -1))
-    first: Array = np.array(_FIRST[1:]) @ (ahead - behind) / WIDE_STEP
-    second: Array = np.array(_SECOND[1:]) @ (ahead + behind) + _SECOND[0] * function(0.0)
-    return first, second / WIDE_STEP**2
+    first = np.tensordot(_FIRST[1:], ahead - behind, 1)
+    second = _SECOND[0] * function(0.0) + np.tensordot(_SECOND[1:], ahead + behind, 1)
+    return first / WIDE_STEP, second / WIDE_STEP**2
 
 
 def size(value: Array | float) -> float:
