@@ -125,6 +125,14 @@ def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag: Path) -> None:
     assert np.all(np.diff(parts.track.t) >= 0)
 
 
+def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "run", [1.4 + 0.001 * k for k in range(300)])
+    for size in (0, 40):
+        digest = Digest.of_parts(blocks(path, size=size), samples=300)
+        ((start, end),) = digest.near_pole  # within 5 deg of 90 deg
+        assert (start, end) == pytest.approx((0.84, 2.58), abs=0.011)
+
+
 def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path: Path) -> None:
     """The smallest singular value of the rod is 1 everywhere."""
     for eps, near in ((0.9, []), (1.1, [(0.0, 0.04)])):

@@ -78,10 +78,13 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag: Path) -> None:
         Recording.load(bag, start=9.0, end=10.0)
 
 
-def _references(sent: Sequence[int], motions: Sequence[SetPoint | Trajectory]) -> References:
+def _references(
+    sent: Sequence[int], motions: Sequence[SetPoint | Trajectory], starts: Sequence[int | None]
+) -> References:
     frames = Frames.of([motion.frames[0] for motion in motions])
     found = {k: motion for k, motion in enumerate(motions) if isinstance(motion, Trajectory)}
-    return References(np.array(sent), np.full(len(sent), NO_START), frames, found)
+    begin = np.array([NO_START if start is None else start for start in starts], dtype=int)
+    return References(np.array(sent), begin, frames, found)
 
 
 def _frame(seed: int) -> DesiredFrame:
@@ -93,8 +96,15 @@ def _frame(seed: int) -> DesiredFrame:
 HELD = _frame(0).at_rest()
 
 
+LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
+"""Starts [ns] of some references: after they were sent, before, and after the next was sent."""
+
+
+@pytest.mark.parametrize("starts", [(None,) * 7, LATER])
 @pytest.mark.parametrize("split", [0, 37, 61, 100])
-def test_references_are_followed_as_the_controllers_follow_them(split: int) -> None:
+def test_references_are_followed_as_the_controllers_follow_them(
+    split: int, starts: tuple[int | None, ...]
+) -> None:
     """Set-points, trajectories at once and later, and set-points again; in one part and in two."""
     lasting, period = 0.05, 10_000_000
     sent = [-5, 25_000_000, 25_000_001, 55_000_000, 300_000_000, 620_000_000, 640_000_000]
@@ -108,16 +118,16 @@ def test_references_are_followed_as_the_controllers_follow_them(split: int) -> N
         Trajectory([0.2, 0.3], [_frame(10), _frame(11)]),
     ]
     ticks = np.arange(100) * period + 1
-    expected, motion, pending = [], None, list(zip(sent, motions, strict=True))
+    expected, motion, pending = [], None, list(zip(sent, motions, starts, strict=True))
     for tick in ticks.tolist():
         while pending and pending[0][0] <= tick:
-            new = pending.pop(0)[1]
+            _, new, start = pending.pop(0)
             motion = motion or DesiredMotion(HELD)
-            motion.follow(new, None)
+            motion.follow(new, start)
         expected.append(motion.sample(tick) if motion else None)
     desired, found, done = DesiredFrames(lasting, lambda stamp: HELD), [], 0
     for part in (ticks[:split], ticks[split:]):
-        left = _references(sent[done:], motions[done:])
+        left = _references(sent[done:], motions[done:], starts[done:])
         frames, finished = desired.follow(left, part, part)
         found.append(frames)
         done += finished
