@@ -203,9 +203,14 @@ def _say_which_end_early(digests: list[Digest], console: Console) -> None:
 
 
 def _first(digests: list[Digest]) -> str:
-    """Return the quantity that matters most: the contact, where all runs are about one."""
-    in_contact = all({"force", "displacement"} <= digest.curves.keys() for digest in digests)
-    return "displacement" if in_contact else "orientation_error"
+    """Return the quantity that matters most, among those that all runs have.
+
+    Of a contact the force, of a commanded arm the error of the arm itself.
+    """
+    for name in ("force", "measured_orientation_error"):
+        if all(name in digest.curves for digest in digests):
+            return name
+    return "orientation_error"
 
 
 def _warn(digest: Digest, console: Console) -> None:
