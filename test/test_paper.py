@@ -146,7 +146,7 @@ def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path: Path) -> No
     with Display(console, [], details=True) as display:
         display.finished(Outcome(experiment, tmp_path, sentence="A sentence."))
     said = console.file.getvalue()
-    assert "nothing was judged: its criteria need other variants, of " in said
+    assert "nothing was judged: its criteria need variants that did not run, of " in said
     needed = {name for c in experiment.criteria for name in c.together or c.variants}
     assert needed
     assert all(name in said for name in needed)

@@ -417,13 +417,16 @@ def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(
 ) -> None:
     going: list[str] = []
     beside: list[list[str]] = []
-    starts = threading.Barrier(3)
+    starts, repeats = threading.Barrier(3), threading.Event()
 
     def run(variant: str, _stop: threading.Event) -> None:
         again = f"e1 {variant} repeated: 460 stamps" in watch.said
         going.append(variant)
         if again:
+            repeats.set()
             beside.append(list(going))
+        elif variant == "d":
+            repeats.wait(0.5)  # what should not come while this goes on has its chance
         elif variant in "abc":
             starts.wait(PATIENCE)
         if variant in "ab" and not again:

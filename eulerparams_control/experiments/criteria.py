@@ -124,7 +124,8 @@ def why_nothing(experiment: Experiment) -> str:
     of = {name for c in experiment.criteria for name in c.variants or c.together}
     if not of:
         return "nothing was judged: it has no criteria"
-    return f"nothing was judged: its criteria need other variants, of {', '.join(sorted(of))}"
+    names = ", ".join(sorted(of))
+    return f"nothing was judged: its criteria need variants that did not run, of {names}"
 
 
 def write_summary(
