@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,10 +68,10 @@ def test_the_export_is_the_table_of_the_library(
 
 
 def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path) -> None:
-    with Export(tmp_path / "parts.csv") as export:
+    with closing(Export(tmp_path / "parts.csv")) as export:
         for part in blocks(bag, size=60):
             export.add(part)
-    with Export(tmp_path / "whole.csv") as export:
+    with closing(Export(tmp_path / "whole.csv")) as export:
         export.add(analysis.load(bag))
     parts, whole = ((tmp_path / f"{n}.csv").read_text().splitlines() for n in ("parts", "whole"))
     assert len(whole) == len(Q) + 1
@@ -94,7 +95,7 @@ def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) 
             count += topic == "/joint_states"
             if topic != "/wrench" or count > 100:
                 writer.write(topic, data, log_time, publish_time)
-    with Export(tmp_path / "late.parquet") as export:
+    with closing(Export(tmp_path / "late.parquet")) as export:
         for part in blocks(late, size=60):
             export.add(part)
     force = pyarrow.parquet.read_table(tmp_path / "late.parquet")["force [N]"].to_pylist()
@@ -152,6 +153,14 @@ def test_only_a_part_of_the_time_is_analysed(
     code, out = analyze(capsys, bag, "--no-page", "--from", 90)
     assert code == 2
     assert "no joint_states from 90 to inf s" in out
+
+
+def test_between_two_samples_there_is_nothing(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = analyze(capsys, bag, "--no-page", "--from", 0.501, "--to", 0.509)
+    assert code == 2
+    assert "no joint_states from 0.501 to 0.509 s" in out
 
 
 @pytest.mark.parametrize("args", [("--from", "-1"), ("--to", "nan"), ("--topic", "joint_states")])

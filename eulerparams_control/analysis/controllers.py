@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from eulerparams_control.errors import BagError
 from eulerparams_control.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -14,25 +13,15 @@ type Parameters = Mapping[str, Mapping[str, Any]]
 """By node and name."""
 
 
-def controller_node(
-    parameters: Parameters, names: tuple[str, ...], *others: str
-) -> tuple[str, Mapping[str, Any]]:
-    """Return name and parameters of the first node of one of some names.
+def node_of(parameters: Parameters, *names: str) -> tuple[str, Mapping[str, Any]] | None:
+    """Return name and parameters of the first node of one of some names; None if none ran.
 
     Args:
         parameters: of the recorded nodes.
         names: of executables.
-        others: for the error message.
-
-    Raises:
-        BagError: if there is none.
     """
-    for node, values in parameters.items():
-        name = node.rsplit("/", 1)[-1]
-        if name in names:
-            return name, values
-    expected = f"{', '.join((*names, *others)[:-1])} or {(*names, *others)[-1]}"
-    raise BagError(f"no parameters of a node {expected} were recorded")
+    found = ((node.rsplit("/", 1)[-1], values) for node, values in parameters.items())
+    return next(((name, values) for name, values in found if name in names), None)
 
 
 def options_of(parameters: Parameters) -> OrientationOptions:

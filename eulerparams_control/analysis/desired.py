@@ -159,10 +159,9 @@ class DesiredFrames:
         ticks = np.concatenate([np.arange(begins[i], ends[i]) for i in places.tolist()])
         dt = (stamps[ticks] - starts[which]) / 1e9
         frames = moved(references.frames.take(begun[which]), dt, self._lasting)
-        for column, values in zip(found.columns, frames.columns, strict=True):
-            column[ticks] = values
+        _put(found, ticks, frames)
 
 
-def _put(found: Frames, here: slice, frames: Frames) -> None:
+def _put(found: Frames, here: slice | NDArray[np.intp], frames: Frames) -> None:
     for column, values in zip(found.columns, frames.columns, strict=True):
         column[here] = values

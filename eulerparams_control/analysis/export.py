@@ -6,7 +6,6 @@ joint_states.
 
 import re
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -37,15 +36,8 @@ class Export:
         self._schema: Any = None
         self._until = -np.inf
 
-    def __enter__(self) -> "Export":
-        return self
-
-    def __exit__(
-        self,
-        _type: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End the file."""
         if self._writer is not None:
             self._writer.close()
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from eulerparams_control.analysis.controllers import node_of
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
 from eulerparams_control.impedance import Impedance, impedance_of
 from eulerparams_control.motion import Placement
@@ -18,10 +19,8 @@ def impedance_node(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str, 
     Args:
         parameters: of the recorded nodes, by node and name.
     """
-    for name, node in parameters.items():
-        if name.rsplit("/", 1)[-1] == IMPEDANCE_NODE:
-            return node
-    return None
+    found = node_of(parameters, IMPEDANCE_NODE)
+    return found and found[1]
 
 
 def translational_impedance(node: Mapping[str, Any]) -> Impedance:

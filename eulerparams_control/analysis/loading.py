@@ -76,7 +76,7 @@ class Options:
 
 
 def blocks(
-    path: str | PathLike[str],
+    bag: Bag | str | PathLike[str],
     options: Options | None = None,
     size: int = 0,
     progress: Progress | None = None,
@@ -84,7 +84,7 @@ def blocks(
     """Yield the parts of a run, which share the sample at which one ends and the next begins.
 
     Args:
-        path: folder or file of the bag.
+        bag: or its folder or file.
         options: what is to be read.
         size: joint_states in a part; 0 is all.
         progress: called now and then.
@@ -93,7 +93,8 @@ def blocks(
         BagError: if it is no bag, or holds no joint_states that are valid.
         RobotError: if the URDF does not fit.
     """
-    return _Reader(Bag(path), options or Options(), progress or (lambda _: None)).blocks(size)
+    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    return _Reader(bag, options or Options(), progress or (lambda _: None)).blocks(size)
 
 
 class _Reader:
@@ -250,13 +251,13 @@ class _Reader:
         if last:
             self._check_the_ends(measured)
         whole = self._recording(measured, taken, own, frames)
-        if t[-1] >= self._options.start:
-            inside = {name: self._within(found) for name, found in taken.items()}
-            state = self._within(measured)
-            assert state is not None
-            begun = t[0] < self._options.start
-            before = self._displacements_at(whole, self._options.start) if begun else None
-            yield self._recording(state, inside, own, frames, before)
+        inside = self._within(measured)
+        if inside is measured:
+            yield whole
+        elif inside is not None:
+            taken = {name: self._within(found) for name, found in taken.items()}
+            before = self._displacements_at(whole, self._options.start)
+            yield self._recording(inside, taken, own, frames, before)
         if not last:
             self._displacements = self._displacements_at(whole, math.inf)
 

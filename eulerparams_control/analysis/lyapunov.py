@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.controllers import controller_node
+from eulerparams_control.analysis.controllers import node_of
 from eulerparams_control.analysis.impedances import (
     IMPEDANCE_NODE,
     impedance_node,
@@ -85,7 +85,11 @@ def lyapunov_series(recording: "Recording") -> LyapunovSeries:
 
 def _along(recording: "Recording") -> tuple[Array, Lyapunov]:
     """Return the instants at which there is a desired frame, and V_1 or V_2 there."""
-    name, node = controller_node(recording.parameters, tuple(_FUNCTIONS), IMPEDANCE_NODE)
+    found = node_of(recording.parameters, *_FUNCTIONS)
+    if found is None:
+        names = f"{', '.join(_FUNCTIONS)} or {IMPEDANCE_NODE}"
+        raise BagError(f"no parameters of a node {names} were recorded")
+    name, node = found
     series, known = recording.leading, recording.known
     _require_two(series.t[known])
     orientation = recording.orientation(str(node.get("orientation")))

@@ -4,12 +4,11 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-from rich.text import Text
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import FORMATS, Export, file_name
@@ -109,28 +108,29 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
 def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest], bool]:
     """Return the digests of all runs, and whether a bag could not be read; says why."""
     digests, failed, names = [], False, set[str]()
-    shown = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    shown = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
     columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         for path in options.bags:
             try:
-                for arm in _namespaces(path, options):
-                    name = _table_of(path, arm, options, names)
-                    digests.append(_digest(path, arm, name, options, progress, console))
+                bag = Bag(path)
+                for arm in _namespaces(bag, options):
+                    file = _table_of(path, arm, options, names)
+                    digests.append(_digest(bag, arm, file, options, progress, console))
             except EulerParamsError as error:
                 failed = True
                 _say(console, f"error: {error}", "red")
     return digests, failed
 
 
-def _namespaces(path: str, options: argparse.Namespace) -> list[str]:
+def _namespaces(bag: Bag, options: argparse.Namespace) -> list[str]:
     if options.namespace is not None:
         return ["/" + options.namespace.strip("/") if options.namespace.strip("/") else ""]
-    return namespaces(Bag(path), dict(options.topic))
+    return namespaces(bag, dict(options.topic))
 
 
 def _digest(
-    path: str,
+    bag: Bag,
     namespace: str,
     file: Path | None,
     options: argparse.Namespace,
@@ -148,12 +148,12 @@ def _digest(
         end=options.end,
         euler_sequence=options.euler_sequence,
     )
-    task = progress.add_task(str(Text(f"{path}{namespace}")), total=1.0)
-    parts = blocks(path, what, BLOCK, lambda part: progress.update(task, completed=part))
+    task = progress.add_task(f"{bag.path}{namespace}", total=1.0)
+    parts = blocks(bag, what, BLOCK, lambda part: progress.update(task, completed=part))
     with ExitStack() as open_files:
         if file is not None:
-            parts = _exporting(parts, open_files.enter_context(Export(file)))
-        digest = Digest.of_parts(parts, _samples(path, namespace, options))
+            parts = _exporting(parts, open_files.enter_context(closing(Export(file))))
+        digest = Digest.of_parts(parts, _samples(bag, namespace, options))
     progress.update(task, completed=1.0)
     if file is not None:
         _say(console, f"The table: {file.resolve()}")
@@ -183,10 +183,9 @@ def _exporting(parts: Iterator[Recording], export: Export) -> Iterator[Recording
         yield part
 
 
-def _samples(path: str, namespace: str, options: argparse.Namespace) -> int:
+def _samples(bag: Bag, namespace: str, options: argparse.Namespace) -> int:
     """Return about how many joint_states will be looked at."""
     topic = dict(options.topic).get("joint_states", f"{namespace}/joint_states")
-    bag = Bag(path)
     count = bag.topics[topic].count if topic in bag.topics else 0
     length = bag.duration
     looked_at = min(options.end, length) - options.start

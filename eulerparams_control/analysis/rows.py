@@ -3,7 +3,7 @@
 What is not valid is left out and counted.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,8 +18,6 @@ from eulerparams_control.messages import QUATERNION_NORM_TOLERANCE, motion_from_
 from eulerparams_control.motion import SetPoint, Trajectory
 from eulerparams_control.rotations import Array
 from eulerparams_control.stacked import matrices
-
-type Parser = Callable[[Sequence[bytes], Iterable[Group]], Iterator[tuple["Rows", Any]]]
 
 
 @dataclass(frozen=True)

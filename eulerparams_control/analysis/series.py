@@ -11,7 +11,7 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.orientation import EulerSequence
 from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import angles_between, sample
+from eulerparams_control.stacked import angles_between
 
 
 class Efforts(NamedTuple):
@@ -75,10 +75,6 @@ class Series:
     def omega_e(self) -> Array:
         """(N, 3) [rad/s] angular velocity of the tip."""
         return self.kinematics.omega_e
-
-    def state(self, index: int) -> RobotState:
-        """Return the state of the arm at one instant."""
-        return sample(self.kinematics, index)
 
     @cached_property
     def position_error(self) -> Array:

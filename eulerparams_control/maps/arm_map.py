@@ -8,19 +8,16 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.catalogue import load_robot
+from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.inverse import smallest_singular_value
 from eulerparams_control.maps.base import Picture, Row, Table
-from eulerparams_control.maps.sampling import away, directions, random_axis, with_tool_axis
+from eulerparams_control.maps.sampling import away, over_directions, random_axis, with_tool_axis
 from eulerparams_control.maps.tip import ArmTip, FreeTip
 from eulerparams_control.maps.turning import TurningMap
 from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.orientation import representation
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.clik import ClikLaw
-
-_STEPS, _STEP = 300, 0.05  # of the search for joint positions; k_Po _STEP = 0.5
-_FOUND = 1e-6  # [m], [rad] error of joint positions that are found
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +52,7 @@ class ArmMap(TurningMap):
 
     def cells(self) -> list[Row]:
         """Return variants x directions."""
-        return [
-            {"variant": v, "place": p, "x": x, "y": y, "z": z}
-            for v in range(len(self.variants))
-            for p, (x, y, z) in enumerate(directions(self.samples).tolist())
-        ]
+        return over_directions(len(self.variants), self.samples)
 
     def simulate(self, cell: Row) -> dict[str, float]:
         """Return the outcomes of the arm, and those of the free frame with the prefix free_."""
@@ -87,22 +80,17 @@ class ArmMap(TurningMap):
         return q_0
 
     def _search(self, q: Array, frame: DesiredFrame) -> Array | None:
-        """Return q (n,) that CLIK with Euler parameters finds for a frame, if well inside."""
+        """Return q (n,) for a frame, if it is within reach and well inside."""
         robot, _ = self.arm
-        law = ClikLaw(representation("euler_parameters"), k_Pp=10.0, k_Po=20.0)
-        for _ in range(_STEPS):
-            state = robot.state(q, np.zeros_like(q))
-            if _apart(state.p_e, state.R_e, frame) < _FOUND:
-                return q if smallest_singular_value(state.J) > self.least_singular else None
-            q = q + _STEP * law.velocity(state, frame, None)[0]
-        return None
+        try:
+            q = inverse_kinematics(robot, frame, q)
+        except EulerParamsError:
+            return None
+        J = robot.state(q, np.zeros_like(q)).J
+        return q if smallest_singular_value(J) > self.least_singular else None
 
     def pictures(self, table: Table) -> list[Picture]:
         """Return arm against free frame."""
         from eulerparams_control.maps.arm_picture import picture
 
         return [picture(self, table)]
-
-
-def _apart(p: Array, R: Array, frame: DesiredFrame) -> float:
-    return float(max(np.abs(frame.p_d - p).max(), np.abs(frame.R_d - R).max()))

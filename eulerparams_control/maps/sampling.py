@@ -51,3 +51,12 @@ def away(R_d: Array, error: Array) -> Array:
     """Return R_e (3, 3) with R_e exp(error) = R_d; error (3,) [rad] in the end-effector frame."""
     R_e: Array = R_d @ exp(-error)
     return R_e
+
+
+def over_directions(variants: int, samples: int) -> list[dict[str, float | str]]:
+    """Return the cells of a map over the direction of the tool axis: variants x directions."""
+    return [
+        {"variant": v, "place": p, "x": x, "y": y, "z": z}
+        for v in range(variants)
+        for p, (x, y, z) in enumerate(directions(samples).tolist())
+    ]

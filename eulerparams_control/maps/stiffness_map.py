@@ -12,7 +12,7 @@ from eulerparams_control.compliance import ComplianceLaw, CompliantFrame
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.impedance import Impedance, damping_of_ratio
 from eulerparams_control.maps.base import MapKind, Picture, Row, Table, Variant
-from eulerparams_control.maps.sampling import directions, with_tool_axis
+from eulerparams_control.maps.sampling import over_directions, with_tool_axis
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.rotations import Array, log
 
@@ -78,11 +78,7 @@ class StiffnessMap(PressedMap):
 
     def cells(self) -> list[Row]:
         """Return variants x directions."""
-        return [
-            {"variant": v, "place": p, "x": x, "y": y, "z": z}
-            for v in range(len(self.variants))
-            for p, (x, y, z) in enumerate(directions(self.samples).tolist())
-        ]
+        return over_directions(len(self.variants), self.samples)
 
     def simulate(self, cell: Row) -> dict[str, float]:
         """Return least and largest apparent over chosen stiffness, and the worst deviation [deg].
