@@ -5,14 +5,23 @@ gives it measured states and references, and gets commands or nothing.
 """
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from eulerparams_control.errors import FollowingError, InvalidMessageError, SingularityError
+from eulerparams_control.errors import (
+    FollowingError,
+    InvalidMessageError,
+    SingularityError,
+    UnsafeCommandError,
+    defect,
+)
 from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.supervision.guard import CommandGuard
+from eulerparams_control.supervision.pace import Pace
 
 _HOLDING = "holding the measured pose"
 
@@ -26,8 +35,21 @@ _MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
 # After a fault a stream of set-points is followed again when it has paused this long [s].
 _PAUSE = 0.5
 
+# After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
+# simulation that began anew: no command acts on it yet.
+_SAME_ARM = 0.03
+
 # Slower than this [rad/s or m/s] a joint stands still.
 _AT_REST = 0.01
+
+# Measured positions that stay the same to the bit, while the measured speeds would have led this
+# far [rad or m] away, are not measured any more.
+_FROZEN = 0.02
+
+_AGAIN = "send the reference again"
+
+REPORT_IT = "report it; deactivate and activate to begin anew"
+"""What to do about a defect."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +63,7 @@ class ControllerOptions:
         max_jump_rotation: [rad] the same for the rotation.
         require_reference: whether to be silent until the first reference.
         check_states: whether states that the robot cannot have reached are refused.
+        slow_below: smallest singular value of J below which the motion slows down; 0 never.
     """
 
     state_timeout: float = 0.1
@@ -49,6 +72,7 @@ class ControllerOptions:
     max_jump_rotation: float = 0.2
     require_reference: bool = False
     check_states: bool = False
+    slow_below: float = 0.05
 
 
 class Controller:
@@ -65,6 +89,9 @@ class Controller:
         doing: what it does, in words.
         fault: why the arm is held still instead of moved; "" if it is not.  It lasts until
             the next reference is followed.
+        remedy: what is to be done then.
+        pace: at which the motion is followed.
+        guard: of the commands.
         resets: how often it started anew after a jump of the stamps.
     """
 
@@ -74,10 +101,14 @@ class Controller:
         self.resets = 0
         self.tick_now: Tick | None = None
         self.saturated = 0
-        self.fault = ""
+        self.fault = self.remedy = ""
+        self.guard = CommandGuard(*scheme.bounds)
+        self.pace = Pace(self.guard.limits, options.slow_below)
         self.doing = "waiting for a reference" if options.require_reference else _HOLDING
         self._waiting = options.require_reference
         self._t: int | None = None
+        self._now: float | None = None  # when the stamp last went on, steady clock [s]
+        self._unmoved = 0.0  # how far [rad or m] unchanged positions should have gone
         self._dt = 0.0
         self._q, self._dq = q, np.zeros_like(q)
         self._tick_last: Tick | None = None
@@ -87,9 +118,19 @@ class Controller:
         self._command: JointCommand | None = None
         self._begin(q)
 
-    def _begin(self, q: Array) -> None:
-        """Start at the measured q with zero error, holding its pose."""
-        self.scheme.reset(q)
+    def _begin(self, q: Array, *, acts: bool = False) -> None:
+        """Start at the measured q with zero error, holding its pose.
+
+        Args:
+            q: (n,) measured.
+            acts: whether the command before still acts, so that none may jump.
+        """
+        if acts:
+            self.scheme.resume(q)
+        else:
+            self.scheme.reset(q)
+            self.guard.forget()
+        self.pace.forget()
         self._motion = DesiredMotion(self.scheme.start_frame())
         self._tick_last = self._tick_before = None
 
@@ -99,6 +140,11 @@ class Controller:
         self.halt()
         return command
 
+    def fail(self, fault: str, remedy: str = _AGAIN) -> None:
+        """Hold from the next state on because of a fault, until the next reference."""
+        self.fault, self.remedy = fault, remedy
+        self.halt()
+
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
@@ -107,8 +153,13 @@ class Controller:
             self._tick_last = None
 
     def last_command(self) -> JointCommand:
-        """Return the command after which none will follow."""
-        return self.scheme.last_command(self._q, self._dq)
+        """Return the command after which none will follow.
+
+        Raises:
+            UnsafeCommandError: if it is not finite.
+        """
+        command = self.scheme.last_command(self._q, self._dq)
+        return CommandGuard(self.guard.limits)(command, self._q, 0.0)
 
     @property
     def began(self) -> int | None:
@@ -121,7 +172,9 @@ class Controller:
         return bool((np.abs(self._dq) < _AT_REST).all())
 
     def law_changed(self) -> None:
-        """Forget the ticks of the law before."""
+        """Forget the ticks of the law before, and take over what bounds the new one."""
+        self.guard.limits, self.guard.effort_rate = self.scheme.bounds
+        self.pace.limits = self.guard.limits
         self._tick_last = self._tick_before = None
 
     def lyapunov(self) -> tuple[float, float, float] | None:
@@ -155,13 +208,19 @@ class Controller:
             self._motion.hold(here)
         self._motion.follow(motion, start)
         self._waiting = self._stopped = False
-        self.doing, self.fault = "following a reference", ""
+        self.doing, self.fault, self.remedy = "following a reference", "", ""
 
-    def step(self, t: int, q: Array, dq: Array) -> JointCommand | None:
+    def step(self, t: int, q: Array, dq: Array, now: float | None = None) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
 
         A state seen before gets the same command again.  After a stamp that jumps back or
-        too far ahead nothing is integrated: the controller holds the pose measured then.
+        too far ahead, or after a silence, nothing is integrated: the controller holds the pose
+        measured then.
+
+        Args:
+            t: stamp [ns].
+            q, dq: (n,) measured.
+            now: when it came, steady clock [s]; None: ages go by the stamps alone.
 
         Raises:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
@@ -171,18 +230,79 @@ class Controller:
         if self._waiting:
             self._begin(q)  # others may move the arm until then
             return None
+        silence = 0.0 if now is None or self._now is None else now - self._now
         if t == self._t:
-            if np.array_equal(q, self._q) and np.array_equal(dq, self._dq):
-                return self._command
-            self.fault = f"joint_states moves, but its stamp stays at {t / 1e9:g} s"
-            self.halt()
-            return None  # there is no time to control by: the robot has to brake itself
-        self._dt = self._elapsed(t, q)
+            return self._answer_again(t, q, dq, silence)
+        before, self._now = self._t, now
+        self._dt = self._elapsed(t, q, silence)
+        if self._is_frozen(q, dq):
+            self._t, self._q, self._dq, self._command = t, q, dq, None
+            self.fail(
+                "joint_states reports speeds, but positions that stay the same to the bit",
+                "see to the robot's driver or encoders, then send the reference again",
+            )
+            return None  # there is nothing to control by: the robot has to brake itself
         self._t, self._q, self._dq = t, q, dq
-        self._command = self.stop() if self._stopped else self._tick(t)
+        self._command = self._guarded(self._respond(t), self._acted(before, silence, now))
         return self._command
 
-    def _elapsed(self, t: int, q: Array) -> float:
+    def _answer_again(self, t: int, q: Array, dq: Array, silence: float) -> JointCommand | None:
+        """Return the command of the state seen last, if it is the same and not too old."""
+        if not (np.array_equal(q, self._q) and np.array_equal(dq, self._dq)):
+            self.fail(f"joint_states moves, but its stamp stays at {t / 1e9:g} s")
+        elif silence <= self.options.state_timeout or self._may_stay:
+            return self._command
+        else:
+            self.fail(f"joint_states repeats itself: its stamp stays at {t / 1e9:g} s")
+        self._command = None
+        return None  # there is no time to control by: the robot has to brake itself
+
+    @property
+    def _may_stay(self) -> bool:
+        """Whether the last command does no harm for as long as one likes: a position at rest."""
+        command = self._command
+        if command is None or command.effort is not None or command.dq is None:
+            return False
+        return self.is_at_rest and bool((np.abs(command.dq) < _AT_REST).all())
+
+    def _is_frozen(self, q: Array, dq: Array) -> bool:
+        """Whether the positions cannot be measured ones: they stay although the arm moves."""
+        if not (self.options.check_states and self._dt > 0 and np.array_equal(q, self._q)):
+            self._unmoved = 0.0
+            return False
+        self._unmoved += self._dt * float(np.abs(dq).max())
+        return self._unmoved > _FROZEN
+
+    def _acted(self, before: int | None, silence: float, now: float | None) -> float:
+        """Return the time [s] for which the command before has acted."""
+        by_stamps = self._dt if before is not None else 0.0
+        if now is None:
+            return by_stamps
+        return min(by_stamps, silence) if by_stamps > 0 else silence
+
+    def _respond(self, t: int) -> JointCommand | None:
+        """Return what the scheme commands, or what holds the arm, whatever went wrong."""
+        try:
+            return self.stop() if self._stopped else self._tick(t)
+        except Exception as error:  # a defect: nobody knows what the scheme is worth now
+            self.fail(defect(error), REPORT_IT)
+            return self._hold_after_defect()
+
+    def _hold_after_defect(self) -> JointCommand | None:
+        """Return what holds the arm; None if the scheme cannot even say that."""
+        with suppress(Exception):
+            return self.scheme.hold(self._dt, self._q, self._dq)
+        return None
+
+    def _guarded(self, command: JointCommand | None, elapsed: float) -> JointCommand | None:
+        """Return the command within all bounds; None, no command, if it is not finite."""
+        try:
+            return command and self.guard(command, self._q, elapsed)
+        except UnsafeCommandError as error:
+            self.fail(str(error), error.remedy)
+            return None
+
+    def _elapsed(self, t: int, q: Array, silence: float) -> float:
         """Return the time [s] since the state before; 0 where it starts anew, holding."""
         if self._t is None:
             if self._motion.is_holding:
@@ -190,28 +310,41 @@ class Controller:
             elif self._jumps(self._motion.last, self.scheme.frame_at(q)):
                 self._begin(q)
                 self.fault = "the arm moved before the reference began; send it again"
+                self.remedy = _AGAIN
                 self._stopped = True
             return 0.0
         dt = (t - self._t) / 1e9
-        if 0 <= dt <= self.options.state_timeout:
+        timeout = self.options.state_timeout
+        if 0 <= dt <= timeout and silence <= timeout:
             return dt
         self.resets += 1
-        self._begin(q)
-        self.doing = f"{_HOLDING}, after a jump of the stamps by {dt:.3g} s"
+        # by the stamps alone a silence and a clock that was set forward look the same
+        is_heard = silence <= timeout and (dt < 0 or self._now is not None)
+        moved = self.scheme.robot.limits.deviation(q, self._q)
+        self._begin(q, acts=is_heard and bool((moved <= _SAME_ARM).all()))
+        what = f"a silence of joint_states of {silence:.3g} s"
+        if not 0 <= dt <= timeout:
+            what = f"a jump of the stamps by {dt:.3g} s"
+        self.doing, self.remedy = f"{_HOLDING}, after {what}", _AGAIN
         return 0.0
 
     def _tick(self, t: int) -> JointCommand:
-        if self.scheme.is_frozen:
-            self._motion.wait(round(self._dt * 1e9))
+        pace = 0.0 if self.scheme.is_frozen else self.pace.now
+        if pace < 1:
+            self._motion.wait(round((1 - pace) * self._dt * 1e9))
+        desired = self._motion.sample(t)
+        if pace > 0:
+            desired = desired.at_pace(self.pace.now, self.pace.rate)
         try:
-            tick = self.scheme.tick(self._dt, self._q, self._dq, self._motion.sample(t))
+            tick = self.scheme.tick(self._dt, self._q, self._dq, desired)
         except SingularityError as error:
-            self.fault = str(error)
+            self.fault, self.remedy = str(error), error.remedy
             return self.stop()
         except FollowingError as error:
-            self.fault = str(error)
+            self.fault, self.remedy = str(error), error.remedy
             self.scheme.resume(self._q)
             return self.stop()
+        self.pace.update(self._dt, tick.state.q, tick.state.dq, tick.state.J)
         self._tick_before, self._tick_last, self.tick_now = self._tick_last, tick, tick
         self.saturated += tick.saturated
         return tick.command

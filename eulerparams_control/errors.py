@@ -6,11 +6,29 @@ was wrong, what was expected, and what to do.
 """
 
 import difflib
+import traceback
 from collections.abc import Iterable
+from typing import ClassVar
+
+
+# A message is no longer than this.
+_LONGEST = 2000
 
 
 class EulerParamsError(Exception):
-    """Base of all errors that this package raises on bad input."""
+    """Base of all errors that this package raises on bad input.
+
+    Attributes:
+        remedy: what is to be done when it stops a motion; "" if the message says it all.
+    """
+
+    remedy: ClassVar[str] = ""
+
+    def __str__(self) -> str:
+        """Return the message in one line of bounded length: it quotes what came from outside."""
+        text = "".join(c if c.isprintable() else " " for c in super().__str__())
+        line = " ".join(text.split())
+        return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 500]} ... {line[-400:]}"
 
 
 class ConfigurationError(EulerParamsError):
@@ -35,9 +53,19 @@ class UnknownNameError(ConfigurationError):
 class SingularityError(EulerParamsError):
     """A representation has no finite answer at this orientation."""
 
+    remedy = "send a reference that keeps away from it, or choose another orientation"
+
 
 class FollowingError(EulerParamsError):
     """The arm does not follow its commands."""
+
+    remedy = "find what blocks, brakes or delays the arm, then send the reference again"
+
+
+class UnsafeCommandError(EulerParamsError):
+    """A command is not finite; it must not leave."""
+
+    remedy = "send the reference again; report it if it repeats: the law is to see to this"
 
 
 class RobotError(EulerParamsError):
@@ -55,6 +83,10 @@ class BagError(EulerParamsError):
 class SimulationError(EulerParamsError):
     """The simulator was asked for something impossible, or lost its controller."""
 
+    def __str__(self) -> str:
+        """Return the message as it is: it quotes lines of a log."""
+        return Exception.__str__(self)
+
 
 class IdentificationError(EulerParamsError):
     """The poses taken do not tell what the tool is."""
@@ -65,3 +97,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     by_lower = {entry.lower(): entry for entry in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.65)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
+def defect(error: Exception) -> str:
+    """Return what to say of an error that nobody expected, in one line."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{frame.filename.rpartition('/')[2]}:{frame.lineno}"
+    return f"internal error {type(error).__name__}: {error} ({where})"

@@ -6,10 +6,12 @@ import numpy as np
 
 from eulerparams_control.rotations import Array
 
-# A joint approaches a position limit no faster than its distance times this [1/s], and its
-# speed limit no faster than the remaining speed times that [1/s]: both without overshoot, as
-# long as a command does not last longer than their inverses.
-_POSITION_RATE, _SPEED_RATE = 10.0, 100.0
+POSITION_RATE = 10.0
+"""A joint approaches a position limit no faster than its distance times this [1/s]: without
+overshoot, as long as a command does not last longer than the inverse."""
+
+# The same for its speed limit, by the remaining speed.
+_SPEED_RATE = 100.0
 
 
 @dataclass(frozen=True)
@@ -50,21 +52,21 @@ class JointLimits:
     def limit_velocity(self, q: Array, dq: Array, dt: float) -> tuple[Array, bool]:
         """Return dq within the limits, and whether it had to change.
 
-        Too fast a motion is slowed as a whole, so that its direction is kept.  A joint
-        that would pass its position limit within dt stops there, the others go on.
+        Too fast a motion is slowed as a whole, so that its direction is kept.  A joint near its
+        position limit is no faster than ``POSITION_RATE`` times the distance, the others go on.
 
         Args:
             q: (n,) positions now.
             dq: (n,) velocities wanted; finite.
             dt: time that dq will last [s]; positive.
         """
-        speed = np.abs(dq)
-        if (speed <= self.velocity).all() and self.contain(q + dt * dq):
+        speed, rate = np.abs(dq), min(POSITION_RATE, 1 / dt)
+        low = rate * np.minimum(self.lower - q, 0.0)  # outside already: inwards is allowed
+        high = rate * np.maximum(self.upper - q, 0.0)
+        if (speed <= self.velocity).all() and (dq <= high).all() and (dq >= low).all():
             return dq, False
         excess = float((speed / self.velocity).max())
         slowed = dq / excess if excess > 1 else dq
-        low = np.minimum((self.lower - q) / dt, 0.0)  # outside already: inwards is allowed
-        high = np.maximum((self.upper - q) / dt, 0.0)
         limited = np.clip(slowed, low, high)
         return limited, bool((limited != dq).any())
 
@@ -79,7 +81,7 @@ class JointLimits:
             dt: time that ddq will last [s]; 0 if it is not known, but short.
         """
         fastest = 1 / dt if dt > 0 else np.inf
-        position_rate, speed_rate = min(_POSITION_RATE, fastest), min(_SPEED_RATE, fastest)
+        position_rate, speed_rate = min(POSITION_RATE, fastest), min(_SPEED_RATE, fastest)
         high = np.minimum(self.velocity, position_rate * np.maximum(self.upper - q, 0.0))
         low = np.maximum(-self.velocity, position_rate * np.minimum(self.lower - q, 0.0))
         most, least = speed_rate * (high - dq), speed_rate * (low - dq)

@@ -91,6 +91,17 @@ class DesiredFrame(NamedTuple):
             self.domega_d,
         )
 
+    def at_pace(self, s: float, ds: float) -> "DesiredFrame":
+        """Return the frame of a motion whose time runs s times as fast, ds [1/s] the rate of s."""
+        if s == 1.0 and ds == 0.0:
+            return self
+        return self._replace(
+            dp_d=s * self.dp_d,
+            omega_d=s * self.omega_d,
+            ddp_d=s**2 * self.ddp_d + ds * self.dp_d,
+            domega_d=s**2 * self.domega_d + ds * self.omega_d,
+        )
+
     def moved(self, dt: float) -> "DesiredFrame":
         """Return the frame dt [s] later, at constant acceleration.
 

@@ -815,7 +815,7 @@ def test_without_joint_states_there_are_no_commands_but_a_fault_and_then_it_hold
     count = len(arm.frames)
     status = paired.peer.status(paired.name, lambda s: "no valid joint_states" in s.message)
     assert status.level == b"\x02"
-    assert "within 0.5 s: no commands; is the robot running?" in status.message
+    assert "within 0.1 s: no commands; is the robot running?" in status.message
     assert arm.commands == []
     assert len(arm.frames) <= count + 1
     q, arm.dq = HOME + 0.2, np.zeros(6)

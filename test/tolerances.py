@@ -309,3 +309,6 @@ INERTIAL_FORCE = 0.1
 # dV_3 over a tick of 1 ms against the mean of (69) at both ends, of its largest value: what the
 # trapezium leaves is dt^2 / 12 of its second derivative (4e3).
 V_3_SAMPLED = 5e-4
+
+GUARD_ROUNDING = 2e-9
+"""[rad, Nm] The guard of the commands allows this beyond a step, for the rounding of the laws."""

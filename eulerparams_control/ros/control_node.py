@@ -5,42 +5,53 @@ published under the stamp of the joint_states that it answers.  A lifecycle node
 default starts itself as soon as it has a robot description and a state.
 """
 
-import time
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, TwistStamped
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.controller import Controller
-from eulerparams_control.errors import ConfigurationError, EulerParamsError, InvalidMessageError
-from eulerparams_control.inverse import smallest_singular_value
+from eulerparams_control.controller import REPORT_IT, Controller
+from eulerparams_control.errors import (
+    ConfigurationError,
+    EulerParamsError,
+    InvalidMessageError,
+    defect,
+)
 from eulerparams_control.limits import JointLimits
-from eulerparams_control.messages import BEGAN, JointStateReader, motion_from_ros, ns_from_ros
+from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
 from eulerparams_control.orientation import SEPARATE
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import Commands
 from eulerparams_control.ros.control_parameters import LATEST, ControlParameters
-from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
+from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import Scheme, Tick
+from eulerparams_control.supervision.clock import steady
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
+
+# The ages are looked at again after this time [s] at the earliest.
+_LEAST_WATCH = 0.02
+
+# In simulated time joint_states have stopped after so much [s] of the steady clock.
+_SIMULATION_STANDS = 0.5
 
 RCLError = rclpy_implementation.RCLError
 
@@ -61,15 +72,15 @@ class ControlNode(LifecycleNode):
         self._controller: Controller | None = None
         self._description = self._params.robot_description
         self._measured: tuple[int, Array, Array] | None = None
-        self._next_report = 0
-        self._received = 0.0  # when the last valid joint_states came, steady clock [s]
+        self._report = ControlReport(self, self._health)
+        self._came = 0.0  # when the last joint_states came, steady clock [s]
+        self._received = 0.0  # when the last valid ones were answered
         self._commanded = False
-        self._said = ("", "")
-        self._note = ""
         self._unanswered: Time | None = None
         self._reference_stamp: int | None = None
-        self._began: int | None = None
-        self._health.check = self._check_age
+        self._health.check = self._once_a_second
+        period = max(self._params.state_timeout / 2, _LEAST_WATCH)
+        self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.add_on_set_parameters_callback(self._keep_sim_time)
         self._reference: Subscription | None = None
         self._autostart = self._params.autostart
@@ -116,7 +127,7 @@ class ControlNode(LifecycleNode):
 
     def note(self, text: str) -> None:
         """Show a warning with the state from now on; "" takes it back."""
-        self._note, self._said = text, ("", "")
+        self._report.note(text)
 
     # --- set-up ------------------------------------------------------------------------
 
@@ -124,13 +135,10 @@ class ControlNode(LifecycleNode):
         self._listen(JointState, "joint_states", self._on_joint_states, QOS)
         if not self._description:
             self._listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
-        self._pose_publisher = self.create_publisher(PoseStamped, "~/pose", 10)
-        self._error_publisher = self.create_publisher(TwistStamped, "~/error", 10)
-        self._lyapunov_publisher = self.create_publisher(Float64MultiArray, "~/lyapunov", 10)
 
     def _listen(self, kind: Any, topic: str, callback: Any, qos: QoSProfile) -> Subscription:
         return self.create_subscription(
-            kind, topic, callback, qos, qos_overriding_options=QOS_OVERRIDES
+            kind, topic, self._surviving(callback), qos, qos_overriding_options=QOS_OVERRIDES
         )
 
     def _check_simulated(self, parameters: Any) -> None:
@@ -176,7 +184,7 @@ class ControlNode(LifecycleNode):
         changed = [name for name, value in asdict(new).items() if value != getattr(old, name)]
         text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
         self.get_logger().info(f"changed: {text}")
-        self._said = ("", "")  # the state names the orientation
+        self._report.forget()  # the state names the orientation
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -242,6 +250,7 @@ class ControlNode(LifecycleNode):
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
         )
         self._received, self._commanded, self._heard = 0.0, False, False
+        self._report.forget()
         self._say()
         return TransitionCallbackReturn.SUCCESS
 
@@ -280,13 +289,17 @@ class ControlNode(LifecycleNode):
 
     def _is_fresh(self) -> bool:
         """Whether joint_states were answered, and still come."""
-        age = time.monotonic() - self._received
+        age = steady() - self._received
         return self._commanded and age <= max(self._params.state_timeout, _FRESH)
 
     def _send_last(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
-        if self._controller is not None and self._is_fresh():
+        if self._controller is None or not self._is_fresh():
+            return
+        try:
             self._commands.publish(self._stamp, self._controller.last_command())
+        except Exception as error:  # then none is safe: the robot has to brake itself
+            self._health.complain(f"no last command: {defect(error)}", error=True)
 
     def at_rest(self) -> bool:
         """Stop the arm, and return whether it stands, or nothing is heard of it."""
@@ -324,11 +337,13 @@ class ControlNode(LifecycleNode):
     def _on_joint_states(self, msg: JointState) -> None:
         if self._robot is None:
             return
+        self._came = steady()
         try:
             self._measured = self._reader.from_ros(msg)
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
+        self._report.meter.state(self._measured[0], self._came)
         if self._unanswered is not None and self._controller is not None:
             self._health.count("states dropped, waiting for what belongs to them")
         self._unanswered = msg.header.stamp
@@ -346,21 +361,21 @@ class ControlNode(LifecycleNode):
             return
         stamp, self._unanswered = self._unanswered, None
         self.observe(t, q, dq)
+        simulated = self.get_clock().ros_time_is_active
         try:
-            command = self._controller.step(t, q, dq)
+            command = self._controller.step(t, q, dq, None if simulated else self._came)
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
-        self._received = time.monotonic()
+        self._received = self._came
         if command is not None:
             self._commanded = True
             self._stamp = stamp
             self._commands.publish(self._stamp, command)
-            self._report(t)
-        if self._controller.began != self._began:
-            self._say_began(self._controller.began)
-        if self._said != (self._controller.doing, self._controller.fault):
-            self._say()
+            self._report.meter.answered(self._came)
+            self._report_tick(t, self._controller)
+        self._report.began(self._controller)
+        self._say()
 
     def _is_heard(self) -> bool:
         """Whether as many listen to the commands as have to, or had when they began."""
@@ -380,7 +395,7 @@ class ControlNode(LifecycleNode):
         if self._controller is None or self._robot is None:
             return
         try:
-            self._refuse_two_publishers(self._reference)
+            refuse_two_publishers(self, self._reference)
             motion, start = motion_from_ros(
                 msg,
                 self._robot.base_frame,
@@ -395,109 +410,67 @@ class ControlNode(LifecycleNode):
         self._reference_stamp = ns_from_ros(msg.header.stamp)
         self._answer()
 
-    def _refuse_two_publishers(self, subscription: Subscription | None) -> None:
-        if subscription is None:
-            return
-        topic = subscription.topic_name  # remapped
-        if self.count_publishers(topic) > 1:
-            names = [
-                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-                for info in self.get_publishers_info_by_topic(topic)
-            ]
-            raise InvalidMessageError(
-                f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one"
-            )
-
     def _reject(self, topic: str, error: EulerParamsError) -> None:
         self._health.count(f"{topic} rejected")
         self._health.complain(f"{topic} rejected: {error}", error=True, about=topic)
 
-    # --- reports -----------------------------------------------------------------------
-
-    def _report(self, t: int) -> None:
-        """Publish pose, error and health, at most at ``state_rate``."""
-        controller, rate = self._controller, self._params.state_rate
-        if controller is None or controller.tick_now is None or controller.fault or rate <= 0:
+    def _report_tick(self, t: int, controller: Controller) -> None:
+        """Report the last tick, now and then."""
+        tick, p = controller.tick_now, self._params
+        if tick is None or controller.fault or not self._report.is_due(t, p.state_rate):
             return
-        period = int(1e9 / rate)
-        if self._next_report - period <= t < self._next_report:
-            return
-        self._next_report = t + period
-        tick = controller.tick_now
-        frame = self._robot.base_frame if self._robot else ""
-        p_e, R_e = tick.state.p_e, tick.state.R_e
-        self._pose_publisher.publish(pose_to_ros(p_e, R_e, self._stamp, frame))
-        self._error_publisher.publish(
-            error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), self._stamp, frame)
-        )
-        lyapunov = controller.lyapunov()
-        if lyapunov is not None:
-            self._lyapunov_publisher.publish(lyapunov_to_ros(*lyapunov))
-        self._report_health(controller)
-
-    def _say_began(self, began: int | None) -> None:
-        """Report when a trajectory began: who analyses a recording cannot know it else."""
-        self._began = began
-        if began is not None:
-            self._health.values[BEGAN] = began
-            self._health.publish()
+        self._report.tick(controller, p, self._stamp, self._robot.base_frame if self._robot else "")
+        self._health.values.update(self.values_of(tick))
 
     def _say(self) -> None:
-        """Report what the controller does, or why it holds still."""
-        if self._controller is None:
+        """Report what the controller does, or why it holds still, if that has changed."""
+        if self._controller is not None:
+            self._report.state(self._controller, self._params.orientation)
+
+    # --- supervision -------------------------------------------------------------------
+
+    def watch(self) -> None:
+        """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
+        if self._controller is None or not self._received:
             return
-        self._said = doing, fault = self._controller.doing, self._controller.fault
-        if fault:
-            self._health.set(diagnostics.ERROR, f"holding still: {fault}")
-        else:
-            warns = self._note or (self._controller.resets and "jump" in doing)
-            text = f"active with {self._params.orientation}: {doing}"
+        age, timeout = steady() - self._received, self._params.state_timeout
+        if self.get_clock().ros_time_is_active:  # simulated time may stand still
+            timeout = max(timeout, _SIMULATION_STANDS)
+        if age > timeout:
+            self._report.forget()  # what it does is said again when they are back
             self._health.set(
-                diagnostics.WARN if warns else diagnostics.OK,
-                f"{text}; {self._note}" if self._note else text,
+                diagnostics.ERROR,
+                f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
+                "see to the robot and the network; when they are back the arm is held where it is",
             )
 
-    def _check_age(self) -> None:
-        """Report that joint_states has stopped; without it nothing is commanded."""
-        self._health.values.update(self.values_now())
+    def _once_a_second(self) -> None:
+        """Gather what /diagnostics shows once a second."""
+        self._health.values.update(self._report.meter.read() | self.values_now())
         if self._controller is None or not self._received:
             return
         if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
             )
-        timeout = max(self._params.state_timeout, 0.5)
-        if time.monotonic() - self._received > timeout:
-            self._said = ("", "")  # what it does is said again when they are back
-            self._health.set(
-                diagnostics.ERROR,
-                f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
-            )
 
-    def _report_health(self, controller: Controller) -> None:
-        tick = controller.tick_now
-        if tick is None:
-            return
-        distance = self._params.representation().singularity_distance(
-            tick.desired.R_d, tick.state.R_e
-        )
-        sigma_min = smallest_singular_value(tick.state.J)
-        if controller.scheme.lyapunov(tick) is None:
-            self._health.values["Lyapunov function"] = f"none for {self._params.orientation}"
-        else:
-            self._health.values.pop("Lyapunov function", None)
-        self._health.values.update(
-            {
-                "orientation": self._params.orientation,
-                "distance to representation singularity [rad]": distance,
-                "smallest singular value of J": sigma_min,
-                "inverse of J": "damped" if sigma_min < self._params.damping_eps else "exact",
-                "saturated": int(tick.saturated),
-                "saturated ticks": controller.saturated,
-                "restarts after a gap of joint_states": controller.resets,
-            }
-            | self.values_of(tick)
-        )
+    def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback after whose defects the arm is held, and the node goes on."""
+
+        def survive(msg: Any) -> None:
+            try:
+                callback(msg)
+            except Exception as error:
+                self._on_defect(error)
+
+        return survive
+
+    def _on_defect(self, error: Exception) -> None:
+        """Hold still after an error that nobody expected."""
+        text = defect(error)
+        if self._controller is not None:
+            self._controller.fail(text, REPORT_IT)
+        self._health.set(diagnostics.ERROR, f"holding still: {text}", REPORT_IT)
 
 
 _SIMULATED_ONLY = {

@@ -62,6 +62,9 @@ class ControlParameters:
     damping_max: float = parameter(
         0.05, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
     )
+    slow_below: float = parameter(
+        0.05, "singular value of J below which the motion slows down; 0 never", bounds=(0.0, 1.0)
+    )
     posture: tuple[float, ...] = parameter(
         (), "joint positions that a redundant arm tends to; empty: none", unit="rad", live=True
     )
@@ -128,4 +131,5 @@ class ControlParameters:
             self.max_jump_rotation,
             self.require_reference,
             self.enforce_limits,
+            self.slow_below,
         )

@@ -58,13 +58,9 @@ def motion_to_ros(
 def _frame_to_ros(frame: DesiredFrame, t: float) -> MultiDOFJointTrajectoryPoint:
     return MultiDOFJointTrajectoryPoint(
         transforms=[
-            Transform(
-                translation=vector_to_ros(frame.p_d), rotation=quaternion_to_ros(frame.R_d)
-            )
+            Transform(translation=vector_to_ros(frame.p_d), rotation=quaternion_to_ros(frame.R_d))
         ],
-        velocities=[
-            Twist(linear=vector_to_ros(frame.dp_d), angular=vector_to_ros(frame.omega_d))
-        ],
+        velocities=[Twist(linear=vector_to_ros(frame.dp_d), angular=vector_to_ros(frame.omega_d))],
         accelerations=[
             Twist(linear=vector_to_ros(frame.ddp_d), angular=vector_to_ros(frame.domega_d))
         ],

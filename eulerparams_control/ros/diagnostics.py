@@ -7,6 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from eulerparams_control.supervision.clock import steady
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 # The same complaint is logged again after this time at the earliest.
@@ -30,22 +32,33 @@ class Health:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._level, self._message = WARN, "starting"
+        self._level, self._message, self._remedy = WARN, "starting", ""
+        self._since = steady()
         self._logged: dict[str, float] = {}
         self.values: dict[str, str | int | float] = {}
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.check: Callable[[], None] = lambda: None
-        node.create_timer(1.0, self._on_timer, clock=steady)
+        node.create_timer(1.0, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_timer(self) -> None:
         self.check()
         self.publish()
 
-    def set(self, level: bytes, message: str) -> None:
-        """Change the state; what is new is logged and published at once."""
+    def set(self, level: bytes, message: str, remedy: str = "") -> None:
+        """Change the state; what is new is logged and published at once.
+
+        Args:
+            level: OK, WARN or ERROR.
+            message: what happened.
+            remedy: what to do about it; "" if nothing, or if the message says so.
+        """
         if (level, message) == (self._level, self._message):
             return
-        self._level, self._message = level, message
+        self._level, self._message, self._remedy = level, message, remedy
+        self._since = steady()
+        if level == ERROR:
+            self.count("faults")
+            self.values["last fault"] = message
+            self.values["last fault at [s]"] = self._node.get_clock().now().nanoseconds / 1e9
         if level == OK:
             self._node.get_logger().info(message)
         else:
@@ -78,12 +91,15 @@ class Health:
 
     def publish(self) -> None:
         """Publish the state now."""
+        state: dict[str, str | int | float] = {"in this state for [s]": steady() - self._since}
+        if self._remedy:
+            state["what to do"] = self._remedy
         status = DiagnosticStatus(
             level=self._level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
             message=self._message,
             hardware_id="",
-            values=[KeyValue(key=key, value=_text(value)) for key, value in self.values.items()],
+            values=[KeyValue(key=k, value=_text(v)) for k, v in (state | self.values).items()],
         )
         msg = DiagnosticArray(status=[status])
         msg.header.stamp = self._node.get_clock().now().to_msg()
@@ -91,4 +107,6 @@ class Health:
 
 
 def _text(value: str | float) -> str:
+    if isinstance(value, float) and abs(value) >= 1e6:
+        return f"{value:.3f}"  # a time of the day
     return f"{value:.6g}" if isinstance(value, float) else str(value)

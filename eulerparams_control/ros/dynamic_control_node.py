@@ -89,9 +89,7 @@ class DynamicParameters(ControlParameters):
             RobotError: if the URDF lacks a frame or a joint.
         """
         require_size("gravity", self.gravity, 3)
-        return Robot(
-            urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool()
-        )
+        return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
 
     def law(self) -> ResolvedAcceleration:
         """Return the law with these parameters."""

@@ -15,6 +15,7 @@ from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
+from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.wrench_input import WrenchInput
@@ -122,7 +123,7 @@ class ImpedanceControlNode(ControlNode):
         if self._robot is None:
             return
         try:
-            self._refuse_two_publishers(self._wrench)
+            refuse_two_publishers(self, self._wrench)
             self._input.take(msg, self._placement(msg.header.frame_id))
         except InvalidMessageError as error:
             self._input.refuse(msg)

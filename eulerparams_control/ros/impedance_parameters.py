@@ -78,9 +78,7 @@ class ImpedanceParameters(DynamicParameters):
     inner_loop: bool = parameter(
         True, "false: the impedance acts on the measured frame, without a motion loop"
     )
-    wrench_sign: int = parameter(
-        1, "-1: the sensor reports what the tool exerts", bounds=(-1, 1)
-    )
+    wrench_sign: int = parameter(1, "-1: the sensor reports what the tool exerts", bounds=(-1, 1))
     wrench_pairing: str = parameter(
         LATEST, "wrench of a state: the newest, or the one of its stamp", choices=PAIRINGS
     )

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.errors import EulerParamsError, defect
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -71,6 +71,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     except EulerParamsError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 1
+    except Exception as error:  # a defect: said in one line, after the arm was brought to rest
+        print(f"error: {defect(error)}; please report it", file=sys.stderr, flush=True)
+        return 1
     finally:
         _end(node)
 
@@ -80,11 +83,18 @@ def _spin(node: Node, stopped: list[int]) -> None:
     executor.add_node(node)
     gc.collect()
     gc.freeze()  # a full collection of the start-up objects would cost milliseconds
-    while not stopped and not node.done:
-        executor.spin_once(timeout_sec=_POLL_SECONDS)
+    try:
+        while not stopped and not node.done:
+            executor.spin_once(timeout_sec=_POLL_SECONDS)
+    finally:
+        _bring_to_rest(node, lambda: executor.spin_once(timeout_sec=_POLL_SECONDS))
+
+
+def _bring_to_rest(node: Node, spin_once: Callable[[], None]) -> None:
+    """Let what moves come to rest, also after an error."""
     deadline = time.monotonic() + _STOP_SECONDS
     while hasattr(node, "at_rest") and not node.at_rest() and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=_POLL_SECONDS)
+        spin_once()
 
 
 def _end(node: Node | None) -> None:

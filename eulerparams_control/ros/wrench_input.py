@@ -1,7 +1,6 @@
 """The newest valid wrench of a sensor, and whether it is still to be believed."""
 
 import math
-import time
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
@@ -10,6 +9,7 @@ from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion import Placement
 from eulerparams_control.ros.control_parameters import LATEST
+from eulerparams_control.supervision.clock import steady
 from eulerparams_control.wrench import SensedWrench
 
 
@@ -49,7 +49,7 @@ class WrenchInput:
             InvalidMessageError: if a value is not finite, or the stamp repeats or goes back.
         """
         w = wrench_from_ros(msg, msg.header.frame_id)
-        stamp, now = ns_from_ros(msg.header.stamp), time.monotonic()
+        stamp, now = ns_from_ros(msg.header.stamp), steady()
         is_old = now - self._received > self._timeout  # then a clock may have been set back
         if 0 < stamp == self._stamp or (0 < stamp < self._stamp and not is_old):
             raise InvalidMessageError(
@@ -69,14 +69,14 @@ class WrenchInput:
             return True
         if self._clock.ros_time_is_active:
             return self._age(t) > self._timeout / 2
-        return time.monotonic() - self._paired > self._timeout / 2
+        return steady() - self._paired > self._timeout / 2
 
     def choose(self, t: int) -> bool:
         """Choose ``fresh`` for the state stamped t [ns]; return whether it is a new one."""
         is_new, self._is_new = self._is_new, False
         unpaired = self._pairing != LATEST and t not in (self._stamp, self._refused)
         if not unpaired:
-            self._paired = time.monotonic()
+            self._paired = steady()
         if self._last is None:
             return False
         if self._age(t) > self._timeout:
@@ -93,10 +93,10 @@ class WrenchInput:
 
     @property
     def _waited(self) -> bool:
-        return time.monotonic() - self._paired > self._timeout / 2
+        return steady() - self._paired > self._timeout / 2
 
     def _age(self, t: int) -> float:
         """Return the age [s] of the last wrench at the stamp t [ns]."""
         if self._clock.ros_time_is_active:
             return abs(t - self._stamp) / 1e9
-        return time.monotonic() - self._received
+        return steady() - self._received

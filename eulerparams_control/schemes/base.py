@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.limits import JointLimits
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import Robot, RobotState
@@ -27,6 +28,18 @@ class JointCommand(NamedTuple):
     dq: Array | None = None
     effort: Array | None = None
     frame: DesiredFrame | None = None
+
+
+class Bounds(NamedTuple):
+    """What no command of a scheme may exceed, whatever its law asks for.
+
+    Attributes:
+        joints: limits of the joints; None is none.
+        effort_rate: [Nm/s] of each effort.
+    """
+
+    joints: JointLimits | None
+    effort_rate: float = math.inf
 
 
 class Tick(NamedTuple):
@@ -72,6 +85,11 @@ class Scheme(ABC):
         """Return the frame of the tip at rest at the positions q (n,)."""
         arm = self.robot.state(q, np.zeros_like(q))
         return DesiredFrame(arm.p_e, arm.R_e)
+
+    @property
+    def bounds(self) -> Bounds:
+        """What no command may exceed: the limits of the robot, if the scheme says no other."""
+        return Bounds(self.robot.limits)
 
     @abstractmethod
     def reset(self, q: Array) -> None:

@@ -16,7 +16,7 @@ from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.robot import Robot, RobotState
 from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.schemes.base import Bounds, JointCommand, Scheme, Tick, check_gains
 from eulerparams_control.schemes.blend import Blend
 
 FEEDBACKS = ("internal", "measured")
@@ -128,6 +128,11 @@ class Clik(Scheme):
         self.law = law
         self._blend.replace(self._dq)
 
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints."""
+        return Bounds(self.limits)
+
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
         self._q = q.copy()
@@ -205,5 +210,3 @@ def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
             f"joints {', '.join(robot.joints)}"
         )
     return law
-
-

@@ -24,7 +24,7 @@ from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.robot import DynamicState, Robot, RobotState
 from eulerparams_control.rotations import Array, angle_between
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.schemes.base import Bounds, JointCommand, Scheme, Tick, check_gains
 from eulerparams_control.schemes.blend import Blend
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
@@ -229,6 +229,11 @@ class DynamicControl(Scheme):
         self.law, self.dynamics, self.limits = law, dynamics, limits
         if not self._saturated:  # of a law that failed nothing is to go on
             self._blend.replace(self._ddq)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints, and the rate of the efforts."""
+        return Bounds(self.limits.joints, self.limits.rate)
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,)."""

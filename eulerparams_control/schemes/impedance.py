@@ -20,7 +20,7 @@ from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.orientation import Lyapunov
 from eulerparams_control.robot import DynamicState, Robot, RobotState
 from eulerparams_control.rotations import Array, exp
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
+from eulerparams_control.schemes.base import Bounds, JointCommand, Scheme, Tick
 from eulerparams_control.schemes.blend import Blend
 from eulerparams_control.schemes.dynamic import (
     EffortLimits,
@@ -37,6 +37,10 @@ class MotionLoop(Protocol):
     """What follows the compliant frame: :class:`DynamicControl`, or a robot of its own."""
 
     robot: Robot
+
+    @property
+    def bounds(self) -> Bounds:
+        """See Scheme."""
 
     def reset(self, q: Array) -> None:
         """See Scheme."""
@@ -71,6 +75,11 @@ class NoMotionLoop:
 
     def __init__(self, robot: Robot, limits: EffortLimits) -> None:
         self.robot, self._limits = robot, limits
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints."""
+        return Bounds(self._limits.joints)
 
     def reset(self, q: Array) -> None:
         """Begin: there is nothing to forget."""
@@ -163,6 +172,11 @@ class ImpedanceControl(Scheme):
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._balance = np.zeros(6)  # the contact where it began anew
         self.reset(np.zeros(self.robot.n))
+
+    @property
+    def bounds(self) -> Bounds:
+        """What the motion loop is bounded by."""
+        return self.motion.bounds
 
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
@@ -282,9 +296,7 @@ class ImpedanceControl(Scheme):
         self._feel(state, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
-        self._x_de = self.law.compliance.orientation.displacement(
-            desired.R_d, arm.R_e, self._x_de
-        )
+        self._x_de = self.law.compliance.orientation.displacement(desired.R_d, arm.R_e, self._x_de)
         return Tick(
             tick.command._replace(frame=compliant),
             arm,

@@ -1,0 +1,139 @@
+"""What a control node tells of itself: ~/pose, ~/error, ~/lyapunov and /diagnostics."""
+
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from eulerparams_control.controller import Controller
+from eulerparams_control.inverse import smallest_singular_value
+from eulerparams_control.messages import BEGAN
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.control_parameters import ControlParameters
+from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
+from eulerparams_control.ros.meter import Meter
+from eulerparams_control.schemes.base import Tick
+from eulerparams_control.supervision.pace import Nearness
+
+Values = dict[str, str | int | float]
+
+
+class ControlReport:
+    """The reports of a control node.
+
+    Args:
+        node: the node that reports.
+        health: of the node.
+
+    Attributes:
+        meter: of the states and their answers.
+    """
+
+    def __init__(self, node: Node, health: diagnostics.Health) -> None:
+        self._health = health
+        self.meter = Meter()
+        self._next = 0
+        self._said: Any = None
+        self._began: int | None = None
+        self._note = ""
+        self._pose = node.create_publisher(PoseStamped, "~/pose", 10)
+        self._error = node.create_publisher(TwistStamped, "~/error", 10)
+        self._lyapunov = node.create_publisher(Float64MultiArray, "~/lyapunov", 10)
+
+    def note(self, text: str) -> None:
+        """Show a warning with the state from now on; "" takes it back."""
+        self._note = text
+        self.forget()
+
+    def forget(self) -> None:
+        """Say the state again when it is said next, changed or not."""
+        self._said = None
+
+    def is_due(self, t: int, rate: float) -> bool:
+        """Whether at the stamp t [ns] a tick is to be reported, at most at ``rate`` [Hz]."""
+        if rate <= 0:
+            return False
+        period = int(1e9 / rate)
+        if self._next - period <= t < self._next:
+            return False
+        self._next = t + period
+        return True
+
+    def tick(
+        self, controller: Controller, parameters: ControlParameters, stamp: Time, frame: str
+    ) -> None:
+        """Publish pose, error and Lyapunov function of the last tick."""
+        tick = controller.tick_now
+        assert tick is not None
+        p_e, R_e = tick.state.p_e, tick.state.R_e
+        self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
+        self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
+        lyapunov = controller.lyapunov()
+        if lyapunov is not None:
+            self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
+        self._health.values.update(_values(controller, tick, parameters))
+        if controller.scheme.lyapunov(tick) is None:
+            self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
+        else:
+            self._health.values.pop("Lyapunov function", None)
+
+    def began(self, controller: Controller) -> None:
+        """Report when a trajectory began: who analyses a recording cannot know it else."""
+        if controller.began == self._began:
+            return
+        self._began = controller.began
+        if self._began is not None:
+            self._health.values[BEGAN] = self._began
+            self._health.publish()
+
+    def state(self, controller: Controller, orientation: str) -> None:
+        """Report what the controller does, or why it holds still, if that has changed."""
+        pace = controller.pace
+        saying = controller.doing, controller.fault, pace.singularity, pace.limit
+        if saying == self._said:
+            return
+        self._said = saying
+        doing, fault = controller.doing, controller.fault
+        if fault:
+            self._health.set(diagnostics.ERROR, f"holding still: {fault}", controller.remedy)
+            return
+        slow = _nearness(controller)
+        text = "; ".join(filter(None, (f"active with {orientation}: {doing}", slow, self._note)))
+        restarted = controller.resets and "after a" in doing
+        warns = self._note or restarted or slow or "stopped" in doing
+        self._health.set(
+            diagnostics.WARN if warns else diagnostics.OK, text, controller.remedy if warns else ""
+        )
+
+
+def _nearness(controller: Controller) -> str:
+    """Return what the arm is near to, in words; "" if it is clear of all."""
+    pace, words = controller.pace, []
+    if pace.singularity is not Nearness.CLEAR:
+        words.append(f"{pace.singularity.name.lower()} a kinematic singularity")
+    if pace.limit is not Nearness.CLEAR:
+        joint = controller.scheme.robot.joints[pace.joint]
+        words.append(f"{pace.limit.name.lower()} the limit of {joint}")
+    return "slowed down, " + " and ".join(words) if words else ""
+
+
+def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
+    """Return what /diagnostics shows of a tick of any scheme."""
+    distance = parameters.representation().singularity_distance(tick.desired.R_d, tick.state.R_e)
+    sigma_min, pace = smallest_singular_value(tick.state.J), controller.pace
+    return {
+        "orientation": parameters.orientation,
+        "distance to representation singularity [rad]": distance,
+        "smallest singular value of J": sigma_min,
+        "inverse of J": "damped" if sigma_min < parameters.damping_eps else "exact",
+        "kinematic singularity": pace.singularity.name.lower(),
+        "limit of a joint": pace.limit.name.lower(),
+        "pace": pace.now,
+        "saturated": int(tick.saturated),
+        "saturated ticks": controller.saturated,
+        "commands bounded by the guard": controller.guard.bounded,
+        "restarts after a gap of joint_states": controller.resets,
+    }

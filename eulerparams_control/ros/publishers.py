@@ -1,0 +1,22 @@
+"""Who publishes on a topic."""
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from eulerparams_control.errors import InvalidMessageError
+
+
+def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
+    """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
+
+    A node that was killed stays in the graph for some 20 s; its successor has its name.
+    """
+    if subscription is None or node.count_publishers(topic := subscription.topic_name) < 2:
+        return
+    publishers = node.get_publishers_info_by_topic(topic)
+    names = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in publishers}
+    if len(names) > 1:
+        raise InvalidMessageError(
+            f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one; "
+            "end the other (one that was killed is gone after some 20 s)"
+        )

@@ -1,0 +1,6 @@
+"""What watches over a controller, whatever its scheme is; knows no ROS.
+
+``clock``   the steady clock by which messages age
+``guard``   the last look at a command before it leaves
+``pace``    the slow-down towards kinematic singularities and joint limits
+"""

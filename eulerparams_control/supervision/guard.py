@@ -1,0 +1,90 @@
+"""The last look at a command before it leaves: finite, within the limits, without a jump.
+
+The laws keep the limits by themselves, in their own way; the guard does not know them.  It
+bounds whatever they, or a defect in them, ask for, also over a restart.
+"""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.errors import UnsafeCommandError
+from eulerparams_control.limits import JointLimits
+from eulerparams_control.rotations import Array
+from eulerparams_control.schemes.base import JointCommand
+
+# A command may be this much [rad, m, Nm] of rounding beyond the step that the rates allow.
+_ROUNDING = 1e-9
+
+
+class CommandGuard:
+    """Bounds each command by the limits of the joints and by the command before.
+
+    Args:
+        limits: of the joints; None bounds nothing, but what is not finite is refused still.
+        effort_rate: [Nm/s] of each effort.
+
+    Attributes:
+        bounded: how many commands had to be changed.
+    """
+
+    def __init__(self, limits: JointLimits | None, effort_rate: float = math.inf) -> None:
+        self.limits, self.effort_rate = limits, effort_rate
+        self.bounded = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: no command acts any more."""
+        self._last = JointCommand()
+
+    def __call__(self, command: JointCommand, q: Array, elapsed: float) -> JointCommand:
+        """Return the command within all bounds.
+
+        Args:
+            command: of the scheme.
+            q: (n,) measured positions: where the arm is beyond its limits, it may come back.
+            elapsed: [s] since the command before.
+
+        Raises:
+            UnsafeCommandError: if a value is not finite; the command before still counts then.
+        """
+        _refuse_infinite(command)
+        if self.limits is not None:
+            safe = self._bounded(command, q, elapsed, self.limits)
+            self.bounded += safe is not command
+            command = safe
+        self._last = command
+        return command
+
+    def _bounded(
+        self, command: JointCommand, q: Array, elapsed: float, limits: JointLimits
+    ) -> JointCommand:
+        """Return the command within the limits, and within reach of the one before."""
+        last, changes = self._last, {}
+        for name, low, high in (
+            ("q", np.minimum(limits.lower, q), np.maximum(limits.upper, q)),
+            ("dq", -limits.velocity, limits.velocity),
+            ("effort", -limits.effort, limits.effort),
+        ):
+            values, before = getattr(command, name), getattr(last, name)
+            if values is None:
+                continue
+            if before is not None and name != "dq":
+                step = self.effort_rate if name == "effort" else limits.velocity
+                reach = step * elapsed + _ROUNDING
+                low = np.maximum(np.minimum(low, before), before - reach)
+                high = np.minimum(np.maximum(high, before), before + reach)
+            if not ((values <= high).all() and (values >= low).all()):
+                changes[name] = np.minimum(np.maximum(values, low), high)
+        return command._replace(**changes) if changes else command
+
+
+def _refuse_infinite(command: JointCommand) -> None:
+    """Raise UnsafeCommandError if a value of a command is not finite."""
+    for name in ("q", "dq", "effort"):
+        values = getattr(command, name)
+        if values is not None and not np.isfinite(values).all():
+            raise UnsafeCommandError(f"the command has a non-finite {name}: {values.tolist()}")
+    frame = command.frame
+    if frame is not None and not all(np.isfinite(part).all() for part in frame):
+        raise UnsafeCommandError("the command has a compliant frame that is not finite")
