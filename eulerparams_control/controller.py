@@ -24,6 +24,8 @@ from eulerparams_control.supervision.guard import CommandGuard
 from eulerparams_control.supervision.pace import Pace
 
 _HOLDING = "holding the measured pose"
+_FOLLOWING = "following a reference"
+_LEFT_ALONE = "holding the last desired pose: the set-points have stopped"
 
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
@@ -208,7 +210,7 @@ class Controller:
             self._motion.hold(here)
         self._motion.follow(motion, start)
         self._waiting = self._stopped = False
-        self.doing, self.fault, self.remedy = "following a reference", "", ""
+        self.doing, self.fault, self.remedy = _FOLLOWING, "", ""
 
     def step(self, t: int, q: Array, dq: Array, now: float | None = None) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
@@ -333,6 +335,8 @@ class Controller:
         if pace < 1:
             self._motion.wait(round((1 - pace) * self._dt * 1e9))
         desired = self._motion.sample(t)
+        if self._motion.has_stopped(t):
+            self.doing, self.remedy = _LEFT_ALONE, "see to the node that sends them"
         if pace > 0:
             desired = desired.at_pace(self.pace.now, self.pace.rate)
         try:

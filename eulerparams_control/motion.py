@@ -401,6 +401,11 @@ class SetPoint:
         self.lasting = lasting
         self._held: DesiredFrame | None = None
 
+    def has_ended(self, t: float) -> bool:
+        """Whether it was to move, but is held at t [s], as no successor came."""
+        frame = self.frames[0]
+        return t > self.lasting and bool(frame.dp_d.any() or frame.omega_d.any())
+
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
         if t > self.lasting:
@@ -435,6 +440,12 @@ class DesiredMotion:
     def began(self) -> int | None:
         """Time [ns] at which the trajectory that is followed began; None if there is none."""
         return self._start if isinstance(self._motion, Trajectory) else None
+
+    def has_stopped(self, t: int) -> bool:
+        """Whether set-points that moved have stopped coming, so that the last is held."""
+        if not isinstance(self._motion, SetPoint):
+            return False
+        return self._motion.has_ended((t - self._start - self._late) / 1e9)
 
     def wait(self, dt: int) -> None:
         """Let the present motion be later by dt [ns] than it was to be."""

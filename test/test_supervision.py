@@ -1,0 +1,429 @@
+"""The supervision: the guard of the commands, the pace, ages by receipt, defects."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from samples import generator
+from tolerances import GUARD_ROUNDING, HELD, RELATIVE
+from test_controller import HOME, MS, STILL, T_0, UR5, clik, dynamic_control, moved, pose_of
+
+from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import (
+    ConfigurationError,
+    SimulationError,
+    UnknownNameError,
+    UnsafeCommandError,
+)
+from eulerparams_control.limits import POSITION_RATE, JointLimits
+from eulerparams_control.motion import DesiredFrame, SetPoint, way_points
+from eulerparams_control.schemes.base import JointCommand
+from eulerparams_control.supervision import clock
+from eulerparams_control.supervision.guard import CommandGuard
+from eulerparams_control.supervision.pace import LEAST, Nearness, Pace
+
+LIMITS = JointLimits(
+    np.array([-1.0, -2.0, -np.inf]),
+    np.array([1.0, 0.5, np.inf]),
+    np.array([2.0, 1.0, 4.0]),
+    np.array([10.0, 20.0, 5.0]),
+)
+ZERO = np.zeros(3)
+RATE = 1000.0  # [Nm/s]
+DT = 0.001  # [s]
+TIMEOUT = ControllerOptions().state_timeout
+CHECKED = ControllerOptions(check_states=True)
+
+
+# --- the guard ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", ["q", "dq", "effort"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("limits", [LIMITS, None])
+def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(field, bad, limits):
+    guard = CommandGuard(limits)
+    command = JointCommand(**{field: np.array([0.0, bad, 0.0])})
+    with pytest.raises(UnsafeCommandError, match=f"non-finite {field}"):
+        guard(command, ZERO, DT)
+
+
+def test_a_compliant_frame_that_is_not_finite_is_refused():
+    frame = DesiredFrame(np.array([0.0, math.nan, 0.0]), np.eye(3))
+    with pytest.raises(UnsafeCommandError, match="compliant frame"):
+        CommandGuard(None)(JointCommand(frame=frame), ZERO, DT)
+
+
+def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
+    random = generator(601)
+    guard = CommandGuard(LIMITS, RATE)
+    before = None
+    for _ in range(500):
+        scale = 10 ** random.uniform(-3, 6)
+        wanted = JointCommand(*(scale * random.normal(size=(3, 3))))
+        dt = 10 ** random.uniform(-4, -1)
+        command = guard(wanted, ZERO, dt)
+        assert np.all(command.q <= LIMITS.upper) and np.all(command.q >= LIMITS.lower)
+        assert np.all(np.abs(command.dq) <= LIMITS.velocity)
+        assert np.all(np.abs(command.effort) <= LIMITS.effort)
+        if before is not None:
+            step = np.abs(command.q - before.q)
+            assert np.all(step <= dt * LIMITS.velocity + GUARD_ROUNDING)
+            assert np.all(np.abs(command.effort - before.effort) <= dt * RATE + GUARD_ROUNDING)
+        before = command
+    assert guard.bounded > 400
+
+
+def test_a_command_within_all_bounds_is_handed_on_as_it_is():
+    guard = CommandGuard(LIMITS, RATE)
+    for _ in range(2):
+        command = JointCommand(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
+        assert guard(command, ZERO, DT) is command
+    assert guard.bounded == 0
+
+
+def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
+    guard = CommandGuard(LIMITS)
+    outside = np.array([1.2, 0.0, 0.0])
+    for asked, allowed in ((1.3, 1.2), (1.2, 1.2), (1.1, 1.1)):
+        guard.forget()
+        command = guard(JointCommand(np.array([asked, 0.0, 0.0])), outside, DT)
+        assert command.q[0] == pytest.approx(allowed, rel=RELATIVE)
+
+
+def test_after_it_forgot_the_first_command_may_be_anywhere_within_the_limits():
+    guard = CommandGuard(LIMITS, RATE)
+    guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
+    far = JointCommand(np.full(3, 0.4), ZERO, np.full(3, 4.0))
+    assert guard(far, ZERO, DT).effort[0] == pytest.approx(RATE * DT, rel=1e-6)
+    guard.forget()
+    assert guard(far, ZERO, DT) is far
+
+
+def test_a_refused_command_leaves_the_one_before_in_force():
+    guard = CommandGuard(LIMITS, RATE)
+    guard(JointCommand(effort=ZERO), ZERO, DT)
+    with pytest.raises(UnsafeCommandError):
+        guard(JointCommand(effort=np.full(3, math.nan)), ZERO, DT)
+    command = guard(JointCommand(effort=np.full(3, 4.0)), ZERO, DT)
+    np.testing.assert_allclose(command.effort, RATE * DT, rtol=1e-6)
+
+
+# --- the pace -----------------------------------------------------------------------------
+
+
+def jacobian(sigma):
+    """Return a Jacobian whose smallest singular value is sigma."""
+    return np.diag([1.0, 1.0, 1.0, 1.0, 1.0, sigma])
+
+
+def passed(pace, sigmas, dt=0.01):
+    """Return what a pace says of each singular value of a sequence."""
+    found = []
+    for sigma in sigmas:
+        pace.update(dt, np.zeros(6), np.zeros(6), jacobian(sigma))
+        found.append((pace.singularity, pace.now))
+    return found
+
+
+def test_a_singularity_is_approached_inside_and_left_and_clear_again():
+    pace = Pace(None, 0.05)
+    sigmas = [0.2, 0.06, 0.045, 0.03, 0.011, 0.001, 0.0, 0.01, 0.02, 0.04, 0.06]
+    found = [singularity for singularity, _ in passed(pace, sigmas)]
+    c, a, i, leaving = Nearness
+    assert found == [c, c, a, a, i, i, i, i, leaving, leaving, c]
+
+
+def test_towards_a_singularity_the_pace_goes_as_its_distance_but_never_to_zero():
+    for sigma, expected in ((0.06, 1.0), (0.04, 0.8), (0.02, 0.4), (0.006, 0.12), (0.0, LEAST)):
+        pace = Pace(None, 0.05)
+        assert passed(pace, [sigma] * 100)[-1][1] == pytest.approx(expected, rel=RELATIVE)
+
+
+def test_the_way_out_is_taken_twice_as_fast():
+    pace = Pace(None, 0.05)
+    sigmas = np.linspace(0.013, 0.02, 200)
+    assert passed(pace, [0.005] * 100)[-1][1] == pytest.approx(0.1, rel=RELATIVE)
+    assert passed(pace, sigmas)[-1][1] == pytest.approx(2 * 0.02 / 0.05, rel=RELATIVE)
+
+
+def test_the_pace_changes_by_no_more_than_five_per_second_and_tells_its_rate():
+    pace, before, dt = Pace(None, 0.05), 1.0, 0.01
+    for sigma in [0.06] * 3 + [0.001] * 30 + [0.2] * 30:
+        pace.update(dt, np.zeros(6), np.zeros(6), jacobian(sigma))
+        assert abs(pace.now - before) <= 5 * dt + 1e-12
+        assert pace.now - before == pytest.approx(pace.rate * dt, abs=1e-12)
+        before = pace.now
+    assert pace.now == 1.0 and pace.rate == 0.0
+
+
+def test_a_threshold_of_0_slows_nothing_down():
+    assert passed(Pace(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_joint_slows_the_motion_down_as_it_comes_near_its_limit(side):
+    limits = JointLimits(-np.ones(6), np.ones(6), np.full(6, 3.0), np.full(6, 1.0))
+    q, dq = np.zeros(6), np.zeros(6)
+    distance = 0.02
+    q[2], dq[2] = side * (1 - distance), side * 1.0
+    pace = Pace(limits, 0.0)
+    pace.update(0.01, q, dq, jacobian(1.0))
+    assert (pace.limit, pace.joint) == (Nearness.APPROACHING, 2)
+    assert pace.now == pytest.approx(0.95)  # on its way to POSITION_RATE * distance = 0.2
+    for _ in range(100):  # the joint goes as fast as the pace says
+        dq[2] = side * pace.now
+        pace.update(0.01, q, dq, jacobian(1.0))
+    assert pace.now == pytest.approx(POSITION_RATE * distance, rel=1e-3)
+    q[2] = side * 0.995
+    pace.update(0.01, q, dq, jacobian(1.0))
+    assert pace.limit is Nearness.INSIDE
+    q[2], dq[2] = side * 0.95, -side * 0.5
+    pace.update(0.01, q, dq, jacobian(1.0))
+    assert (pace.limit, pace.joint) == (Nearness.LEAVING, 2)
+    q[2] = side * 0.5
+    pace.update(0.01, q, dq, jacobian(1.0))
+    assert pace.limit is Nearness.CLEAR
+
+
+def test_a_motion_at_a_pace_goes_the_same_way_with_the_derivatives_of_its_own_time():
+    """The frame at the time s(t) of the path, differentiated by differences of t."""
+    goal = moved(0.2, 0.8)
+    path = way_points([0.0, 1.0], [(pose_of(HOME).p_d, pose_of(HOME).R_d), (goal.p_d, goal.R_d)])
+
+    def clock_of_path(t):
+        return 0.3 + 0.4 * t + 0.25 * t**2  # s' = 0.4 + 0.5 t
+
+    def frame(t):
+        s, ds = 0.4 + 0.5 * t, 0.5
+        return path.sample(clock_of_path(t)).at_pace(s, ds)
+
+    h, t = 1e-5, 0.4
+    before, now, after = frame(t - h), frame(t), frame(t + h)
+    np.testing.assert_allclose((after.p_d - before.p_d) / (2 * h), now.dp_d, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        (after.dp_d - before.dp_d) / (2 * h), now.ddp_d, rtol=1e-5, atol=1e-9
+    )
+    domega_d = (after.omega_d - before.omega_d) / (2 * h)
+    np.testing.assert_allclose(domega_d, now.domega_d, rtol=1e-5, atol=1e-9)
+
+
+# --- the controller, supervised -----------------------------------------------------------
+
+
+def following(scheme, options=CHECKED, now=None, steps=200):
+    """Return a controller on its way, and the stamp and state of its last step."""
+    running = Controller(scheme, options, HOME)
+    goal = moved(0.1, 0.4)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    q, dq = HOME.copy(), STILL
+    for step in range(steps):
+        t = T_0 + step * MS
+        at = None if now is None else now + step * DT
+        command = running.step(t, q, dq, at)
+        if command.q is not None:  # the arm does what it is told
+            q, dq = command.q, command.dq
+    return running, t, q, dq, at
+
+
+class Broken:
+    """A method that raises what nobody expects."""
+
+    def __call__(self, *_args, **_kwargs):
+        raise ZeroDivisionError("of all things")
+
+
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
+    running, t, q, dq, _ = following(scheme(limits=UR5.limits) if scheme is clik else scheme())
+    running.scheme.tick = Broken()
+    command = running.step(t + MS, q, dq)
+    expected = r"internal error ZeroDivisionError: of all things \(test_supervision.py:\d+\)"
+    assert re.fullmatch(expected, running.fault)
+    assert "report" in running.remedy
+    if command.q is not None:
+        np.testing.assert_allclose(command.dq, 0, atol=HELD)
+    else:
+        g = UR5.dynamic_state(q, STILL).g
+        np.testing.assert_allclose(command.effort, g, atol=20.0)  # held, not let go
+    del running.scheme.tick
+    running.step(t + 2 * MS, q, dq)
+    assert "ZeroDivisionError" in running.fault  # until the next reference
+
+
+def test_where_not_even_holding_works_there_is_no_command():
+    running, t, q, dq, _ = following(clik(limits=UR5.limits))
+    running.scheme.tick = running.scheme.hold = Broken()
+    assert running.step(t + MS, q, dq) is None
+    assert "ZeroDivisionError" in running.fault
+
+
+def test_a_command_that_is_not_finite_never_leaves_the_controller():
+    running, t, q, dq, _ = following(clik(limits=UR5.limits))
+    tick = running.scheme.tick
+
+    def tainted(*args):
+        found = tick(*args)
+        return found._replace(command=found.command._replace(q=found.command.q * math.nan))
+
+    running.scheme.tick = tainted
+    assert running.step(t + MS, q, dq) is None
+    assert "non-finite q" in running.fault
+    del running.scheme.tick
+    command = running.step(t + 2 * MS, q, dq)
+    assert np.isfinite(command.q).all() and not command.dq.any()
+
+
+def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
+    running, t, q, dq, _ = following(dynamic_control())
+    before = running.step(t + MS, q, dq).effort
+    tick = running.scheme.tick
+
+    def wild(*args):
+        found = tick(*args)
+        return found._replace(command=found.command._replace(effort=np.full(6, 1e9)))
+
+    running.scheme.tick = wild
+    effort = running.step(t + 2 * MS, q, dq).effort
+    assert np.all(
+        np.abs(effort - before) <= running.scheme.bounds.effort_rate * DT + GUARD_ROUNDING
+    )
+    for step in range(3, 600):
+        effort = running.step(t + step * MS, q, dq).effort
+    np.testing.assert_allclose(effort, UR5.limits.effort, rtol=RELATIVE)
+    assert running.guard.bounded > 0
+
+
+def test_after_a_silence_by_the_steady_clock_it_holds_though_the_stamps_go_on():
+    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    command = running.step(t + MS, q, STILL, now + 0.9 * TIMEOUT)
+    assert running.resets == 0 and np.abs(command.dq).max() > 0.01
+    here = q + 0.05
+    command = running.step(t + 2 * MS, here, STILL, now + 2 * TIMEOUT)
+    assert running.resets == 1
+    assert "after a silence of joint_states of 0.11 s" in running.doing
+    assert "again" in running.remedy
+    np.testing.assert_allclose(command.q, here, atol=HELD)
+    np.testing.assert_allclose(command.dq, 0, atol=HELD)
+
+
+def test_in_simulated_time_no_silence_of_the_steady_clock_counts():
+    running, t, q, dq, _ = following(clik(limits=UR5.limits))
+    assert np.abs(running.step(t + MS, q, dq).dq).max() > 0.01
+    assert running.resets == 0
+
+
+@pytest.mark.parametrize("jump", [-5.0, 5.0])
+def test_after_a_jump_of_the_stamps_no_command_jumps_while_the_robot_obeys(jump):
+    """The arm moves: its commands go on from the last one, within the rates, to a hold."""
+    running, t, q, dq, now = following(dynamic_control(), now=50.0)
+    rate = running.scheme.bounds.effort_rate
+    before = running.step(t + MS, q, np.full(6, 0.5), now + DT).effort
+    jumped = t + round(jump * 1e9)
+    for step in range(2, 30):
+        command = running.step(jumped + step * MS, q, np.full(6, 0.5), now + step * DT)
+        assert np.all(np.abs(command.effort - before) <= rate * DT + GUARD_ROUNDING)
+        before = command.effort
+    assert running.resets == 1
+
+
+def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
+    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    last = running.step(t + MS, q, dq, now + DT)
+    again = running.step(t + MS, q, dq, now + 0.9 * TIMEOUT)
+    assert again is last
+    assert running.step(t + MS, q, dq, now + 2 * TIMEOUT) is None
+    assert "repeats itself" in running.fault
+    command = running.step(t + 2 * MS, q, STILL, now + 2 * TIMEOUT + DT)  # new ones come
+    np.testing.assert_allclose(command.dq, 0, atol=HELD)
+    assert running.fault
+
+
+def test_a_position_at_rest_is_repeated_for_as_long_as_its_state_is():
+    running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
+    first = running.step(T_0, HOME, STILL, 50.0)
+    assert running.step(T_0, HOME, STILL, 60.0) is first
+    assert running.fault == ""
+
+
+def test_an_effort_is_not_repeated_for_a_state_that_is():
+    running = Controller(dynamic_control(), CHECKED, HOME)
+    assert running.step(T_0, HOME, STILL, 50.0) is not None
+    assert running.step(T_0, HOME, STILL, 60.0) is None
+
+
+def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
+    running, t, q, _, _ = following(dynamic_control())
+    dq = np.full(6, 0.5)
+    for step in range(1, 100):
+        command = running.step(t + step * MS, q, dq)
+        if command is None:
+            break
+    assert 30 <= step <= 50  # 0.02 rad at 0.5 rad/s
+    assert "stay the same to the bit" in running.fault
+    assert running.step(t + (step + 1) * MS, q, dq) is None
+    assert running.step(t + (step + 2) * MS, q + 1e-6, dq) is not None  # held then
+    assert running.fault
+
+
+def test_that_set_points_have_stopped_is_told_and_the_last_pose_held_at_rest():
+    running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
+    frame = pose_of(HOME)._replace(dp_d=np.array([0.0, 0.0, 0.05]))
+    q, dq = HOME, STILL
+    running.step(T_0, q, dq)
+    running.follow(SetPoint(frame, 0.1), None)
+    for step in range(1, 90):
+        q, dq = running.step(T_0 + step * MS, q, dq)[:2]
+    assert running.doing == "following a reference" and np.abs(dq).max() > 0.01
+    for step in range(90, 500):
+        q, dq = running.step(T_0 + step * MS, q, dq)[:2]
+    assert running.doing == "holding the last desired pose: the set-points have stopped"
+    np.testing.assert_allclose(dq, 0, atol=1e-6)
+    running.follow(SetPoint(pose_of(q), 0.1), None)
+    running.step(T_0 + 501 * MS, q, dq)
+    assert running.doing == "following a reference"
+
+
+def test_through_a_singularity_the_motion_slows_down_and_goes_on_to_its_end():
+    """The wrist of the UR5 is led through its singularity: no fault, and the goal is reached."""
+    q_0, q_1 = HOME.copy(), HOME.copy()
+    q_0[4], q_1[4] = -0.5, 0.5
+    start, goal = pose_of(q_0), pose_of(q_1)
+    running = Controller(clik(limits=UR5.limits), ControllerOptions(max_jump_rotation=4.0), q_0)
+    running.step(T_0, q_0, STILL)
+    running.follow(way_points([2.0], [(goal.p_d, goal.R_d)]), None)
+    q, dq, seen, slowest = q_0, STILL, set(), 1.0
+    for step in range(1, 9000):
+        command = running.step(T_0 + step * MS, q, dq)
+        assert running.fault == ""
+        q, dq = command.q, command.dq
+        seen.add(running.pace.singularity)
+        slowest = min(slowest, running.pace.now)
+    assert seen == set(Nearness)
+    assert LEAST <= slowest < 0.5
+    assert np.linalg.norm(pose_of(q).p_d - goal.p_d) < 1e-3
+    assert np.linalg.norm(start.p_d - goal.p_d) > 0.01
+
+
+def test_the_steady_clock_can_be_that_of_a_simulation():
+    clock.set_steady(lambda: 42.0)
+    try:
+        assert clock.steady() == 42.0
+    finally:
+        clock.set_steady()
+    assert clock.steady() != 42.0
+
+
+# --- what errors say ----------------------------------------------------------------------
+
+
+def test_an_error_is_one_line_of_bounded_length_whatever_it_quotes():
+    text = str(ConfigurationError("a\nb\x1b[31m\x00" + 10_000 * "x"))
+    assert text.startswith("a b [31m xxx") and len(text) <= 2000 and text.isprintable()
+    names = [f"link_{i}" for i in range(10_000)]
+    assert len(str(UnknownNameError("frame", "tool", names))) <= 2000
+
+
+def test_the_last_words_of_a_node_stay_lines():
+    assert str(SimulationError("died:\n  a\n  b")) == "died:\n  a\n  b"
