@@ -41,12 +41,22 @@ _PAUSE = 0.5
 # simulation that began anew: no command acts on it yet.
 _SAME_ARM = 0.03
 
+# Efforts that are to stop an arm, and let it run at so many times its speed limits, do not: what is
+# measured is late, or the model is wrong, and only the brakes of the robot can stop it.
+_RUNAWAY = 1.5
+
+# Nor do those that leave it so many times its speed limits when they have acted so long [s].
+_SWINGING, _HALTED = 0.25, 0.5
+
+# After it ran away an arm has to stand for so long [s] until it gets efforts again.
+_STANDS = 0.2
+
 # Slower than this [rad/s or m/s] a joint stands still.
 _AT_REST = 0.01
 
 # Measured positions that stay the same to the bit, while the measured speeds would have led this
 # far [rad or m] away, are not measured any more.
-_FROZEN = 0.02
+_FROZEN = 0.01
 
 _AGAIN = "send the reference again"
 
@@ -110,6 +120,9 @@ class Controller:
         self._waiting = options.require_reference
         self._t: int | None = None
         self._now: float | None = None  # when the stamp last went on, steady clock [s]
+        self._runaway = False
+        self._held = self._stood = 0.0  # for how long [s] it was to stop, and stood
+        self._left: tuple[int, float | None] | None = None  # when the last command left
         self._unmoved = 0.0  # how far [rad or m] unchanged positions should have gone
         self._dt = 0.0
         self._q, self._dq = q, np.zeros_like(q)
@@ -150,7 +163,7 @@ class Controller:
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
-            self._stopped, self._asked = True, self._t or 0
+            self._stopped, self._asked, self._held = True, self._t or 0, 0.0
             self._motion.hold(self.scheme.start_frame())
             self._tick_last = None
 
@@ -245,8 +258,20 @@ class Controller:
             )
             return None  # there is nothing to control by: the robot has to brake itself
         self._t, self._q, self._dq = t, q, dq
+        if self._was_silent(t, now):
+            self._begin(q)  # the robot has braked since
         self._command = self._guarded(self._respond(t), self._acted(before, silence, now))
+        if self._command is not None:
+            self._left = t, now
         return self._command
+
+    def _was_silent(self, t: int, now: float | None) -> bool:
+        """Whether states came, but no command has left for longer than the timeout."""
+        if self._command is not None or self._left is None:
+            return False
+        stamp, left = self._left
+        silence = (t - stamp) / 1e9 if now is None or left is None else now - left
+        return not 0 <= silence <= self.options.state_timeout
 
     def _answer_again(self, t: int, q: Array, dq: Array, silence: float) -> JointCommand | None:
         """Return the command of the state seen last, if it is the same and not too old."""
@@ -282,8 +307,31 @@ class Controller:
             return by_stamps
         return min(by_stamps, silence) if by_stamps > 0 else silence
 
+    def _runs_away(self) -> bool:
+        """Whether the arm is faster than it may be though efforts are to stop it.
+
+        Then, until it stands, there are no commands: the robot has to brake itself.
+        """
+        if self._runaway:
+            self._stood = self._stood + self._dt if self.is_at_rest else 0.0
+            self._runaway = self._stood <= _STANDS
+        elif self._stopped and self.guard.limits is not None and self.guard.commands_efforts:
+            most = _RUNAWAY if self._held < _HALTED else _SWINGING
+            speed = np.abs(self._dq) / self.scheme.robot.limits.velocity
+            self._held, self._stood = self._held + self._dt, 0.0
+            self._runaway = bool(speed.max() > most)
+            if self._runaway:
+                self.fail(
+                    f"the arm runs away at {speed.max():.2g} times its speed limit while it is to "
+                    "be held: no commands until it stands",
+                    "see to delays and to the model of the arm, or lower the gains; then " + _AGAIN,
+                )
+        return self._runaway
+
     def _respond(self, t: int) -> JointCommand | None:
         """Return what the scheme commands, or what holds the arm, whatever went wrong."""
+        if self._runs_away():
+            return None
         try:
             return self.stop() if self._stopped else self._tick(t)
         except Exception as error:  # a defect: nobody knows what the scheme is worth now

@@ -10,7 +10,6 @@ import traceback
 from collections.abc import Iterable
 from typing import ClassVar
 
-
 # A message is no longer than this.
 _LONGEST = 2000
 

@@ -407,10 +407,10 @@ def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
     assert t < T_0 + 1000 * MS
     # the command goes back to where the arm is, no faster than its joints may
     for _ in range(30):
-        t, before = t + MS, command.q
-        command = running.step(t, HOME, STILL)
+        before, command = command.q, running.step(t, HOME, STILL)
+        t += MS
         assert np.all(np.abs(command.q - before) <= 1e-3 * UR5.limits.velocity + GUARD_ROUNDING)
-    assert_holds(running, t + MS, HOME)
+    assert_holds(running, t, HOME)
 
 
 def test_an_arm_that_was_moved_before_the_reference_began_is_held_and_that_is_told():

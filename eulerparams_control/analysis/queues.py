@@ -13,6 +13,7 @@ LATEST = int(np.iinfo(np.int64).max)
 """A stamp [ns] that none exceeds."""
 
 _BATCH = 8192  # messages that are decoded at once
+_BYTES = 64_000_000  # or as many as have so many bytes
 _BACK = 100_000_000  # [ns] by which a stamp may be older than one before: messages overtake
 _MOST = 10  # messages of all topics in a part, for each state that it was to have
 _ANSWERED = 500_000_000  # [ns] after which the answers to a state are in the bag
@@ -33,6 +34,7 @@ class Queue:
     def __init__(self, parse: Parse) -> None:
         self._parse = parse
         self._raw: list[RawMessage] = []
+        self._bytes = 0
         self._rows: list[Rows] = []
         self._latest = -1
         self.invalid = self.repeated = 0
@@ -41,12 +43,13 @@ class Queue:
     def add(self, message: RawMessage) -> None:
         """Take a message."""
         self._raw.append(message)
-        if len(self._raw) >= _BATCH:
+        self._bytes += len(message.data)
+        if len(self._raw) >= _BATCH or self._bytes >= _BYTES:
             self._decode()
 
     def _decode(self) -> None:
         found, invalid = self._parse(self._raw)
-        self._raw = []
+        self._raw, self._bytes = [], 0
         self.invalid += invalid
         if found:
             new = joined(found).in_order()

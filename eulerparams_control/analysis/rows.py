@@ -141,7 +141,8 @@ def frame_rows(group: Group, base_frame: str, tip_frame: str) -> list[Array]:
         return np.column_stack(known)
 
     xyzw = vector("transforms[0].rotation", "xyzw")
-    norm = np.linalg.norm(xyzw, axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        norm = np.linalg.norm(xyzw, axis=1)
     norm[~(np.abs(norm - 1) <= QUATERNION_NORM_TOLERANCE)] = np.nan
     xyzw = xyzw / norm[:, None]
     return [

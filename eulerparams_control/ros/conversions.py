@@ -16,8 +16,12 @@ from geometry_msgs.msg import (
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.rotations import Array, EulerParameters
+
+# Seconds are 32 bits with a sign.
+_MOST_SECONDS = 2**31 - 1
 
 
 def stamp_to_ros(ns: int) -> Time:
@@ -26,7 +30,13 @@ def stamp_to_ros(ns: int) -> Time:
 
 
 def duration_to_ros(seconds: float) -> Duration:
-    """Return seconds as a duration."""
+    """Return seconds as a duration.
+
+    Raises:
+        ConfigurationError: if there are more than a message can hold, or less than 0.
+    """
+    if not 0 <= seconds < _MOST_SECONDS:
+        raise ConfigurationError(f"{seconds:g} s: expected 0 to {_MOST_SECONDS:g} s")
     ns = round(seconds * 1e9)
     return Duration(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
 

@@ -170,7 +170,15 @@ class ReferenceNode(Node):
         if self._publisher.get_subscription_count() == 0:
             self._health.complain("target_pose refused: nobody follows the topic reference")
             return
-        self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
+        try:
+            self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
+        except ConfigurationError as error:
+            self._health.count("target_pose rejected")
+            self._health.complain(
+                f"target_pose rejected: its motion would take {error} at linear_speed and "
+                "angular_speed",
+                error=True,
+            )
 
     def _duration(self, pose: DesiredFrame, p: Array, R: Array) -> float:
         """Return the time [s] of a motion at the speeds wanted."""

@@ -37,6 +37,11 @@ class CommandGuard:
         """Begin anew: no command acts any more."""
         self._last = JointCommand()
 
+    @property
+    def commands_efforts(self) -> bool:
+        """Whether the command that acts is one of efforts."""
+        return self._last.effort is not None
+
     def __call__(self, command: JointCommand, q: Array, elapsed: float) -> JointCommand:
         """Return the command within all bounds.
 
