@@ -21,6 +21,7 @@ from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Tr
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
 from eulerparams_control.supervision.guard import CommandGuard
+from eulerparams_control.supervision.latency import Latency
 from eulerparams_control.supervision.pace import Pace
 
 _HOLDING = "holding the measured pose"
@@ -41,12 +42,12 @@ _PAUSE = 0.5
 # simulation that began anew: no command acts on it yet.
 _SAME_ARM = 0.03
 
-# Efforts that are to stop an arm, and let it run at so many times its speed limits, do not: what is
-# measured is late, or the model is wrong, and only the brakes of the robot can stop it.
+# An arm that is so many times as fast as its limits under efforts runs away: what is measured is
+# late, or the model is wrong, and only the brakes of the robot can stop it.
 _RUNAWAY = 1.5
 
-# Nor do those that leave it so many times its speed limits when they have acted so long [s].
-_SWINGING, _HALTED = 0.25, 0.5
+# So does one that is still this fast [of its limits] when it was to stop for so long [s].
+_SWINGING, _HALTED = 0.1, 0.5
 
 # After it ran away an arm has to stand for so long [s] until it gets efforts again.
 _STANDS = 0.2
@@ -76,6 +77,7 @@ class ControllerOptions:
         require_reference: whether to be silent until the first reference.
         check_states: whether states that the robot cannot have reached are refused.
         slow_below: smallest singular value of J below which the motion slows down; 0 never.
+        max_latency: [s] by which a state may come later than the best one did.
     """
 
     state_timeout: float = 0.1
@@ -85,6 +87,7 @@ class ControllerOptions:
     require_reference: bool = False
     check_states: bool = False
     slow_below: float = 0.05
+    max_latency: float = 0.05
 
 
 class Controller:
@@ -120,6 +123,7 @@ class Controller:
         self._waiting = options.require_reference
         self._t: int | None = None
         self._now: float | None = None  # when the stamp last went on, steady clock [s]
+        self._latency = Latency(options.max_latency)
         self._runaway = False
         self._held = self._stood = 0.0  # for how long [s] it was to stop, and stood
         self._left: tuple[int, float | None] | None = None  # when the last command left
@@ -242,6 +246,8 @@ class Controller:
                 have reached it.
         """
         self._refuse_impossible(t, q, dq)
+        if t != self._t:
+            self._refuse_late(t, now)
         if self._waiting:
             self._begin(q)  # others may move the arm until then
             return None
@@ -308,22 +314,23 @@ class Controller:
         return min(by_stamps, silence) if by_stamps > 0 else silence
 
     def _runs_away(self) -> bool:
-        """Whether the arm is faster than it may be though efforts are to stop it.
+        """Whether the arm is faster than it may be under efforts, though these are to slow it.
 
         Then, until it stands, there are no commands: the robot has to brake itself.
         """
         if self._runaway:
             self._stood = self._stood + self._dt if self.is_at_rest else 0.0
             self._runaway = self._stood <= _STANDS
-        elif self._stopped and self.guard.limits is not None and self.guard.commands_efforts:
-            most = _RUNAWAY if self._held < _HALTED else _SWINGING
+        elif self.guard.limits is not None and self.guard.commands_efforts:
+            is_halted = self._stopped and self._held > _HALTED
+            most = _SWINGING if is_halted else _RUNAWAY
             speed = np.abs(self._dq) / self.scheme.robot.limits.velocity
             self._held, self._stood = self._held + self._dt, 0.0
             self._runaway = bool(speed.max() > most)
             if self._runaway:
                 self.fail(
-                    f"the arm runs away at {speed.max():.2g} times its speed limit while it is to "
-                    "be held: no commands until it stands",
+                    f"the arm runs away, {self.scheme.robot.joints[int(speed.argmax())]} at "
+                    f"{speed.max():.2g} times its speed limit: no commands until it stands",
                     "see to delays and to the model of the arm, or lower the gains; then " + _AGAIN,
                 )
         return self._runaway
@@ -426,6 +433,19 @@ class Controller:
             i = int(np.argmax(far))
             raise InvalidMessageError(
                 f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
+            )
+
+    def _refuse_late(self, t: int, now: float | None) -> None:
+        """Raise InvalidMessageError for a state that comes too late to control by."""
+        if now is None:
+            return
+        if self._t is not None and t < self._t:
+            self._latency.forget()
+        late = self._latency.of(t, now)
+        if late > self.options.max_latency:
+            raise InvalidMessageError(
+                f"the state comes {late:.3f} s later than the best one, more than max_latency "
+                f"{self.options.max_latency:g} s: is the network or the computer overloaded?"
             )
 
     def _refuse_stream(self) -> None:

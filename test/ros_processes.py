@@ -737,6 +737,8 @@ class Controlled:
         self.graph, self.peer = graph, graph.peer
         self.name = f"{namespace}/{executable}".lstrip("/")  # as on /diagnostics
         self.arm = (arm or self.ARMS[executable])(graph, UR5, namespace)
+        # ages by the stamps, as the arm is played by hand: a busy machine makes no silence
+        parameters = {"use_sim_time": True} | parameters
         self.process = graph.start(executable, parameters, namespace=namespace)
         self.arm.connect()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")

@@ -370,7 +370,7 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired: Controll
 
 
 @pytest.mark.parametrize("moment", [False, True])
-def test_a_wrench_beyond_all_numbers_leads_to_finite_commands_and_a_fault(
+def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(
     paired: Controlled, moment: bool
 ) -> None:
     arm, huge = paired.arm, [1e300, -1e300, 1e300]
@@ -382,7 +382,8 @@ def test_a_wrench_beyond_all_numbers_leads_to_finite_commands_and_a_fault(
     efforts_of(commands)
     frames = arm.frames_of(stamps_since(arm, 6))
     assert np.isfinite([np.concatenate([part.ravel() for part in frame]) for frame in frames]).all()
-    assert paired.status(lambda s: "holding still" in s.message).level == b"\x02"
+    status = paired.status(lambda s: int(values(s).get("wrench rejected", 0)) >= 3)
+    assert "holding still" not in status.message
 
 
 # --- the wrench stops ------------------------------------------------------------------------
@@ -815,7 +816,7 @@ def test_without_joint_states_there_are_no_commands_but_a_fault_and_then_it_hold
     count = len(arm.frames)
     status = paired.peer.status(paired.name, lambda s: "no valid joint_states" in s.message)
     assert status.level == b"\x02"
-    assert "within 0.1 s: no commands; is the robot running?" in status.message
+    assert "within 0.5 s: no commands; is the robot running?" in status.message
     assert arm.commands == []
     assert len(arm.frames) <= count + 1
     q, arm.dq = HOME + 0.2, np.zeros(6)

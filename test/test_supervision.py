@@ -12,6 +12,7 @@ from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 from eulerparams_control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
+    InvalidMessageError,
     SimulationError,
     UnknownNameError,
     UnsafeCommandError,
@@ -21,6 +22,7 @@ from eulerparams_control.motion import DesiredFrame, SetPoint, way_points
 from eulerparams_control.schemes.base import JointCommand
 from eulerparams_control.supervision import clock
 from eulerparams_control.supervision.guard import CommandGuard
+from eulerparams_control.supervision.latency import Latency
 from eulerparams_control.supervision.pace import LEAST, Nearness, Pace
 
 LIMITS = JointLimits(
@@ -58,7 +60,7 @@ def test_a_compliant_frame_that_is_not_finite_is_refused():
 def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
     random = generator(601)
     guard = CommandGuard(LIMITS, RATE)
-    before = None
+    before = guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
     for _ in range(500):
         scale = 10 ** random.uniform(-3, 6)
         wanted = JointCommand(*(scale * random.normal(size=(3, 3))))
@@ -68,10 +70,9 @@ def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
         assert np.all(command.q >= LIMITS.lower)
         assert np.all(np.abs(command.dq) <= LIMITS.velocity)
         assert np.all(np.abs(command.effort) <= LIMITS.effort)
-        if before is not None:
-            step = np.abs(command.q - before.q)
-            assert np.all(step <= dt * LIMITS.velocity + GUARD_ROUNDING)
-            assert np.all(np.abs(command.effort - before.effort) <= dt * RATE + GUARD_ROUNDING)
+        step = np.abs(command.q - before.q)
+        assert np.all(step <= dt * LIMITS.velocity + GUARD_ROUNDING)
+        assert np.all(np.abs(command.effort - before.effort) <= dt * RATE + GUARD_ROUNDING)
         before = command
     assert guard.bounded > 400
 
@@ -300,11 +301,11 @@ def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
 
 def test_after_a_silence_by_the_steady_clock_it_holds_though_the_stamps_go_on():
     running, t, q, _dq, now = following(clik(limits=UR5.limits), now=50.0)
-    command = running.step(t + MS, q, STILL, now + 0.9 * TIMEOUT)
+    command = running.step(t + 90 * MS, q, STILL, now + 0.9 * TIMEOUT)
     assert running.resets == 0
     assert np.abs(command.dq).max() > 0.01
     here = q + 0.05
-    command = running.step(t + 2 * MS, here, STILL, now + 2 * TIMEOUT)
+    command = running.step(t + 180 * MS, here, STILL, now + 2 * TIMEOUT)
     assert running.resets == 1
     assert "after a silence of joint_states of 0.11 s" in running.doing
     assert "again" in running.remedy
@@ -340,7 +341,7 @@ def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
     assert again is last
     assert running.step(t + MS, q, dq, now + 2 * TIMEOUT) is None
     assert "repeats itself" in running.fault
-    command = running.step(t + 2 * MS, q, STILL, now + 2 * TIMEOUT + DT)  # new ones come
+    command = running.step(t + 200 * MS, q, STILL, now + 2 * TIMEOUT)  # new ones come
     np.testing.assert_allclose(command.dq, 0, atol=HELD)
     assert running.fault
 
@@ -380,9 +381,9 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands(
     assert running.step(t + 2 * MS, q + 0.003, fast) is None
     assert "runs away" in running.fault
     assert running.step(t + 3 * MS, q + 0.006, 0.1 * fast) is None  # the brakes act
-    for step in range(4, 204):  # it stands, but may only have come to a turning point
+    for step in range(4, 200):  # it stands, but may only have come to a turning point
         assert running.step(t + step * MS, q + 0.007, STILL) is None
-    command = running.step(t + 205 * MS, q + 0.007, STILL)
+    command = running.step(t + 210 * MS, q + 0.007, STILL)
     assert np.isfinite(command.effort).all()
     assert "runs away" in running.fault  # until the next reference
 
@@ -399,6 +400,43 @@ def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
     assert all(commands[:499])
     assert not any(commands[520:])
     assert "runs away" in running.fault
+
+
+def test_a_state_that_comes_too_late_is_refused_and_the_next_in_time_is_not():
+    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    with pytest.raises(InvalidMessageError, match=r"comes 0\.060 s later than the best one"):
+        running.step(t + MS, q, dq, now + DT + 0.06)
+    assert running.step(t + 60 * MS, q, dq, now + 0.06) is not None
+
+
+def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_then():
+    running, t, q, _dq, now = following(clik(limits=UR5.limits), now=50.0)
+    taken = []
+    for step in range(1, 1200):
+        try:
+            running.step(t + step * MS, q, STILL, now + step * DT + 0.08)
+            taken.append(step)
+        except InvalidMessageError:
+            pass
+    assert taken[0] == pytest.approx(1000, abs=90)
+    assert taken == list(range(taken[0], 1200))
+    assert running.resets == 1  # it holds: the motion is over
+
+
+def test_clocks_may_drift_apart_and_a_clock_that_goes_back_makes_no_state_late():
+    latency = Latency(0.05)
+    late = [latency.of(step * MS, 50.0 + step * DT * (1 + 1e-4)) for step in range(0, 10**6, 1000)]
+    assert max(late) < 1e-3
+    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    assert running.step(t - 10**10, q, dq, now + DT) is not None
+    assert running.resets == 1
+
+
+def test_an_arm_that_is_moved_faster_than_it_may_be_is_left_to_its_brakes():
+    running, t, q, _, _ = following(dynamic_control())
+    fast = 1.6 * UR5.limits.velocity
+    assert running.step(t + MS, q + DT * fast, fast) is None
+    assert "wrist_1_joint at 1.6 times its speed limit" in running.fault
 
 
 def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():

@@ -310,5 +310,5 @@ INERTIAL_FORCE = 0.1
 # trapezium leaves is dt^2 / 12 of its second derivative (4e3).
 V_3_SAMPLED = 5e-4
 
-GUARD_ROUNDING = 2e-9
+GUARD_ROUNDING = 2e-12
 """[rad, Nm] The guard of the commands allows this beyond a step, for the rounding of the laws."""

@@ -83,6 +83,12 @@ class ControlParameters:
     state_timeout: float = parameter(
         0.1, "gap of joint_states that ends commands", unit="s", bounds=(0.001, 60.0)
     )
+    max_latency: float = parameter(
+        0.05,
+        "joint_states that come later than the best ones by this are dropped",
+        unit="s",
+        bounds=(0.001, 60.0),
+    )
     reference_timeout: float = parameter(
         0.1, "a single streamed frame holds its twist for", unit="s", bounds=(0.0, 60.0)
     )
@@ -132,4 +138,5 @@ class ControlParameters:
             self.require_reference,
             self.enforce_limits,
             self.slow_below,
+            self.max_latency,
         )

@@ -1,6 +1,7 @@
 """What watches over a controller, whatever its scheme is; knows no ROS.
 
 ``clock``   the steady clock by which messages age
+``latency`` which states come too late to control by
 ``guard``   the last look at a command before it leaves
 ``pace``    the slow-down towards kinematic singularities and joint limits
 """

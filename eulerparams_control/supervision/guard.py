@@ -14,7 +14,7 @@ from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import JointCommand
 
 # A command may be this much [rad, m, Nm] of rounding beyond the step that the rates allow.
-_ROUNDING = 1e-9
+_ROUNDING = 5e-13
 
 
 class CommandGuard:
