@@ -21,8 +21,9 @@ from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Tr
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
 from eulerparams_control.supervision.guard import CommandGuard
-from eulerparams_control.supervision.latency import Latency
 from eulerparams_control.supervision.pace import Pace
+from eulerparams_control.supervision.runaway import AT_REST, Runaway
+from eulerparams_control.supervision.states import StateCheck
 
 _HOLDING = "holding the measured pose"
 _FOLLOWING = "following a reference"
@@ -31,33 +32,12 @@ _LEFT_ALONE = "holding the last desired pose: the set-points have stopped"
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# A measured position may be this far [rad or m] from where the last one could have led, a speed
-# this many times its limit: further, it is the measurement that is wrong.
-_MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
-
 # After a fault a stream of set-points is followed again when it has paused this long [s].
 _PAUSE = 0.5
 
 # After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
 # simulation that began anew: no command acts on it yet.
 _SAME_ARM = 0.03
-
-# An arm that is so many times as fast as its limits under efforts runs away: what is measured is
-# late, or the model is wrong, and only the brakes of the robot can stop it.
-_RUNAWAY = 1.5
-
-# So does one that is still this fast [of its limits] when it was to stop for so long [s].
-_SWINGING, _HALTED = 0.1, 0.5
-
-# After it ran away an arm has to stand for so long [s] until it gets efforts again.
-_STANDS = 0.2
-
-# Slower than this [rad/s or m/s] a joint stands still.
-_AT_REST = 0.01
-
-# Measured positions that stay the same to the bit, while the measured speeds would have led this
-# far [rad or m] away, are not measured any more.
-_FROZEN = 0.01
 
 _AGAIN = "send the reference again"
 
@@ -123,11 +103,11 @@ class Controller:
         self._waiting = options.require_reference
         self._t: int | None = None
         self._now: float | None = None  # when the stamp last went on, steady clock [s]
-        self._latency = Latency(options.max_latency)
-        self._runaway = False
-        self._held = self._stood = 0.0  # for how long [s] it was to stop, and stood
+        self._check = StateCheck(
+            scheme.robot, options.state_timeout, options.max_latency, options.check_states
+        )
+        self._runaway = Runaway(scheme.robot.limits.velocity)
         self._left: tuple[int, float | None] | None = None  # when the last command left
-        self._unmoved = 0.0  # how far [rad or m] unchanged positions should have gone
         self._dt = 0.0
         self._q, self._dq = q, np.zeros_like(q)
         self._tick_last: Tick | None = None
@@ -167,7 +147,7 @@ class Controller:
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
-            self._stopped, self._asked, self._held = True, self._t or 0, 0.0
+            self._stopped, self._asked = True, self._t or 0
             self._motion.hold(self.scheme.start_frame())
             self._tick_last = None
 
@@ -188,7 +168,7 @@ class Controller:
     @property
     def is_at_rest(self) -> bool:
         """Whether the arm was measured to stand still."""
-        return bool((np.abs(self._dq) < _AT_REST).all())
+        return bool((np.abs(self._dq) < AT_REST).all())
 
     def law_changed(self) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
@@ -245,9 +225,7 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        self._refuse_impossible(t, q, dq)
-        if t != self._t:
-            self._refuse_late(t, now)
+        self._check.refuse(t, q, dq, now)
         if self._waiting:
             self._begin(q)  # others may move the arm until then
             return None
@@ -256,7 +234,9 @@ class Controller:
             return self._answer_again(t, q, dq, silence)
         before, self._now = self._t, now
         self._dt = self._elapsed(t, q, silence)
-        if self._is_frozen(q, dq):
+        is_frozen = self._check.is_frozen(self._dt, q, dq)
+        self._check.take(t, q)
+        if is_frozen:
             self._t, self._q, self._dq, self._command = t, q, dq, None
             self.fail(
                 "joint_states reports speeds, but positions that stay the same to the bit",
@@ -296,15 +276,7 @@ class Controller:
         command = self._command
         if command is None or command.effort is not None or command.dq is None:
             return False
-        return self.is_at_rest and bool((np.abs(command.dq) < _AT_REST).all())
-
-    def _is_frozen(self, q: Array, dq: Array) -> bool:
-        """Whether the positions cannot be measured ones: they stay although the arm moves."""
-        if not (self.options.check_states and self._dt > 0 and np.array_equal(q, self._q)):
-            self._unmoved = 0.0
-            return False
-        self._unmoved += self._dt * float(np.abs(dq).max())
-        return self._unmoved > _FROZEN
+        return self.is_at_rest and bool((np.abs(command.dq) < AT_REST).all())
 
     def _acted(self, before: int | None, silence: float, now: float | None) -> float:
         """Return the time [s] for which the command before has acted."""
@@ -314,26 +286,18 @@ class Controller:
         return min(by_stamps, silence) if by_stamps > 0 else silence
 
     def _runs_away(self) -> bool:
-        """Whether the arm is faster than it may be under efforts, though these are to slow it.
-
-        Then, until it stands, there are no commands: the robot has to brake itself.
-        """
-        if self._runaway:
-            self._stood = self._stood + self._dt if self.is_at_rest else 0.0
-            self._runaway = self._stood <= _STANDS
-        elif self.guard.limits is not None and self.guard.commands_efforts:
-            is_halted = self._stopped and self._held > _HALTED
-            most = _SWINGING if is_halted else _RUNAWAY
-            speed = np.abs(self._dq) / self.scheme.robot.limits.velocity
-            self._held, self._stood = self._held + self._dt, 0.0
-            self._runaway = bool(speed.max() > most)
-            if self._runaway:
-                self.fail(
-                    f"the arm runs away, {self.scheme.robot.joints[int(speed.argmax())]} at "
-                    f"{speed.max():.2g} times its speed limit: no commands until it stands",
-                    "see to delays and to the model of the arm, or lower the gains; then " + _AGAIN,
-                )
-        return self._runaway
+        """Whether the arm is out of control, and must be left to its own brakes until it stands."""
+        acts = self.guard.limits is not None and self.guard.commands_efforts
+        if not (acts or self._runaway.is_on):
+            return False
+        joint = self._runaway.update(self._dt, self._dq, self._stopped)
+        if joint is not None:
+            self.fail(
+                f"the arm runs away, {self.scheme.robot.joints[joint]} at {self._dq[joint]:.3g} "
+                "rad/s: no commands until it stands",
+                f"see to delays and to the model of the arm, or lower the gains; then {_AGAIN}",
+            )
+        return self._runaway.is_on
 
     def _respond(self, t: int) -> JointCommand | None:
         """Return what the scheme commands, or what holds the arm, whatever went wrong."""
@@ -407,46 +371,6 @@ class Controller:
         self._tick_before, self._tick_last, self.tick_now = self._tick_last, tick, tick
         self.saturated += tick.saturated
         return tick.command
-
-    def _refuse_impossible(self, t: int, q: Array, dq: Array) -> None:
-        """Raise InvalidMessageError for a state that is too old, too fast or too far away."""
-        dt = 0.0 if self._t is None else (t - self._t) / 1e9
-        if -self.options.state_timeout < dt < 0:
-            raise InvalidMessageError(
-                f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
-            )
-        if not self.options.check_states:
-            return
-        robot = self.scheme.robot
-        fast = np.abs(dq) > _MOST_SPEED * robot.limits.velocity
-        if fast.any():
-            i = int(np.argmax(fast))
-            raise InvalidMessageError(
-                f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
-                f"{_MOST_SPEED:g} times its limit"
-            )
-        if not 0 <= dt <= self.options.state_timeout:
-            return
-        moved = robot.limits.deviation(q, self._q)
-        far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
-        if self._t is not None and far.any():
-            i = int(np.argmax(far))
-            raise InvalidMessageError(
-                f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
-            )
-
-    def _refuse_late(self, t: int, now: float | None) -> None:
-        """Raise InvalidMessageError for a state that comes too late to control by."""
-        if now is None:
-            return
-        if self._t is not None and t < self._t:
-            self._latency.forget()
-        late = self._latency.of(t, now)
-        if late > self.options.max_latency:
-            raise InvalidMessageError(
-                f"the state comes {late:.3f} s later than the best one, more than max_latency "
-                f"{self.options.max_latency:g} s: is the network or the computer overloaded?"
-            )
 
     def _refuse_stream(self) -> None:
         """Raise InvalidMessageError unless the set-points have paused since the fault."""
