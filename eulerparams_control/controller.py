@@ -106,6 +106,7 @@ class Controller:
         self._check = StateCheck(
             scheme.robot, options.state_timeout, options.max_latency, options.check_states
         )
+        self._has_let_go = False  # only the brakes act
         self._runaway = Runaway(scheme.robot.limits.velocity)
         self._left: tuple[int, float | None] | None = None  # when the last command left
         self._dt = 0.0
@@ -236,17 +237,18 @@ class Controller:
         self._dt = self._elapsed(t, q, silence)
         is_frozen = self._check.is_frozen(self._dt, q, dq)
         self._check.take(t, q)
+        self._t, self._q, self._dq = t, q, dq
+        acted = self._acted(before, silence, now)
         if is_frozen:
-            self._t, self._q, self._dq, self._command = t, q, dq, None
             self.fail(
                 "joint_states reports speeds, but positions that stay the same to the bit",
                 "see to the robot's driver or encoders, then send the reference again",
             )
-            return None  # there is nothing to control by: the robot has to brake itself
-        self._t, self._q, self._dq = t, q, dq
-        if self._was_silent(t, now):
-            self._begin(q)  # the robot has braked since
-        self._command = self._guarded(self._respond(t), self._acted(before, silence, now))
+            self._command = self._let_go(acted)  # there is nothing to control by
+        else:
+            if self._was_silent(t, now):
+                self._begin(q)  # the robot has braked since
+            self._command = self._respond(t, acted)
         if self._command is not None:
             self._left = t, now
         return self._command
@@ -267,8 +269,8 @@ class Controller:
             return self._command
         else:
             self.fail(f"joint_states repeats itself: its stamp stays at {t / 1e9:g} s")
-        self._command = None
-        return None  # there is no time to control by: the robot has to brake itself
+        self._command = self._let_go(silence)  # there is no time to control by
+        return self._command
 
     @property
     def _may_stay(self) -> bool:
@@ -299,15 +301,32 @@ class Controller:
             )
         return self._runaway.is_on
 
-    def _respond(self, t: int) -> JointCommand | None:
+    def _let_go(self, elapsed: float) -> JointCommand | None:
+        """Return efforts that bear the weight only, until they are reached; then none at all.
+
+        The robot has to brake itself then, and no effort that was to move the arm acts meanwhile.
+        """
+        acts = self.guard.commands_efforts and not self._has_let_go
+        if not acts:
+            return None
+        bounded = self.guard.bounded
+        with suppress(Exception):
+            command = self._guarded(self.scheme.last_command(self._q, self._dq), elapsed)
+            self._has_let_go = self.guard.bounded == bounded
+            return command
+        return None
+
+    def _respond(self, t: int, elapsed: float) -> JointCommand | None:
         """Return what the scheme commands, or what holds the arm, whatever went wrong."""
         if self._runs_away():
-            return None
+            return self._let_go(elapsed)
+        self._has_let_go = False
         try:
-            return self.stop() if self._stopped else self._tick(t)
+            command: JointCommand | None = self.stop() if self._stopped else self._tick(t)
         except Exception as error:  # a defect: nobody knows what the scheme is worth now
             self.fail(defect(error), REPORT_IT)
-            return self._hold_after_defect()
+            command = self._hold_after_defect()
+        return self._guarded(command, elapsed)
 
     def _hold_after_defect(self) -> JointCommand | None:
         """Return what holds the arm; None if the scheme cannot even say that."""

@@ -49,6 +49,11 @@ MODULES = {
     "identify_tool": "eulerparams_control.ros.identify_tool_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "experiment": "eulerparams_control.experiments.main",
+    # a controller with a defect that shows when it moves
+    "clik broken in law": "broken_node clik law",
+    "clik broken in timer": "broken_node clik timer",
+    "dynamic_control broken in law": "broken_node dynamic_control law",
+    "dynamic_control broken in timer": "broken_node dynamic_control timer",
 }
 
 # The arm of the tests.
@@ -131,7 +136,9 @@ def environment(folder: Path, domain: int) -> dict[str, str]:
         "ROS_LOG_DIR": str(folder / "ros"),
         "RCUTILS_COLORIZED_OUTPUT": "0",
         # one that the caller has set wins over the source tree, so that a changed copy can be tried
-        "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(":"),
+        "PYTHONPATH": os.pathsep.join(
+            filter(None, (os.environ.get("PYTHONPATH"), str(ROOT), str(ROOT / "test")))
+        ),
         "PYTHONSAFEPATH": "1",  # or the folder that pytest is started in would win over both
         "PYTHONUNBUFFERED": "1",
         "COLUMNS": "200",
@@ -220,7 +227,7 @@ class Graph:
         remap: Sequence[str] = (),
     ) -> Process:
         """Start a node; ``files`` of parameters come before ``parameters``."""
-        name = f"{executable}_{next(self._numbers)}"
+        name = f"{executable.replace(' ', '_')}_{next(self._numbers)}"
         self.folder.mkdir(parents=True, exist_ok=True)
         own = self.folder / f"{name}.yaml"
         own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
@@ -232,7 +239,7 @@ class Graph:
 
     def run(self, executable: str, *arguments: str, name: str = "") -> Process:
         """Start an executable with command-line arguments."""
-        command = [sys.executable, "-m", MODULES[executable], *arguments]
+        command = [sys.executable, "-m", *MODULES[executable].split(), *arguments]
         name = name or f"{executable}_{next(self._numbers)}"
         env = environment(self.folder, self.domain)
         self.processes.append(Process(command, self.folder, name, env))
@@ -735,8 +742,8 @@ class Controlled:
         from trajectory_msgs.msg import MultiDOFJointTrajectory
 
         self.graph, self.peer = graph, graph.peer
-        self.name = f"{namespace}/{executable}".lstrip("/")  # as on /diagnostics
-        self.arm = (arm or self.ARMS[executable])(graph, UR5, namespace)
+        self.name = f"{namespace}/{executable.split()[0]}".lstrip("/")  # as on /diagnostics
+        self.arm = (arm or self.ARMS[executable.split()[0]])(graph, UR5, namespace)
         # ages by the stamps, as the arm is played by hand: a busy machine makes no silence
         parameters = {"use_sim_time": True} | parameters
         self.process = graph.start(executable, parameters, namespace=namespace)

@@ -82,10 +82,7 @@ class WrenchInput:
         if self._age(t) > self._timeout:
             self.trouble = f"no valid wrench within {self._timeout:g} s; is the sensor running?"
         elif unpaired and not self._clock.ros_time_is_active and self._waited:
-            self.trouble = (
-                f"no wrench has the stamp of joint_states, {t / 1e9:.4f} s (the last has "
-                f"{self._stamp / 1e9:.4f} s); set wrench_pairing: latest"
-            )
+            self.trouble = "no wrench has the stamp of joint_states; set wrench_pairing: latest"
         else:
             self.trouble = ""
         self.fresh = None if self.trouble else self._last

@@ -12,7 +12,7 @@ AT_REST = 0.01
 _RUNAWAY = 1.5
 
 # So does one that is still this fast [of its limits] when it was to stop for so long [s].
-_SWINGING, _HALTED = 0.1, 0.5
+_SWINGING, _HALTED = 0.5, 0.5
 
 # It has to stand for so long [s] until it gets efforts again: it may be at a turning point.
 _STANDS = 0.2

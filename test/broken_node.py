@@ -1,0 +1,47 @@
+"""A controller with a defect where no message can cause one: python -m broken_node NODE PLACE."""
+
+import sys
+from typing import Any
+
+from eulerparams_control.ros import clik_node, dynamic_control_node
+from eulerparams_control.schemes.clik import Clik
+from eulerparams_control.schemes.dynamic import DynamicControl
+
+NODES = {
+    "clik": (clik_node.ClikNode, clik_node.main, Clik),
+    "dynamic_control": (
+        dynamic_control_node.DynamicControlNode,
+        dynamic_control_node.main,
+        DynamicControl,
+    ),
+}
+
+# When the desired frame is faster than this [m/s] the defect shows.
+MOVES = 0.02
+
+
+def main() -> int:
+    """Run the node named by the first argument with the defect named by the second."""
+    node, run, scheme = NODES[sys.argv[1]]
+    place, tick = sys.argv[2], scheme.tick
+    moved = []
+
+    def breaking_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
+        if desired.dp_d @ desired.dp_d > MOVES**2:
+            moved.append(True)
+            if place == "law":
+                raise ZeroDivisionError("planted in the law")
+        return tick(self, dt, q, dq, desired)
+
+    def values_now(_self: Any) -> dict[str, Any]:
+        if place == "timer" and moved:
+            raise ZeroDivisionError("planted in a timer")
+        return {}
+
+    scheme.tick = breaking_tick  # type: ignore[method-assign]
+    node.values_now = values_now  # type: ignore[method-assign]
+    return run(sys.argv[3:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""An exception anywhere: the moving arm is held or brought to rest, and the reason is said."""
+
+import numpy as np
+import pytest
+from ros_processes import (
+    FRAMES,
+    HOME,
+    Controlled,
+    Graph,
+    assert_may_stay,
+    pose,
+    reference,
+    values,
+)
+
+from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.supervision.runaway import AT_REST
+
+NODES = ["clik", "dynamic_control"]
+
+
+def moving(graph: Graph, executable: str) -> Controlled:
+    """Return a controller with a defect, and its arm on its way."""
+    node = Controlled(graph, executable, FRAMES)
+    p, R = pose(HOME)
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
+    return node
+
+
+@pytest.mark.parametrize("executable", NODES)
+def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(
+    graph: Graph, executable: str
+) -> None:
+    node = moving(graph, f"{executable} broken in law")
+    status = node.status(lambda s: "internal error" in s.message)
+    assert status.level == b"\x02"
+    assert "ZeroDivisionError: planted in the law (broken_node.py:" in status.message
+    assert values(status)["what to do"].startswith("report it")
+    commands = node.arm.ticks(1000)
+    assert np.abs(node.arm.dq).max() < AT_REST
+    assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)
+    assert "Traceback" not in node.process.log
+    assert node.process.stop() == 0
+
+
+@pytest.mark.parametrize("executable", NODES)
+def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_line(
+    graph: Graph, executable: str
+) -> None:
+    node = moving(graph, f"{executable} broken in timer")
+    sent = node.peer.listen(type(node.arm.tick()), f"/{node.arm.topic}")
+    graph.until(lambda: node.arm.tick() and sent, "a command that is heard")
+    positions = node.arm.ticks_until(lambda: node.process.exit_code is not None)
+    assert node.process.end() == 1
+    assert np.abs(node.arm.dq).max() < AT_REST
+    lines = [line for line in node.process.stderr.splitlines() if "error: internal error" in line]
+    assert len(lines) == 1
+    assert "planted in a timer (broken_node.py:" in lines[0]
+    assert "Traceback" not in node.process.log
+    graph.until(lambda: ns_from_ros(sent[-1].header.stamp) in positions, "the last command")
+    node.arm.q = positions[ns_from_ros(sent[-1].header.stamp)]
+    assert_may_stay(sent[-1], node.arm)
