@@ -5,6 +5,7 @@ bounds whatever they, or a defect in them, ask for, also over a restart.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -65,31 +66,50 @@ class CommandGuard:
         self, command: JointCommand, q: Array, elapsed: float, limits: JointLimits
     ) -> JointCommand:
         """Return the command within the limits, and within reach of the one before."""
-        last, changes = self._last, {}
-        for name, low, high in (
-            ("q", np.minimum(limits.lower, q), np.maximum(limits.upper, q)),
-            ("dq", -limits.velocity, limits.velocity),
-            ("effort", -limits.effort, limits.effort),
+        last = self._last
+        changes: dict[str, Any] = {}
+        step = limits.velocity * elapsed
+        for name, values, low, high, reach in (
+            ("q", command.q, limits.lower, limits.upper, step),
+            ("dq", command.dq, -limits.velocity, limits.velocity, None),
+            ("effort", command.effort, -limits.effort, limits.effort, self.effort_rate * elapsed),
         ):
-            values, before = getattr(command, name), getattr(last, name)
-            if values is None:
+            before = None if reach is None else getattr(last, name)
+            if values is None or _is_within(values, low, high, before, reach):
                 continue
-            if before is not None and name != "dq":
-                step = self.effort_rate if name == "effort" else limits.velocity
-                reach = step * elapsed + _ROUNDING
-                low = np.maximum(np.minimum(low, before), before - reach)
-                high = np.minimum(np.maximum(high, before), before + reach)
-            if not ((values <= high).all() and (values >= low).all()):
-                changes[name] = np.minimum(np.maximum(values, low), high)
-        return command._replace(**changes) if changes else command
+            if name == "q":  # where the arm is beyond its limits it may be, and come back
+                low, high = np.minimum(low, q), np.maximum(high, q)
+            if before is not None:
+                low, high = np.minimum(low, before), np.maximum(high, before)
+                low, high = np.maximum(low, before - reach), np.minimum(high, before + reach)
+            changes[name] = np.minimum(np.maximum(values, low), high)
+        changed: dict[str, Any] = {
+            name: new for name, new in changes.items() if _differ(new, command, name)
+        }
+        return command._replace(**changed) if changed else command
+
+
+def _is_within(
+    values: Array, low: Array, high: Array, before: Array | None, reach: Array | float | None
+) -> bool:
+    """Whether values (n,) are within limits, and within reach of those before."""
+    if not ((values <= high).all() and (values >= low).all()):
+        return False
+    if before is None or reach is None:
+        return True
+    return bool((np.abs(values - before) <= reach + _ROUNDING).all())
+
+
+def _differ(new: Array, command: JointCommand, name: str) -> bool:
+    return not np.array_equal(new, getattr(command, name))
 
 
 def _refuse_infinite(command: JointCommand) -> None:
     """Raise UnsafeCommandError if a value of a command is not finite."""
     for name in ("q", "dq", "effort"):
         values = getattr(command, name)
-        if values is not None and not np.isfinite(values).all():
+        if values is not None and not math.isfinite(values @ values):
             raise UnsafeCommandError(f"the command has a non-finite {name}: {values.tolist()}")
     frame = command.frame
-    if frame is not None and not all(np.isfinite(part).all() for part in frame):
+    if frame is not None and not math.isfinite(sum(float(part.sum()) for part in frame)):
         raise UnsafeCommandError("the command has a compliant frame that is not finite")

@@ -56,7 +56,7 @@ class StateCheck:
 
     def is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
         """Whether the positions are not measured ones: they stay although the arm moves."""
-        if self._last is None or not (self._strict and np.array_equal(q, self._last[1])):
+        if self._last is None or not self._strict or (q != self._last[1]).any():
             self._unmoved = 0.0
             return False
         self._unmoved += dt * float(np.abs(dq).max())
