@@ -61,3 +61,18 @@ def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_lin
     graph.until(lambda: ns_from_ros(sent[-1].header.stamp) in positions, "the last command")
     node.arm.q = positions[ns_from_ros(sent[-1].header.stamp)]
     assert_may_stay(sent[-1], node.arm)
+
+
+def test_that_limits_change_most_commands_is_said(graph: Graph) -> None:
+    node = Controlled(graph, "clik", FRAMES)
+    p, R = pose(HOME)
+    sides = [0.2, -0.2]
+
+    def hurries() -> bool:
+        sides.reverse()
+        node.references.publish(reference(DesiredFrame(p + [0.0, sides[0], 0.0], R), times=(0.05,)))
+        node.arm.ticks(60)
+        return "limits have changed" in node.process.log
+
+    graph.until(hurries, "that most commands are changed")
+    assert "commands of the last second: the motion is faster than the arm" in node.process.log

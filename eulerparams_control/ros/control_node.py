@@ -76,6 +76,7 @@ class ControlNode(LifecycleNode):
         self._came = 0.0  # when the last joint_states came, steady clock [s]
         self._received = 0.0  # when the last valid ones were answered
         self._commanded = False
+        self._cut = 0  # ticks that a limit had changed a second ago
         self._unanswered: Time | None = None
         self._reference_stamp: int | None = None
         self._health.check = self._once_a_second
@@ -245,6 +246,7 @@ class ControlNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         options = self._params.controller_options()
         self._controller = Controller(scheme, options, self._measured[1])
+        self._cut = 0
         # only now: who publishes a reference can see by it that somebody follows
         self._reference = self._listen(
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
@@ -449,9 +451,20 @@ class ControlNode(LifecycleNode):
         self._health.values.update(self._report.meter.read() | self.values_now())
         if self._controller is None or not self._received:
             return
+        self._complain_of_limits(self._controller)
         if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
+            )
+
+    def _complain_of_limits(self, controller: Controller) -> None:
+        """Say that the motion is more than the arm may do, where limits change most commands."""
+        cut, self._cut = controller.saturated - self._cut, controller.saturated
+        if cut > self._report.meter.answers / 2:
+            self._health.complain(
+                f"limits have changed {cut} commands of the last second: the motion is faster than "
+                "the arm may be, or the gains are too high",
+                about="limits",
             )
 
     def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:

@@ -14,6 +14,7 @@ class Meter:
 
     Attributes:
         missed: states that never came: gaps in their stamps, in usual steps.
+        answers: how many states were answered between the last two readings.
     """
 
     def __init__(self) -> None:
@@ -23,7 +24,7 @@ class Meter:
         self._longest = 0.0
         self._stamp: int | None = None
         self._usual = 0  # the shortest step of the stamps [ns]
-        self.missed = 0
+        self.missed = self.answers = 0
 
     def state(self, stamp: int, now: float) -> None:
         """Count a state stamped so [ns] that came at ``now`` [s]."""
@@ -54,6 +55,7 @@ class Meter:
         if len(self._latencies) > 1:
             cuts = quantiles(self._latencies, n=100)
             figures |= {"latency p50 [ms]": 1e3 * cuts[49], "latency p99 [ms]": 1e3 * cuts[98]}
+        self.answers = len(self._latencies)
         self._latencies.clear()
         self._states, self._since, self._longest = 0, now, 0.0
         return figures

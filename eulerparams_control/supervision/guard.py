@@ -84,7 +84,9 @@ class CommandGuard:
                 low, high = np.maximum(low, before - reach), np.minimum(high, before + reach)
             changes[name] = np.minimum(np.maximum(values, low), high)
         changed: dict[str, Any] = {
-            name: new for name, new in changes.items() if _differ(new, command, name)
+            name: values
+            for name, values in changes.items()
+            if not np.array_equal(values, getattr(command, name))
         }
         return command._replace(**changed) if changed else command
 
@@ -98,10 +100,6 @@ def _is_within(
     if before is None or reach is None:
         return True
     return bool((np.abs(values - before) <= reach + _ROUNDING).all())
-
-
-def _differ(new: Array, command: JointCommand, name: str) -> bool:
-    return not np.array_equal(new, getattr(command, name))
 
 
 def _refuse_infinite(command: JointCommand) -> None:
