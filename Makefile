@@ -10,7 +10,7 @@ JOBS ?=
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test bench paper map lint clean
+.PHONY: setup demo test bench paper map faults lint clean
 
 setup: $(READY)
 
@@ -32,6 +32,9 @@ paper: $(READY)
 
 map: $(READY)
 	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
+
+faults: $(READY)
+	@$(VENV)/bin/fault_campaign --out $(OUT)/faults $(if $(JOBS),--jobs $(JOBS)) $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -12,10 +12,12 @@ EXECUTABLES = {
     "impedance_control": "eulerparams_control.ros.impedance_control_node",
     "reference": "eulerparams_control.ros.reference_node",
     "identify_tool": "eulerparams_control.ros.identify_tool_node",
+    "fault_injector": "eulerparams_control.ros.fault_injector_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "bag_recorder": "eulerparams_control.bags.recorder",
     "experiment": "eulerparams_control.experiments.main",
     "analyze": "eulerparams_control.analysis.main",
+    "fault_campaign": "eulerparams_control.campaign.main",
     "failure_map": "eulerparams_control.maps.main",
 }
 
@@ -48,6 +50,8 @@ setup(
         "pybullet>=3.2.7",
         "mcap>=1.6",
         "mcap-ros2-support>=0.5",
+        "lz4",
+        "zstandard",
         "PyYAML",
         "example-robot-data",
         "plotly>=6",

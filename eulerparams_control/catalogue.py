@@ -107,6 +107,8 @@ def _package_folders(package: str) -> Iterator[Path]:
 
 def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescription:
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise OSError(f"{path} is no file")
         text = path.read_text(encoding="utf-8")
         tree = UrdfTree(text)
         base = tree.link(str(entry.get("base_frame", tree.root)))

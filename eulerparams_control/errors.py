@@ -43,7 +43,8 @@ class UnknownNameError(ConfigurationError):
         known: the names that exist.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+        name = str(name)
         names = sorted(known)
         known_text = ", ".join(names) or "none"
         super().__init__(f"unknown {kind} '{name}'{did_you_mean(name, names)}; known: {known_text}")

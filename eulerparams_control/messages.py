@@ -13,11 +13,43 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
-from eulerparams_control.motion import DesiredFrame, SetPoint, Trajectory
+from eulerparams_control.motion import MAX_POINTS, DesiredFrame, SetPoint, Trajectory
 from eulerparams_control.rotations import Array, EulerParameters
 
 # A unit quaternion of single precision, or printed with 4 digits, is this close to norm 1.
 QUATERNION_NORM_TOLERANCE = 1e-3
+
+LARGEST = 1e9
+"""No machine measures or is asked for more, in SI units; what is more would overflow a law."""
+
+_SHOWN_NAMES = 20  # of a list of names in an error, each with
+_SHOWN_LETTERS = 60
+
+
+def shown(name: str) -> str:
+    """Return a name from a message as it can be shown: in one line, and not too long."""
+    text = repr(name)[1:-1]
+    return text if len(text) <= _SHOWN_LETTERS else f"{text[:_SHOWN_LETTERS]}..."
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return the names of a message as they can be shown."""
+    more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
+    return ", ".join(map(shown, names[:_SHOWN_NAMES])) + more
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(f"'{shown(name)}'" for name in names[:_SHOWN_NAMES])
+
+
+def _are_possible(values: Any) -> bool:
+    """Return whether all values are finite, and none is larger than ``LARGEST``."""
+    return bool((np.abs(values) <= LARGEST).all())  # not so for NaN
+
+
+def _fault(values: Any) -> str:
+    """Return what is wrong with values that are not possible."""
+    return "too large" if np.isfinite(values).all() else "non-finite"
 
 
 def ns_from_ros(stamp: Any) -> int:
@@ -66,7 +98,12 @@ class _JointReader:
         if missing:
             raise InvalidMessageError(
                 f"{self._topic} lacks {', '.join(missing)}; expected {', '.join(self._joints)}; "
-                f"found {', '.join(names) or 'no names'}"
+                f"found {_listed(names) or 'no names'}"
+            )
+        if twice := [joint for joint in self._joints if names.count(joint) > 1]:
+            raise InvalidMessageError(
+                f"{self._topic} has {', '.join(twice)} twice; expected each joint once: are there "
+                "two publishers in one?"
             )
         self._index = np.array([names.index(joint) for joint in self._joints])
         self._names = names
@@ -77,9 +114,9 @@ class _JointReader:
                 f"{self._topic} has {len(msg.name)} names but {len(values)} values of {what}"
             )
         picked = np.asarray(values)[self._index]
-        if not np.isfinite(picked).all():
+        if not _are_possible(picked):
             raise InvalidMessageError(
-                f"{self._topic} has a non-finite {what}: "
+                f"{self._topic} has a {_fault(picked)} {what}: "
                 f"{dict(zip(self._joints, picked.tolist(), strict=True))}"
             )
         return picked
@@ -163,8 +200,16 @@ def motion_from_ros(
     _check_frames(msg, base_frame, tip_frame)
     if not msg.points:
         raise InvalidMessageError("the reference has no points; expected at least one")
+    if len(msg.points) > MAX_POINTS:
+        raise InvalidMessageError(
+            f"the reference has {len(msg.points)} points; expected at most {MAX_POINTS}"
+        )
     times = [ns_from_ros(point.time_from_start) / 1e9 for point in msg.points]
     frames = [_frame_from_ros(point, i) for i, point in enumerate(msg.points)]
+    if times[0] < 0:
+        raise InvalidMessageError(
+            f"the reference begins at time_from_start {times[0]:g} s; expected 0 or more"
+        )
     start = ns_from_ros(msg.header.stamp) or None
     if len(frames) == 1 and times[0] <= 0:
         return SetPoint(frames[0], lasting), start
@@ -177,12 +222,13 @@ def motion_from_ros(
 def _check_frames(msg: Any, base_frame: str, tip_frame: str) -> None:
     if msg.header.frame_id != base_frame:
         raise InvalidMessageError(
-            f"the reference is in the frame '{msg.header.frame_id}'; expected the base frame "
-            f"'{base_frame}'"
+            f"the reference is in the frame '{shown(msg.header.frame_id)}'; expected the base "
+            f"frame '{base_frame}'"
         )
     if list(msg.joint_names) != [tip_frame]:
         raise InvalidMessageError(
-            f"the reference is for {list(msg.joint_names)}; expected the tip frame ['{tip_frame}']"
+            f"the reference is for [{_quoted(msg.joint_names)}]; expected the tip frame "
+            f"['{tip_frame}']"
         )
 
 
@@ -200,8 +246,10 @@ def _frame_from_ros(point: Any, index: int) -> DesiredFrame:
         *_twist_from_ros(point.velocities),
         *_twist_from_ros(point.accelerations),
     ]
-    if not np.isfinite(vectors).all():
-        raise InvalidMessageError(f"point {index} of the reference has a non-finite value: {point}")
+    if not _are_possible(vectors):
+        raise InvalidMessageError(
+            f"point {index} of the reference has a {_fault(vectors)} value: {point}"
+        )
     p_d, dp_d, omega_d, ddp_d, domega_d = vectors
     R_d = quaternion_from_ros(transform.rotation).R
     return DesiredFrame(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
@@ -215,13 +263,13 @@ def pose_from_ros(msg: Any, base_frame: str) -> tuple[Array, Array]:
     """
     if msg.header.frame_id != base_frame:
         raise InvalidMessageError(
-            f"the pose is in the frame '{msg.header.frame_id}'; expected the base frame "
+            f"the pose is in the frame '{shown(msg.header.frame_id)}'; expected the base frame "
             f"'{base_frame}'"
         )
     position = msg.pose.position
     p = np.array([position.x, position.y, position.z])
-    if not np.isfinite(p).all():
-        raise InvalidMessageError(f"the pose has a non-finite position {p.tolist()}")
+    if not _are_possible(p):
+        raise InvalidMessageError(f"the pose has a {_fault(p)} position {p.tolist()}")
     return p, quaternion_from_ros(msg.pose.orientation).R
 
 
@@ -233,9 +281,9 @@ def wrench_from_ros(msg: Any, frame_id: str) -> Array:
     """
     if msg.header.frame_id != frame_id:
         raise InvalidMessageError(
-            f"the wrench is in the frame '{msg.header.frame_id}'; expected '{frame_id}'"
+            f"the wrench is in the frame '{shown(msg.header.frame_id)}'; expected '{frame_id}'"
         )
     wrench = np.concatenate((vector_from_ros(msg.wrench.force), vector_from_ros(msg.wrench.torque)))
-    if not np.isfinite(wrench).all():
-        raise InvalidMessageError(f"the wrench has a non-finite value: {wrench.tolist()}")
+    if not _are_possible(wrench):
+        raise InvalidMessageError(f"the wrench has a {_fault(wrench)} value: {wrench.tolist()}")
     return wrench

@@ -19,6 +19,7 @@ from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import UrdfTree, joint_friction, joint_limits
 
 _REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_LINK = pin.FrameType.BODY  # a joint may have the name of a link
 
 
 class RobotState(NamedTuple):
@@ -138,7 +139,7 @@ class Robot:
             raise RobotError("the URDF has a velocity limit of 0 for a joint that has to move")
         self._model = _reduced_model(urdf, self.joints)
         self._model.gravity.linear = np.array(gravity, dtype=float)
-        self._tip = self._model.getFrameId(self.tip_frame)
+        self._tip = self._model.getFrameId(self.tip_frame, _LINK)
         if tool is not None:
             self._carry(tool)
         self._data = self._model.createData()
@@ -176,7 +177,7 @@ class Robot:
                 f"{', '.join(moving)} can move between them"
             )
         tip = self._model.frames[self._tip].placement
-        there = self._model.frames[self._model.getFrameId(frame)].placement
+        there = self._model.frames[self._model.getFrameId(frame, _LINK)].placement
         relative = tip.actInv(there)
         R = relative.rotation.copy()
         return Placement(R, relative.translation + R @ np.array(offset))
@@ -256,7 +257,7 @@ class Robot:
     def _base_placement(self) -> tuple[Array, Array]:
         """Return rotation and origin of the base frame in the root frame, which are constant."""
         pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
-        placement = self._data.oMf[self._model.getFrameId(self.base_frame)]
+        placement = self._data.oMf[self._model.getFrameId(self.base_frame, _LINK)]
         return placement.rotation.copy(), placement.translation.copy()
 
 
@@ -266,9 +267,7 @@ def _frame(tree: UrdfTree, name: str, parameter: str) -> str:
     return name
 
 
-def _active_joints(
-    tree: UrdfTree, base: str, tip: str, joints: Sequence[str]
-) -> tuple[str, ...]:
+def _active_joints(tree: UrdfTree, base: str, tip: str, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the active joints from base to tip, checked against the tree."""
     moving = tree.moving(base, tip)
     for joint in joints:
@@ -284,7 +283,7 @@ def _reduced_model(urdf: str, joints: tuple[str, ...]) -> pin.Model:
     """Return the Pinocchio model in which only ``joints`` move."""
     try:
         model = pin.buildModelFromXML(urdf)
-    except ValueError as error:
+        locked = [model.getJointId(name) for name in model.names[1:] if name not in joints]
+        return pin.buildReducedModel(model, locked, pin.neutral(model))
+    except Exception as error:  # it leaks any type
         raise RobotError(f"Pinocchio cannot read the URDF: {error}") from error
-    locked = [model.getJointId(name) for name in model.names[1:] if name not in joints]
-    return pin.buildReducedModel(model, locked, pin.neutral(model))

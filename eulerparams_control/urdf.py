@@ -5,10 +5,20 @@ import xml.etree.ElementTree as ET
 from typing import NamedTuple
 
 from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.urdf_inertial import check_inertial
+from eulerparams_control.urdf_xml import attribute, number, numbers, parse
+
+__all__ = ["COULOMB_SPEED", "MOVING", "Limits", "UrdfTree", "attribute", "joint_friction",
+           "joint_limits"]  # fmt: skip
 
 MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints of one degree of freedom."""
 
+_TYPES = (*MOVING, "fixed", "floating", "planar")
+
+# More than any robot has: parsers in C++ go down a chain by recursion, until the stack is full.
+_MOST_LINKS = 5000
+_LONGEST_CHAIN = 200
 
 COULOMB_SPEED = 0.05
 """Coulomb friction is tanh(dq / COULOMB_SPEED) [rad/s] of its value; a step would chatter."""
@@ -36,29 +46,52 @@ class UrdfTree:
         root: the link that no joint carries.
 
     Raises:
-        RobotError: if the text is not XML, not a URDF, or not one tree; if the limits
-            of a joint are impossible.
+        RobotError: if the text is not XML, not a URDF, or not one tree; if a name is there twice;
+            if the limits or the place of a joint, or the mass of a link, are impossible.
     """
 
     def __init__(self, text: str) -> None:
-        self.element = _parse(text)
-        self.links = [attribute(link, "name") for link in self.element.findall("link")]
-        self.joints = {attribute(j, "name"): j for j in self.element.findall("joint")}
+        self.element = parse(text)
+        links, joints = self.element.findall("link"), self.element.findall("joint")
+        self.links = _names("link", links)
+        self.joints = dict(zip(_names("joint", joints), joints, strict=True))
         self._above: dict[str, str] = {}  # link -> the joint that carries it
+        self._connect()
+        for link in links:
+            check_inertial(link)
+        roots = [link for link in self.links if link not in self._above]
+        if len(roots) != 1:
+            raise RobotError(f"expected one root link, found {len(roots)}: {', '.join(roots[:20])}")
+        self.root = roots[0]
+        self._check_chains()
+
+    def _connect(self) -> None:
+        known = set(self.links)
         for name, joint in self.joints.items():
             for end in ("parent", "child"):
-                if self.end(name, end) not in self.links:
+                if self.end(name, end) not in known:
                     raise RobotError(f"joint '{name}': no link '{self.end(name, end)}' as {end}")
             if self.end(name, "child") in self._above:
                 raise RobotError(f"link '{self.end(name, 'child')}' has two parents")
             self._above[self.end(name, "child")] = name
-            joint_limits(joint)
-        roots = [link for link in self.links if link not in self._above]
-        if len(roots) != 1:
-            raise RobotError(f"expected one root link, found {len(roots)}: {', '.join(roots)}")
-        self.root = roots[0]
+            _check_joint(name, joint)
+
+    def _check_chains(self) -> None:
+        """Raise RobotError unless the root carries every link, by a chain that is not too long."""
+        depth = {self.root: 0}
         for link in self.links:
-            self.chain(self.root, link)
+            chain = [link]
+            while chain[-1] not in depth:
+                if len(chain) > _LONGEST_CHAIN:
+                    raise RobotError(
+                        f"link '{link}' is not carried by link '{self.root}', or by more than "
+                        f"{_LONGEST_CHAIN} joints"
+                    )
+                chain.append(self.end(self._above[chain[-1]], "parent"))
+            start = depth[chain[-1]]
+            depth.update((above, start + n) for n, above in enumerate(reversed(chain)))
+            if depth[link] > _LONGEST_CHAIN:
+                raise RobotError(f"link '{link}' is carried by more than {_LONGEST_CHAIN} joints")
 
     def end(self, joint: str, end: str) -> str:
         """Return the link at the ``parent`` or at the ``child`` end of a joint."""
@@ -102,16 +135,43 @@ class UrdfTree:
         return tuple(attribute(joint, "name") for joint in free)
 
 
-def attribute(element: ET.Element, name: str) -> str:
-    """Return an attribute.
+def _names(kind: str, elements: list[ET.Element]) -> list[str]:
+    """Return the names of links or joints, in the order of the file.
 
     Raises:
-        RobotError: if there is none of this name.
+        RobotError: if there are too many, or one is empty, there twice, or that of Pinocchio's
+            own joint.
     """
-    value = element.get(name)
-    if value is None:
-        raise RobotError(f"a <{element.tag}> has no attribute '{name}'")
-    return value
+    if len(elements) > _MOST_LINKS:
+        raise RobotError(f"the URDF has {len(elements)} {kind}s; expected at most {_MOST_LINKS}")
+    names = [attribute(element, "name") for element in elements]
+    seen = set[str]()
+    for name in names:
+        if not name.strip():
+            raise RobotError(f"a {kind} has an empty name")
+        if name in seen:
+            raise RobotError(f"two {kind}s have the name '{name}'; expected one")
+        if kind == "joint" and name == "universe":
+            raise RobotError("a joint has the name 'universe', which Pinocchio keeps for itself")
+        seen.add(name)
+    return names
+
+
+def _check_joint(name: str, joint: ET.Element) -> None:
+    """Raise RobotError if type, axis, place or limits of a joint are impossible."""
+    kind = attribute(joint, "type")
+    if kind not in _TYPES:
+        raise RobotError(f"joint '{name}': {UnknownNameError('type', kind, _TYPES)}")
+    try:
+        for element in joint.findall("origin"):
+            numbers(element, "xyz", "0 0 0")
+            numbers(element, "rpy", "0 0 0")
+        axis = joint.find("axis")
+        if axis is not None and not any(numbers(axis, "xyz", "1 0 0")) and kind in MOVING:
+            raise RobotError("its axis is zero; expected a direction")
+    except RobotError as error:
+        raise RobotError(f"joint '{name}': {error}") from error
+    joint_limits(joint)
 
 
 def joint_limits(joint: ET.Element) -> Limits:
@@ -126,10 +186,10 @@ def joint_limits(joint: ET.Element) -> Limits:
     default = "inf" if element is None or joint.get("type") == "continuous" else "0"
     try:
         limits = Limits(
-            -math.inf if default == "inf" else float(stated.get("lower", default)),
-            math.inf if default == "inf" else float(stated.get("upper", default)),
-            float(stated.get("velocity", "inf")),
-            float(stated.get("effort", "inf")),
+            -math.inf if default == "inf" else number(stated.get("lower", default)),
+            math.inf if default == "inf" else number(stated.get("upper", default)),
+            number(stated.get("velocity", "inf")),
+            number(stated.get("effort", "inf")),
         )
     except ValueError as error:
         raise RobotError(f"limits of joint '{joint.get('name')}': {error}") from error
@@ -149,7 +209,7 @@ def joint_friction(joint: ET.Element) -> tuple[float, float]:
     element = joint.find("dynamics")
     stated = {} if element is None else element.attrib
     try:
-        viscous, coulomb = float(stated.get("damping", 0)), float(stated.get("friction", 0))
+        viscous, coulomb = number(stated.get("damping", "0")), number(stated.get("friction", "0"))
     except ValueError as error:
         raise RobotError(f"dynamics of joint '{joint.get('name')}': {error}") from error
     if not (0.0 <= viscous < math.inf and 0.0 <= coulomb < math.inf):
@@ -158,13 +218,3 @@ def joint_friction(joint: ET.Element) -> tuple[float, float]:
             "expected finite numbers of 0 or more"
         )
     return viscous, coulomb
-
-
-def _parse(text: str) -> ET.Element:
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError(f"not valid XML: {error}") from error
-    if root.tag != "robot":
-        raise RobotError(f"not a URDF: the root element is <{root.tag}>, expected <robot>")
-    return root

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.motion import Trajectory, way_points
+from eulerparams_control.motion import MAX_POINTS, Trajectory, way_points
 from eulerparams_control.orientation import SEQUENCES, EulerSequence
 from eulerparams_control.rotations import Array, EulerParameters, exp
 
@@ -13,6 +13,8 @@ FORMATS = ("quaternion_xyzw", "rotation_vector", *SEQUENCES)
 
 # A unit quaternion printed with 4 digits is this close to norm 1.
 _NORM_TOLERANCE = 1e-3
+
+_LARGEST = 1e9  # [s, m, rad]; a duration of more does not fit into a message
 
 
 def parse_way_points(
@@ -43,11 +45,15 @@ def parse_way_points(
             f"orientations; expected N, 3 N and {width} N with orientation_format "
             f"{orientation_format}"
         )
-    if not all(map(np.all, map(np.isfinite, (times, positions, orientations)))):
+    if n > MAX_POINTS:
+        raise ConfigurationError(f"way-points: {n} of them; expected at most {MAX_POINTS}")
+    if not all(np.all(np.abs(told) <= _LARGEST) for told in (times, positions, orientations)):
         raise ConfigurationError(
             f"way-points: times {list(times)}, positions {list(positions)}, orientations "
-            f"{list(orientations)}; expected finite numbers"
+            f"{list(orientations)}; expected finite numbers up to {_LARGEST:g}"
         )
+    if min(times) < 0:
+        raise ConfigurationError(f"way-points: the time {min(times):g} s; expected 0 or more")
     rows = np.reshape(np.array(orientations, dtype=float), (n, width))
     rotations = [_rotation(row, orientation_format) for row in rows]
     points = np.reshape(np.array(positions, dtype=float), (n, 3))

@@ -8,8 +8,9 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -23,16 +24,24 @@ from std_msgs.msg import String
 
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
-from eulerparams_control.messages import CommandReader, ns_from_ros, wrench_from_ros
+from eulerparams_control.messages import ns_from_ros
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
+from sim_bridge.commands import Command, Commands
+from sim_bridge.conduct import Conduct
 from sim_bridge.environment import Environment, nest, read_environment
 from sim_bridge.environment.keys import NO_TURN
+from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.parameters import CONTROLS, NO_SHAPE, TOOL_SHAPES, SimulatorParameters
+from sim_bridge.protection import SPEED_FACTOR
+from sim_bridge.pushes import Push
+from sim_bridge.senders import Senders
 from sim_bridge.simulator import Simulator, SimulatorState
+from sim_bridge.stamps import StampOrder
+from sim_bridge.tally import Tally
 
 MODES = ("realtime", "lockstep")
 
@@ -44,6 +53,12 @@ _REPEAT_PERIOD = 0.05
 
 # In real time, more steps than this behind the wall clock are given up, not caught up.
 _MAX_CATCH_UP = 50
+
+# What the graph says of the node of a publisher that it has just discovered.
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+
+# One of two controllers has gone when it has been silent for so long [s].
+_QUIET = 5.0
 
 # The last messages are given this long to reach their readers at the end.
 _LINGER = Duration(seconds=1.0)
@@ -66,6 +81,11 @@ class BridgeParameters:
         100.0, "of the joint servo in position control", unit="rad/s", bounds=(0.1, 10000.0)
     )
     enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
+    protective_speed: float = parameter(
+        SPEED_FACTOR,
+        "times its speed limit, a joint makes the robot stop, in torque control with limits",
+        bounds=(1.0, 1000.0),
+    )
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the base frame", unit="m/s^2")
     tool_mass: float = parameter(0.0, "beyond the sensor", unit="kg", bounds=(0.0, 1000.0))
     tool_com: tuple[float, ...] = parameter((0.0, 0.0, 0.0), "in the sensor frame", unit="m")
@@ -113,6 +133,9 @@ class BridgeParameters:
     command_timeout: float = parameter(
         0.1, "without commands the robot brakes after", unit="s", bounds=(0.001, 60.0)
     )
+    external_wrench_timeout: float = parameter(
+        0.0, "a push that is not repeated ends after; 0: never", unit="s", bounds=(0.0, 3600.0)
+    )
     lockstep_timeout: float = parameter(
         10.0, "without a command the run ends after", unit="s", bounds=(0.1, 3600.0)
     )
@@ -159,11 +182,21 @@ class BridgeNode(Node):
         self._robot = load_robot(p.urdf or p.robot)
         self._simulator = Simulator(self._robot, p.simulator(environment))
         self._reset()
-        self._reader = CommandReader(self._robot.joints, p.control)
-        self._delayed: deque[Callable[[], None]] = deque()
+        position = p.control == "position"
+        self._drive: Callable[..., None] = (
+            self._simulator.command_position if position else self._simulator.command_effort
+        )
+        self._is_lockstep = p.mode == "lockstep"
+        self._reader = Commands(self._robot.joints, p.control)
+        self._senders = Senders(p.command_timeout, _QUIET, at_once=self._is_lockstep)
+        self._order = StampOrder(p.command_timeout)
+        self._push = Push(self._robot.sensor_frame, p.external_wrench_timeout)
+        self._delayed: deque[Command] = deque()
         self._heard = self._answered = False
-        self._last_command = time.monotonic()
-        self._braked = True
+        self._stamp = 0  # of the present state [ns]
+        self._tally = Tally(time.monotonic())
+        self._conduct = Conduct(self._health, self._halt, self._reader.topic)
+        self._health.check = self._check
         self._state: SimulatorState = self._simulator.read()
         self._make_messages()
         self._connect()
@@ -194,21 +227,21 @@ class BridgeNode(Node):
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         self._wrench_publisher = self.create_publisher(WrenchStamped, "wrench", QOS_STREAM)
         self._state_publisher = self.create_publisher(JointState, "joint_states", QOS_STREAM)
-        topic = "joint_reference" if self._params.control == "position" else "joint_effort"
-        self.create_subscription(
-            JointState, topic, self._on_command, QOS, qos_overriding_options=QOS_OVERRIDES
+        self._commands = self.create_subscription(
+            JointState,
+            self._reader.topic,
+            with_info(self._on_command),
+            QOS,
+            qos_overriding_options=QOS_OVERRIDES,
         )
         self.create_subscription(WrenchStamped, "external_wrench", self._on_external_wrench, QOS)
 
     def _start(self) -> None:
         self._description_publisher.publish(String(data=self._robot.urdf))
-        self._health.set(
-            diagnostics.OK,
-            f"{self._robot.name} in {self._params.mode}, {self._params.control} control, "
-            f"{self._params.rate:g} Hz",
-        )
+        p = self._params
+        self._conduct.start(f"{self._robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz")
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        if self._params.mode == "lockstep":
+        if self._is_lockstep:
             self.create_timer(_REPEAT_PERIOD, self._watch_lockstep, clock=steady)
         else:
             self._started = time.monotonic()
@@ -223,54 +256,56 @@ class BridgeNode(Node):
             self._heard = there >= self._params.wait_for_subscribers
             self._publish_state()
             return
-        silence = time.monotonic() - self._last_command
+        silence = time.monotonic() - self._tally.last
         if silence > self._params.lockstep_timeout:
+            rejected = self._conduct.rejected
             raise SimulationError(
                 f"no command for the state stamped {self._state.t:.3f} s within "
                 f"{self._params.lockstep_timeout:g} s; is the controller alive and active?"
+                + (f" The last command was rejected: {rejected}" if rejected else "")
             )
 
     def _keep_up(self) -> None:
         """Make the steps that are due by the wall clock."""
         due = int((time.monotonic() - self._started) * self._params.rate) - self._state.step
         if due > _MAX_CATCH_UP:
-            self._health.count("steps given up")
-            self._health.complain(f"{due} steps behind the wall clock: slower than real time")
+            self._conduct.count("steps given up", due - 1)
+            self._health.complain(
+                f"{due} steps behind the wall clock: slower than real time", about="slow"
+            )
             self._started += (due - 1) / self._params.rate
             due = 1
         for _ in range(due):
             self._brake_on_silence()
             self._step()
 
-    def _brake_on_silence(self) -> None:
-        silence = time.monotonic() - self._last_command
-        if not self._braked and silence > self._params.command_timeout:
-            self._brake(f"no command for {self._params.command_timeout:g} s: braked")
-
-    def _brake(self, reason: str) -> None:
-        self._simulator.brake()
-        self._delayed.clear()
-        self._braked = True
-        self._health.set(diagnostics.ERROR, reason)
-
     def _step(self) -> None:
+        if self._push.is_over(self._now()):
+            self._simulator.set_external_wrench(None)
+            self._conduct.count("external_wrench timed out")
         try:
             self._simulator.step()
         except SimulationError as error:
             self._health.set(diagnostics.ERROR, str(error))
+            self.done = True  # it cannot be brought to rest
             raise
         self._state = self._simulator.read()
         self._publish_state()
+        if self._simulator.violation:
+            self._conduct.stop(self._simulator.violation)
+        elif self._conduct.is_stopping and self._simulator.is_standing:
+            self._conduct.stand()
         self._report_progress()
         duration = self._params.duration
-        if duration > 0 and self._params.mode == "realtime" and self._state.t >= duration:
+        if duration > 0 and not self._is_lockstep and self._state.t >= duration:
             self.done = True
 
     # --- messages ----------------------------------------------------------------------
 
     def _publish_state(self) -> None:
         state = self._state
-        stamp = stamp_to_ros(round(state.step * 1e9 / self._params.rate))
+        self._stamp = round(state.step * 1e9 / self._params.rate)
+        stamp = stamp_to_ros(self._stamp)
         if state.step % self._clock_every == 0:
             self._clock_message.clock = stamp
             self._clock_publisher.publish(self._clock_message)
@@ -283,45 +318,50 @@ class BridgeNode(Node):
         msg.effort = state.tau.tolist() + self._still
         self._state_publisher.publish(msg)
 
-    def _on_command(self, msg: JointState) -> None:
-        lockstep = self._params.mode == "lockstep"
-        if lockstep and not self._is_answer(msg):
-            return
+    def _on_command(self, msg: JointState, info: Mapping[str, Any]) -> None:
+        heeded = self._senders.hear(info[NUMBER], self._now())
+        stamp = ns_from_ros(msg.header.stamp)
+        if self._is_lockstep and not (self._heard and stamp == self._stamp):
+            return  # it does not answer the present state, or not all subscribers have got that
+        if self._senders.contested != self._conduct.is_contested:
+            self._judge_senders()
         try:
-            command = self._command(msg)
+            command = self._reader.from_ros(msg)
         except InvalidMessageError as error:
-            self._health.count("commands rejected")
-            self._health.complain(f"command rejected: {error}", error=True)
+            self._conduct.reject(error)
             return
-        self._take(command)
-        if lockstep:
+        if self._may_take(stamp, heeded=heeded):
+            self._take(command, stamp)
+        if self._is_lockstep:
+            self._tally.last = time.monotonic()
             self._answered = True
             self._advance()
 
-    def _is_answer(self, msg: JointState) -> bool:
-        """Whether a command answers the present state, which all subscribers have got."""
-        stamp = self._joint_states.header.stamp
-        return self._heard and ns_from_ros(msg.header.stamp) == ns_from_ros(stamp)
+    def _may_take(self, stamp: int, *, heeded: bool) -> bool:
+        """Whether a good command may act; count it if not."""
+        if not heeded:
+            self._conduct.count("commands of a second controller")
+        elif self._conduct.is_stopping:
+            self._conduct.count("commands refused in a stop")
+        elif not self._is_lockstep and self._order.is_late(stamp, self._now()):
+            self._conduct.count("commands out of order")
+        else:
+            return True
+        return False
 
-    def _command(self, msg: JointState) -> Callable[[], None]:
-        """Return what the command does to the simulator."""
-        if self._params.control == "position":
-            q, dq = self._reader.position_from_ros(msg)
-            return lambda: self._simulator.command_position(q, dq)
-        tau = self._reader.effort_from_ros(msg)
-        return lambda: self._simulator.command_effort(tau)
-
-    def _take(self, command: Callable[[], None]) -> None:
-        self._last_command = time.monotonic()
-        if self._braked:
-            self._braked = False
-            self._health.set(diagnostics.OK, "commanded")
+    def _take(self, command: Command, stamp: int) -> None:
+        self._tally.take(time.monotonic(), self._stamp - stamp if stamp else 0)
+        if self._conduct.is_braked:
+            self._conduct.obey()
         self._delayed.append(command)
-        if len(self._delayed) > self._params.command_delay:
-            self._delayed.popleft()()
+        if len(self._delayed) <= self._params.command_delay:
+            return
+        self._drive(*self._delayed.popleft())
+        if self._simulator.clipped is not None:
+            self._conduct.clip(str(self._simulator.clipped))
 
     def _advance(self) -> None:
-        """Step to the next stamp, or end when the duration is over."""
+        """Step in lock-step, unless this was the end."""
         duration = self._params.duration
         if duration > 0 and self._state.step >= math.floor(duration * self._params.rate + 0.5):
             self.done = True
@@ -336,16 +376,71 @@ class BridgeNode(Node):
 
     def _on_external_wrench(self, msg: WrenchStamped) -> None:
         try:
-            self._simulator.set_external_wrench(wrench_from_ros(msg, self._robot.sensor_frame))
+            wrench = self._push.from_ros(msg, self._now(), has_stamps=self._is_lockstep)
         except InvalidMessageError as error:
-            self._health.count("external_wrench rejected")
+            self._conduct.count("external_wrench rejected")
             self._health.complain(f"external_wrench rejected: {error}", error=True)
+        else:
+            self._simulator.set_external_wrench(wrench)
+
+    # --- what is wrong -------------------------------------------------------------------
+
+    def _now(self) -> float:
+        """Return the time by which messages age [s]: steady, or simulated in lock-step."""
+        return self._state.t if self._is_lockstep else time.monotonic()
+
+    def _halt(self) -> None:
+        self._simulator.brake()
+        self._delayed.clear()
+
+    def _brake_on_silence(self) -> None:
+        if self._conduct.is_braked:
+            return
+        if time.monotonic() - self._tally.last > self._params.command_timeout:
+            self._conduct.brake(
+                f"no command for {self._params.command_timeout:g} s: braked",
+                "see whether the controller is alive and active; the next command is taken",
+            )
+
+    def _judge_senders(self) -> None:
+        """Brake because two controllers command, or go on because one of them has gone."""
+        if self._senders.contested:
+            self._conduct.contest(self._names_of_senders())
+        else:
+            self._conduct.settle()
+
+    def _names_of_senders(self) -> list[str]:
+        """Return the names of the nodes that publish commands, one a publisher."""
+        found = self.get_publishers_info_by_topic(self._commands.topic_name)
+        return sorted(map(_name_of, found))
+
+    def _check(self) -> None:
+        """Bring the report up to date, once a second."""
+        self._health.values.update(self._tally.report(time.monotonic(), self._state.t))
+        self._senders.review(self._now())
+        self._senders.see(self._names_of_senders())
+        if self._senders.contested or self._conduct.is_contested:
+            self._judge_senders()  # by now the graph may know more of their names
+        self._conduct.review()
+
+    def at_rest(self) -> bool:
+        """Brake, and return whether the robot stands; in lock-step time stands still anyway."""
+        if not self.done and not self._conduct.is_braked:
+            self._conduct.brake("told to end: braked", "")
+        return self.done or self._is_lockstep or self._simulator.is_standing
 
     def close(self) -> None:
         """Let the last messages reach their readers, then end the simulator."""
         for publisher in self.publishers:
             publisher.wait_for_all_acked(_LINGER)
         self._simulator.close()
+
+
+def _name_of(publisher: Any) -> str:
+    """Return the full name of the node of a publisher, which the graph may not know at first."""
+    if publisher.node_name == _UNKNOWN:
+        return "one whose name is not known yet"
+    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
 
 
 def main(args: list[str] | None = None) -> int:

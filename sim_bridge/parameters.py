@@ -10,6 +10,7 @@ from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.rotations import Array
 from sim_bridge.environment import Solid, Thing, read_environment
 from sim_bridge.environment.keys import NO_TURN, rotation, unit_quaternion
+from sim_bridge.protection import SPEED_FACTOR
 from sim_bridge.shapes import SIZES, check_size, geometry
 from sim_bridge.urdf import Body, Placed
 
@@ -43,6 +44,8 @@ class SimulatorParameters:
         gravity: in the world frame, m/s^2; 3.
         servo_bandwidth: of the joint servo, rad/s; at most ``rate``.
         enforce_limits: clip commands to the limits of the URDF, and stop joints there.
+        protective_speed: with limits, and in torque control, a joint that is so many times as
+            fast as its speed limit is a reason to stop; at least 1.
         tool_mass: of the tool beyond the sensor, kg.
         tool_com: its centre of mass in the sensor frame, m; 3.
         tool_inertia: xx, xy, xz, yy, yz, zz about that, sensor axes, kg m^2; 6.
@@ -79,6 +82,7 @@ class SimulatorParameters:
     gravity: Sequence[float] = (0.0, 0.0, -9.81)
     servo_bandwidth: float = 100.0
     enforce_limits: bool = True
+    protective_speed: float = SPEED_FACTOR
     tool_mass: float = 0.0
     tool_com: Sequence[float] = (0.0,) * 3
     tool_inertia: Sequence[float] = (0.0,) * 6
@@ -110,6 +114,10 @@ class SimulatorParameters:
         _require(
             bandwidth <= self.rate,
             f"servo_bandwidth {bandwidth} rad/s must not exceed the rate {self.rate} Hz",
+        )
+        _require(
+            1.0 <= self.protective_speed < np.inf,
+            f"protective_speed must be at least 1, got {self.protective_speed}",
         )
         for name in _NOT_NEGATIVE:
             value = np.asarray(getattr(self, name))

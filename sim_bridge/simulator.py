@@ -22,6 +22,7 @@ from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import MOVING, UrdfTree, joint_friction, joint_limits
+from sim_bridge.clipping import Clipped, clip, find_clipped
 from sim_bridge.contacts import Contacts
 from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
@@ -29,6 +30,7 @@ from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
 from sim_bridge.load import Load
 from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
+from sim_bridge.protection import STANDSTILL, Protection
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
@@ -73,6 +75,9 @@ class Simulator:
         joint_names: all moving joints, those of the arm first.
         engine: what moves the robot; where there are solids, another one after each reset.
         contacts: the solids.
+        clipped: what of the last command had to be cut to a limit; None if nothing.
+        violation: which joint went beyond what its limits allow in the last step, in torque
+            control with limits; "" if none.  The caller is to brake.
 
     Raises:
         ConfigurationError: if a friction or the disturbance is neither one number nor n.
@@ -87,6 +92,9 @@ class Simulator:
         self.joint_names = tuple(dict.fromkeys([*robot.joints, *moving]))
         arm = [joints[name] for name in robot.joints]
         self._limits = _limits(arm, parameters.enforce_limits)
+        self._prismatic = [joint.get("type") == "prismatic" for joint in arm]
+        self._protection = Protection(robot.joints, self._limits, parameters.protective_speed)
+        self._is_protected = parameters.enforce_limits and parameters.control == "torque"
         self._friction = _friction(arm, parameters)
         self._has_friction = not self._friction.is_none
         self._disturbance = _each("disturbance_effort", parameters.disturbance_effort, np.zeros(n))
@@ -134,6 +142,9 @@ class Simulator:
             self._start_engine()
         self._random = np.random.default_rng(self.parameters.seed)
         self._external = None
+        self.clipped: Clipped | None = None
+        self.violation = ""
+        self._protection.reset()
         self._count = 0
         self.engine.place(q)
         self._q: Array = q
@@ -162,7 +173,8 @@ class Simulator:
         """Let the servo follow ``q_ref`` (n,) moving at ``dq_ref`` (n,), clipped to the limits.
 
         The servo sets dq = dq_ref + servo_bandwidth (q_ref - q), with at most the effort
-        limit: an error decays as (1 - servo_bandwidth dt)^steps.
+        limit: an error decays as (1 - servo_bandwidth dt)^steps.  What is ``clipped`` is the
+        command; that the joints cannot follow it at once is not.
 
         Raises:
             SimulationError: if one is not n finite numbers; then nothing changes.
@@ -170,7 +182,11 @@ class Simulator:
         self._require("position")
         q, dq = self._vector("q_ref", q_ref), self._vector("dq_ref", dq_ref)
         self.contacts.rub(True)
-        self._reference = _clip(q, self._limits.lower, self._limits.upper), dq
+        within, limit = clip(q, self._limits.lower, self._limits.upper), self._limits.velocity
+        self._reference = within, dq
+        self.clipped = self._find_clipped("position", q, within)
+        if self.clipped is None:
+            self.clipped = self._find_clipped("speed", dq, clip(dq, -limit, limit))
 
     def command_effort(self, tau: ArrayLike) -> None:
         """Let the motors exert ``tau`` (n,), clipped to the limits, and release the brakes.
@@ -183,10 +199,21 @@ class Simulator:
         self.contacts.rub(True)
         if self._effort is None:
             self.engine.drive(self._zero, self._zero)
-        self._effort = _clip(effort, -self._limits.effort, self._limits.effort)
+            self._protection.let_stand(self._q.tolist())
+        self._effort = clip(effort, -self._limits.effort, self._limits.effort)
+        self.clipped = self._find_clipped("effort", effort, self._effort)
+
+    def _find_clipped(self, quantity: str, asked: Array, given: Array) -> Clipped | None:
+        return find_clipped(self.robot.joints, self._prismatic, quantity, asked, given)
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether all joints stand."""
+        return float(np.abs(self._dq).max()) < STANDSTILL
 
     def brake(self) -> None:
         """Stop the joints with their full effort, until the next command."""
+        self.clipped, self.violation = None, ""
         self._reference = self._effort = None
         self.contacts.rub(False)
         self.engine.drive(self._zero, self._limits.effort)
@@ -220,7 +247,7 @@ class Simulator:
     def _servo(self, q_ref: Array, dq_ref: Array) -> None:
         dq = dq_ref + self.parameters.servo_bandwidth * (q_ref - self._q)
         limit = self._limits.velocity
-        self.engine.drive(_clip(dq, -limit, limit), self._limits.effort)
+        self.engine.drive(clip(dq, -limit, limit), self._limits.effort)
 
     def _start_engine(self) -> None:
         self._is_broken = self._is_used = False
@@ -278,6 +305,8 @@ class Simulator:
         sample = self.engine.sample()
         self._check(sample)
         self._q, self._dq = np.array(sample.q), np.array(sample.dq)
+        if self._is_protected and self._effort is not None:
+            self.violation = self._protection.violation(sample.q, sample.dq)
         tau = np.array(sample.motors) if self._effort is None else self._effort
         wrench = self._bias - np.array(sample.reaction)
         if self._needs_motion:
@@ -321,7 +350,7 @@ class Simulator:
         """Return a copy of ``size`` (default: n) finite numbers."""
         size = len(self.robot.joints) if size is None else size
         vector = np.array(values, dtype=float)
-        if vector.shape != (size,) or not math.isfinite(sum(vector.tolist())):
+        if vector.shape != (size,) or not all(map(math.isfinite, vector.tolist())):
             raise SimulationError(f"{name} must be {size} finite numbers, got {values!r}")
         return vector
 
@@ -353,8 +382,3 @@ def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:
 
 def _text(values: Iterable[float]) -> str:
     return "[" + ", ".join(f"{value:.3g}" for value in values) + "]"
-
-
-def _clip(values: Array, lower: Array, upper: Array) -> Array:
-    """Return np.clip(values, lower, upper), in less than half the time."""
-    return np.minimum(np.maximum(values, lower), upper)

@@ -430,7 +430,8 @@ def test_every_experiment_that_comes_with_the_package_is_possible(name: str) -> 
     assert experiment.variants or experiment.library
     assert all(equation(number).number == number for number in experiment.equations)
     for variant in experiment.variants.values():
-        assert node_parameters(variant)["pybullet_bridge"]["mode"] == "lockstep"
+        mode = "realtime" if name.startswith("faults_") else "lockstep"
+        assert node_parameters(variant)["pybullet_bridge"]["mode"] == mode
 
 
 def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:

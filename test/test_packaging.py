@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "dynamic_control", "impedance_control", "reference"),
-    *("pybullet_bridge", "identify_tool"),
+    *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
     *("analyze", "bag_recorder", "experiment", "failure_map"),
 }
 PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")

@@ -20,8 +20,10 @@ from hypothesis import strategies as st
 
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
+from eulerparams_control.limits import JointLimits
 from eulerparams_control.urdf import COULOMB_SPEED
 from sim_bridge.parameters import SimulatorParameters
+from sim_bridge.protection import POSITION_MARGIN, Protection
 from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.urdf import SENSOR_LINK, Body, simulation_urdf
 
@@ -676,9 +678,92 @@ def test_the_servo_overcomes_friction_and_its_effort_shows_it() -> None:
     assert after.tau == pytest.approx(moved + friction, abs=HOLDING_TORQUE)
 
 
+# --- limits: what is clipped, and the protective stop --------------------------------
+
+
+def limits(joints: int, **changed: Any) -> JointLimits:
+    one = np.ones(joints)
+    values = {"lower": -one, "upper": one, "velocity": one, "effort": one} | changed
+    return JointLimits(**values)
+
+
+def test_the_worst_of_what_is_clipped_is_told_and_nothing_else() -> None:
+    sim = simulator("ur5", control="torque")
+    sim.reset()
+    sim.command_effort([150.0, -150.0, 0.0, 28.0, -28.0, -0.0])
+    assert sim.clipped is None
+    sim.command_effort([160.0, 0.0, -200.0, 0.0, 30.0, 0.0])
+    assert sim.clipped == ("elbow_joint", "effort", -200.0, -150.0, "Nm")
+    words = "joint 'elbow_joint' was asked for the effort -200 Nm; its limit is -150 Nm"
+    assert str(sim.clipped) == words
+    sim.command_effort(np.zeros(6))
+    assert sim.clipped is None
+
+
+def test_a_position_and_a_speed_beyond_the_limits_are_told_but_not_a_goal_far_away() -> None:
+    sim = simulator("odd")
+    sim.reset()
+    sim.command_position([1e6, 4.9, 2.9], [1e6, 2.9, 2.9])  # the turning joint has no limits
+    assert sim.clipped is None
+    sim.command_position([0.0, 5.5, 0.0], [0.0, 0.0, 9.0])
+    assert sim.clipped == ("slide", "position", 5.5, 5.0, "m")
+    sim.command_position([0.0, 0.0, 0.0], [0.0, 4.0, 0.0])
+    assert sim.clipped == ("slide", "speed", 4.0, 3.0, "m/s")
+    sim.brake()
+    assert sim.clipped is None
+
+
+def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation() -> None:
+    protection = Protection(("a", "b"), limits(2, velocity=np.array([1.0, 2.0])), 1.5)
+    rest, near = [0.0, 0.0], 0.9 * POSITION_MARGIN
+    assert protection.violation([1.0 + near, -1.0 - near], [-1.5, 3.0]) == ""
+    assert protection.violation(rest, [0.0, -3.01]).startswith("joint 'b' moves at -3.01 rad/s")
+    assert protection.violation(rest, [1.51, 0.0]).startswith("joint 'a' moves at 1.51 rad/s")
+    for q, words in ((1.01, "joint 'b' is at 1.01 rad, 0.01 beyond its limit 1"),
+                     (-1.2, "joint 'b' is at -1.2 rad, 0.2 beyond its limit -1")):  # fmt: skip
+        assert protection.violation([0.0, q], rest) == words
+
+
+def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_further() -> None:
+    protection = Protection(("a",), limits(1), 1.5)
+    protection.let_stand([1.2])
+    assert protection.violation([1.2], [0.5]) == ""
+    assert (
+        protection.violation([1.21], [0.5]) == "joint 'a' is at 1.21 rad, 0.21 beyond its limit 1"
+    )
+    protection.let_stand([0.9])
+    assert protection.violation([1.2], [0.0]) != ""
+
+
+@pytest.mark.parametrize("enforced", [False, True])
+def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(
+    enforced: bool,
+) -> None:
+    still = {"control": "torque", "gravity": (0.0, 0.0, 0.0), "enforce_limits": enforced}
+    sim = simulator("ur5", **still)
+    for joint, effort, words in ((0, 150.0, "moves at"), (2, 20.0, "is at 3.14")):
+        sim.reset()
+        found = set()
+        for _ in range(2000):
+            tau = -5.0 * sim.read().dq  # holds the others
+            tau[joint] = effort
+            sim.command_effort(tau)
+            sim.step()
+            found.add(sim.violation)
+            if sim.violation:
+                break
+        assert any(words in text for text in found) == enforced
+        assert any(f"joint '{robot('ur5').joints[joint]}'" in text for text in found) == enforced
+        sim.brake()
+        assert sim.violation == ""
+        run(sim, 1000)
+        assert sim.is_standing
+
+
 # --- refusals ------------------------------------------------------------------------
 
 BAD = {
+    "a sum beyond all numbers": [1.7e308, 1.7e308, float("nan"), 0.0, 0.0, 0.0],
     "nan": [0.0, 0.0, 0.0, 0.0, 0.0, float("nan")],
     "infinite": [0.0, 0.0, 0.0, 0.0, 0.0, float("inf")],
     "opposite infinities": [float("-inf"), float("inf"), 0.0, 0.0, 0.0, 0.0],
@@ -863,7 +948,7 @@ def test_a_friction_of_another_number_of_joints_is_refused() -> None:
         ('type="continuous"', 'type="planar"', "joint 'turn' is of type 'planar'"),
         ('<mass value="3"/>', "", "inertial of link 'column': a <inertial> has no <mass>"),
         ('ixx="0.05"', 'ixx="heavy"', "inertial of link 'column': could not convert"),
-        ('rpy="1 0 0"', 'rpy="1 0"', "expected three numbers, got '1 0'"),
+        ('rpy="1 0 0"', 'rpy="1 0"', "rpy of a <origin> is '1 0'; expected three numbers"),
     ],
 )
 def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(

@@ -112,6 +112,7 @@ def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest
     columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
         for path in options.bags:
+            bag = None
             try:
                 bag = Bag(path)
                 for arm in _namespaces(bag, options):
@@ -120,6 +121,8 @@ def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest
             except EulerParamsError as error:
                 failed = True
                 _say(console, f"error: {error}", "red")
+                if bag is not None and bag.warning:
+                    _say(console, f"warning: {bag.warning}", "yellow")
     return digests, failed
 
 

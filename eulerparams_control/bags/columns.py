@@ -29,6 +29,9 @@ _NUMBERS = {
 
 _HEAD = 4  # bytes that say how the rest is encoded; alignment counts from behind them
 _ORDERS = {0: ">", 1: "<"}  # CDR, by the second byte
+_DEEPEST = 50  # types within types; messages have five or six
+_LONGEST = 2**18  # bytes of a schema; those of messages have some thousands
+_MOST_FIELDS = 5000
 
 
 class _Field(NamedTuple):
@@ -37,6 +40,12 @@ class _Field(NamedTuple):
     name: str
     type: str
     length: int | None
+
+
+_ONLY_MEMBER = "structure_needs_at_least_one_member"
+_TIME = (_Field("sec", "int32", None), _Field("nanosec", "uint32", None))
+_BUILT_IN = {f"builtin_interfaces/msg/{name}": _TIME for name in ("Time", "Duration")}
+"""Types whose definition a bag may leave out."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +99,25 @@ def columns(schema: Schema, messages: Sequence[bytes]) -> Iterator[Group]:
         joined = b"".join([messages[i] for i in index.tolist()])
         rows = np.frombuffer(joined, dtype=np.uint8).reshape(len(index), length)
         yield from _groups(types, schema.name, index, rows)
+
+
+def check_schema(schema: Schema) -> None:
+    """Check that a schema says what its messages are; raises BagError."""
+    _types(schema.name, schema.data)
+
+
+def check(schema: Schema, message: bytes) -> None:
+    """Check that a message (serialised, CDR) is one of a type; takes time by its length at most.
+
+    Raises:
+        BagError: if the schema cannot be understood.
+        ValueError: if the message is not one of its type, or ends too early.
+    """
+    types = _types(schema.name, schema.data)
+    try:
+        _Walk(types, message).message(schema.name)
+    except (struct.error, IndexError) as error:
+        raise ValueError(str(error)) from error
 
 
 def _groups(
@@ -189,21 +217,41 @@ class _Walk:
 def _types(name: str, text: bytes) -> dict[str, tuple[_Field, ...]]:
     """Return the fields of a type and of those that it contains, from a ros2msg schema."""
     try:
+        if len(text) > _LONGEST:
+            raise ValueError(f"it has {len(text)} bytes; expected at most {_LONGEST}")
         first, *others = text.decode().split("\n" + "=" * 80 + "\n")
         parts = {name: first}
         for other in others:
             head, _, body = other.partition("\n")
             parts[_full(head.removeprefix("MSG:").strip(), name)] = body
-        types = {kind: tuple(_parsed(body, kind)) for kind, body in parts.items()}
-        for entry in (entry for fields in types.values() for entry in fields):
-            if entry.type not in _NUMBERS and entry.type != "string" and entry.type not in types:
-                raise ValueError(f"the type {entry.type} is not defined")
+        types = _BUILT_IN | {kind: tuple(_parsed(body, kind)) for kind, body in parts.items()}
+        if (count := sum(map(len, types.values()))) > _MOST_FIELDS:
+            raise ValueError(f"it has {count} fields; expected at most {_MOST_FIELDS}")
+        _check_depth(types, name, ())
     except (UnicodeDecodeError, ValueError) as error:
         raise BagError(f"the schema of {name} cannot be understood: {error}") from error
     return types
 
 
-def _parsed(body: str, kind: str) -> Iterator[_Field]:
+def _check_depth(types: dict[str, tuple[_Field, ...]], name: str, within: tuple[str, ...]) -> None:
+    """Raise ValueError if a type is not defined, or contains itself or too many in each other."""
+    if name not in types:
+        raise ValueError(f"the type {name} is not defined")
+    if name in within:
+        raise ValueError(f"the type {name} contains itself")
+    if len(within) > _DEEPEST:
+        raise ValueError(f"more than {_DEEPEST} types within each other")
+    for kind in dict.fromkeys(entry.type for entry in types[name]):
+        if kind not in _NUMBERS and kind != "string":
+            _check_depth(types, kind, (*within, name))
+
+
+def _parsed(body: str, kind: str) -> list[_Field]:
+    """Return the fields of a definition; one without any has a byte, as IDL wants it."""
+    return list(_fields_of(body, kind)) or [_Field(_ONLY_MEMBER, "uint8", None)]
+
+
+def _fields_of(body: str, kind: str) -> Iterator[_Field]:
     """Yield the fields of a definition; constants and comments are left out."""
     for line in body.splitlines():
         words = line.partition("#")[0].split()
@@ -214,6 +262,8 @@ def _parsed(body: str, kind: str) -> Iterator[_Field]:
         if base == "wstring":
             raise ValueError("it has a wstring")
         count = None if not bracket else 0 if size.startswith(("]", "<")) else int(size[:-1])
+        if (bracket and count == 0 and size[0] not in "]<") or (count or 0) < 0:
+            raise ValueError(f"an array of {count}")
         known = base in _NUMBERS or base == "string"
         yield _Field(words[1], base if known else _full(base, kind), count)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from eulerparams_control.bags.plain_yaml import load_plain
 from eulerparams_control.errors import BagError
 
 METADATA_FILE = "metadata.yaml"
@@ -22,6 +23,8 @@ PARAMETERS_ATTACHMENT = "parameters.yaml"
 
 _OUTER_KEY = "rosbag2_bagfile_information"
 _VERSION = 9
+_LONGEST_REASON = 500  # characters of what the parser quotes
+_LARGEST = 4_000_000  # bytes of metadata.yaml: some of each topic
 _NEVER = 2**63 - 1  # the starting time of a bag without messages
 
 
@@ -156,7 +159,10 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     """
     path = folder / METADATA_FILE
     try:
-        text = path.read_text(encoding="utf-8")
+        if path.exists() and not path.is_file():
+            raise OSError("it is no file")
+        with open(path, "rb") as file:
+            text = file.read(_LARGEST + 1)[: _LARGEST + 1].decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = "it is missing" if isinstance(error, FileNotFoundError) else str(error)
         raise BagError(
@@ -183,7 +189,7 @@ def load_yaml(text: str, source: str) -> Any:
         BagError: if it is no YAML; names ``source``.
     """
     try:
-        return yaml.safe_load(text)
+        return load_plain(text)
     except Exception as error:  # PyYAML leaks a dozen types on odd tags and deep nesting
         reason = " ".join(str(error).split())
-        raise BagError(f"{source} is not valid YAML: {reason}") from error
+        raise BagError(f"{source} is not valid YAML: {reason[:_LONGEST_REASON]}") from error

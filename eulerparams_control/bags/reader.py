@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Message, Schema
 from mcap_ros2.decoder import DecoderFactory
 
+from eulerparams_control.bags.columns import check, check_schema
 from eulerparams_control.bags.format import (
     PARAMETERS_ATTACHMENT,
     bag_information,
@@ -149,12 +150,13 @@ class Bag:
         Raises:
             BagError: if it cannot be decoded.
         """
-        if message.topic not in self._decoders:
-            schema = self.schema(message.topic)
-            self._decoders[message.topic] = DecoderFactory().decoder_for("cdr", schema)
-        decode = self._decoders[message.topic]
         try:
+            if message.topic not in self._decoders:
+                self._decoders[message.topic] = _decode_with("cdr", self.schema(message.topic))
+            decode = self._decoders[message.topic]
             return decode(message.data) if decode else None
+        except BagError:
+            raise
         except Exception as error:  # the decoder leaks any type
             raise BagError(
                 f"{self.path}: a message of {message.topic} cannot be decoded: {error}"
@@ -262,13 +264,32 @@ def _is_description(name: str, info: TopicInfo) -> bool:
 def _decoder(scan: Scan, number: int) -> Callable[[bytes], Any]:
     channel = scan.channels[number]
     schema: Schema | None = scan.schemas.get(channel.schema_id)
-    decoder = DecoderFactory().decoder_for(channel.message_encoding, schema)
+    decoder = _decode_with(channel.message_encoding, schema)
     if decoder is None:
         raise BagError(
             f"{scan.path}: {channel.topic} is encoded as {channel.message_encoding} with a schema "
             f"of {schema.encoding if schema else 'none'}; only cdr with ros2msg can be decoded"
         )
     return decoder
+
+
+def _decode_with(encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
+    """Return what decodes the messages of a type; None for types that are described otherwise.
+
+    The decoder of the library reads on behind the end of a message, for as long as its numbers
+    say, so the message is checked before.
+    """
+    if schema is None or (encoding, schema.encoding) != ("cdr", "ros2msg"):
+        return None
+    check_schema(schema)
+    decoder = DecoderFactory().decoder_for(encoding, schema)
+    assert decoder is not None
+
+    def decode(data: bytes) -> Any:
+        check(schema, data)
+        return decoder(data)
+
+    return decode
 
 
 def bag_files(path: Path) -> list[Path]:
@@ -280,6 +301,9 @@ def bag_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    for file in files:
+        if not file.is_file():  # a pipe would be waited for
+            raise BagError(f"{file} is no file; expected an MCAP file")
     if files:
         return files
     if list(path.glob("*.db3")):

@@ -13,10 +13,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Message, Schema
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from eulerparams_control.bags.chunks import LARGEST, unpacked
 from eulerparams_control.errors import BagError
 
 Record = Schema | Channel | Message
@@ -26,6 +26,8 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time, 
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, checksum; magic
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
 _READ = _IN_CHUNKS | {Opcode.CHUNK, Opcode.ATTACHMENT}
+_MOST_DAMAGE = 20  # phrases; a file that is damaged everywhere is not told of record by record
+_LONGEST_REASON = 200  # characters
 
 
 class Scan:
@@ -89,7 +91,10 @@ class Scan:
                 if opcode == Opcode.DATA_END:
                     self.ended = True
                     return
-                if opcode in _READ:
+                if opcode in _READ and length > LARGEST:
+                    self._leave_out(opcode, at, f"{length} bytes; expected at most {LARGEST}")
+                    file.seek(length, os.SEEK_CUR)
+                elif opcode in _READ:
                     yield from self._parse(opcode, file.read(length), at)
                 else:
                     file.seek(length, os.SEEK_CUR)
@@ -105,15 +110,20 @@ class Scan:
             else:
                 yield _record(opcode, body)
         except Exception as error:  # the parsers leak any type on damaged bytes
-            reason = str(error) or type(error).__name__
-            self.damage.append(f"the {Opcode(opcode).name.lower()} at byte {at}: {reason}")
+            self._leave_out(opcode, at, str(error) or type(error).__name__)
+
+    def _leave_out(self, opcode: int, at: int, reason: str) -> None:
+        if len(self.damage) < _MOST_DAMAGE:
+            what = f"the {Opcode(opcode).name.lower()} at byte {at}"
+            self.damage.append(f"{what}: {reason[:_LONGEST_REASON]}")
+        elif len(self.damage) == _MOST_DAMAGE:
+            self.damage.append(f"more that is damaged from byte {at} on")
 
     def _chunk(self, body: bytes) -> Iterator[Record]:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
         self.compression = chunk.compression
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        data = stream.read(size)
-        at = 0
+        data = unpacked(chunk)
+        at, size = 0, len(data)
         while at < size:
             opcode, length = _HEAD.unpack_from(data, at)
             at += _HEAD.size
@@ -149,6 +159,8 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
         BagError: if it cannot be read, is empty, or is something else.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise BagError(f"{path} is no file; expected an MCAP file")
         with open(path, "rb") as file:
             begin = file.read(len(MCAP0_MAGIC))
             if begin != MCAP0_MAGIC:
@@ -171,6 +183,8 @@ def read_summary(path: Path) -> Summary | None:
             _, _, start, _, checksum, magic = _FOOTER.unpack(file.read())
             if magic != MCAP0_MAGIC or start == 0:
                 return None
+            if end - start > LARGEST:
+                return None
             file.seek(start)
             data = file.read(end + _FOOTER.size - 12 - start)  # up to the checksum
             if checksum not in (0, zlib.crc32(data)):
@@ -191,6 +205,8 @@ def read_attachment(path: Path, offset: int) -> Attachment:
         file.seek(offset)
         try:
             _, length = _HEAD.unpack(file.read(_HEAD.size))
+            if length > LARGEST:
+                raise ValueError(f"{length} bytes; expected at most {LARGEST}")
             return _attachment(file.read(length))
         except Exception as error:  # the parsers leak any type on damaged bytes
             raise BagError(

@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
@@ -99,6 +100,13 @@ def topic_of(channel: Channel, schema: Schema | None) -> Topic:
         name=channel.topic,
         type=schema.name if schema else "",
         type_hash=channel.metadata.get("topic_type_hash", ""),
-        qos_profiles=tuple(profiles) if isinstance(profiles, list) else (),
+        qos_profiles=_profiles(profiles),
         serialization_format=channel.message_encoding,
     )
+
+
+def _profiles(told: Any) -> tuple[dict[str, Any], ...]:
+    """Return the QoS profiles of a list of mappings; what has another form is none."""
+    if not isinstance(told, list) or not all(isinstance(profile, dict) for profile in told):
+        return ()
+    return tuple({str(key): value for key, value in profile.items()} for profile in told)

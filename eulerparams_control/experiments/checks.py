@@ -10,7 +10,7 @@ from eulerparams_control.errors import ConfigurationError, UnknownNameError
 
 def known(kind: str, name: Any, names: Any) -> None:
     """Raise UnknownNameError unless a name is one of those."""
-    if name not in names:
+    if not isinstance(name, str) or name not in names:
         raise UnknownNameError(kind, str(name), map(str, names))
 
 

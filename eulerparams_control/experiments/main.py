@@ -59,8 +59,9 @@ def main(args: list[str] | None = None) -> int:
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="experiment",
-        description="Run experiments in lock-step simulation and judge them. What was run before, "
-        "with the same definition and the same code, is not run again.",
+        description="Run experiments in lock-step simulation, those with faults in real time, and "
+        "judge them. What was run before, with the same definition and the same code, is not run "
+        "again.",
         epilog="Ends with 1 if a criterion is not met, and with 2 if an experiment could not run. "
         "With --variant the criteria that need other variants are not judged; if none was "
         'judged, that is said, summary.json has "met": null, and the end is with 0.',

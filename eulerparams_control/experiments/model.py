@@ -7,6 +7,7 @@ from typing import Any
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.experiments.charts import ChartOf
 from eulerparams_control.experiments.predictions import Predicted
+from eulerparams_control.faults import Fault
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -61,6 +62,8 @@ class Variant:
         start_at_reference: whether q starts at the first way-point instead of home.
         start_turn: (3,) rotation vector [rad], tool frame, by which the tip is turned there.
         may_diverge: whether the run may end early, beyond all numbers.
+        faults: that happen in it; with some it is in real time, else in lock-step.
+        fault_seed: of what is random in them.
     """
 
     nodes: Parameters
@@ -70,6 +73,8 @@ class Variant:
     start_at_reference: bool = False
     start_turn: tuple[float, ...] = (0.0, 0.0, 0.0)
     may_diverge: bool = False
+    faults: tuple[Fault, ...] = ()
+    fault_seed: int = 0
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Nodes:
         self._stop = stop or threading.Event()
         self._domain = Domain()
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._commands: dict[str, list[str]] = {}
         self.environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(self._domain.number),
@@ -82,16 +83,44 @@ class Nodes:
         remaps: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Start a node with its parameters, and with other names for some of its topics."""
-        file = self._folder / f"{executable}.yaml"
-        content = {"/**": {"ros__parameters": _uniform(parameters)}}
-        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        file = self._write(executable, parameters)
         command = [sys.executable, "-m", module_of(executable), "--ros-args"]
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
-        with open(self._log(executable), "wb") as log:
+        self._commands[executable] = command
+        self._log(executable).write_bytes(b"")
+        self._launch(executable)
+
+    def start_again(self, executable: str, parameters: dict[str, Any] | None = None) -> None:
+        """Start a node that was killed, as before, or with other parameters; its log goes on."""
+        if parameters is not None:
+            self._write(executable, parameters)
+        self._launch(executable)
+
+    def kill(self, executable: str) -> None:
+        """Kill a node, without a word; it is none of the processes then.
+
+        Raises:
+            SimulationError: if it has died before; with its last words.
+        """
+        self.check()
+        process = self.processes.pop(executable, None)
+        if process is not None:
+            process.kill()
+            process.wait()
+
+    def _write(self, executable: str, parameters: dict[str, Any]) -> Path:
+        """Write the parameter file of a node; return it."""
+        file = self._folder / f"{executable}.yaml"
+        content = {"/**": {"ros__parameters": _uniform(parameters)}}
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return file
+
+    def _launch(self, executable: str) -> None:
+        with open(self._log(executable), "ab") as log:
             self.processes[executable] = subprocess.Popen(
-                command,
+                self._commands[executable],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -113,16 +142,28 @@ class Nodes:
             SimulationError: if any node has died; with its last words.
             Stopped: if they are to end.
         """
+        self.check(executable)
+        return self.processes[executable].poll() is not None
+
+    def check(self, may_end: str = "") -> None:
+        """Raise unless all nodes are well.
+
+        Args:
+            may_end: a node that may end by itself, and well.
+
+        Raises:
+            SimulationError: if any node has died; with its last words.
+            Stopped: if they are to end.
+        """
         if self._stop.is_set():
             raise Stopped
         for name, process in self.processes.items():
-            if process.poll() is not None and (process.returncode != 0 or name != executable):
+            if process.poll() is not None and (process.returncode != 0 or name != may_end):
                 raise SimulationError(
                     f"the node {name} died with exit code {process.returncode}:\n"
                     + self._last_words(name)
                     + self.complaints(but=name)
                 )
-        return self.processes[executable].poll() is not None
 
     def stop(self, *executables: str) -> None:
         """End nodes one after the other, those that have not ended yet."""
@@ -136,14 +177,14 @@ class Nodes:
                 process.kill()
                 process.wait()
 
-    def wait_for(self, executable: str, words: str, timeout: float) -> None:
-        """Wait until a node has said some words.
+    def wait_for(self, executable: str, words: str, timeout: float, times: int = 1) -> None:
+        """Wait until a node has said some words, as many times as that.
 
         Raises:
             SimulationError: if it does not within ``timeout`` [s].
         """
         deadline = time.monotonic() + timeout
-        while words not in self.log(executable):
+        while self.log(executable).count(words) < times:
             self.ended(executable)
             if time.monotonic() > deadline:
                 raise SimulationError(

@@ -60,7 +60,9 @@ class Making:
         """Return that of a variant, whose nodes have these parameters."""
         robot = asdict(load_robot(settings.robot))
         said = [parameters, settings.duration, settings.controller, settings.may_diverge, robot]
-        return cls(digest(said), code_of_runs())
+        if settings.faults:
+            said.append([str(fault) for fault in settings.faults])
+        return cls(digest(said), code_of_runs(bool(settings.faults)))
 
     def differs(self, before: "Making") -> str:
         """Return what has changed since, in words; "" if nothing."""

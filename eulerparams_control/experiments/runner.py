@@ -1,4 +1,7 @@
-"""Run an experiment: its nodes as processes, in lock-step, one bag a variant."""
+"""Run an experiment: its nodes as processes, one bag a variant.
+
+In lock-step, but with faults in real time, see ``faulty``.
+"""
 
 import math
 import re
@@ -14,7 +17,9 @@ import numpy as np
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.experiments.controllers import CONTROLLERS
+from eulerparams_control.experiments import faulty
+from eulerparams_control.experiments.controllers import CONTROLLERS, ControlNode
+from eulerparams_control.experiments.faulty_run import record_faulty, turn
 from eulerparams_control.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.experiments.processes import Nodes
 from eulerparams_control.experiments.records import Making, Record, Run
@@ -90,6 +95,8 @@ def run_variant(
     parameters = node_parameters(settings)
     making = Making.of(settings, parameters)
     record.begin(making)
+    if settings.faults:
+        return _run_faulty(settings, parameters, record, progress, stop)
     try:
         diverged = _record(settings, parameters, record, progress, stop)
     finally:
@@ -98,6 +105,25 @@ def run_variant(
     end = _check_complete(record.bag, settings, rate, diverged)
     run = Run(record.bag, end, end if diverged else None, time.monotonic() - started)
     record.end(making, run)
+    return run
+
+
+def _run_faulty(
+    settings: Variant,
+    parameters: Parameters,
+    record: Record,
+    progress: Progress,
+    stop: threading.Event | None,
+) -> Run:
+    """Run a variant with faults; its bag has what was recorded: in real time none is complete."""
+    with turn(stop):
+        started = time.monotonic()
+        try:
+            record_faulty(settings, parameters, record, progress, stop)
+        finally:
+            _claim(record)
+    run = Run(record.bag, settings.duration, None, time.monotonic() - started)
+    record.end(Making.of(settings, parameters), run)
     return run
 
 
@@ -169,13 +195,18 @@ def node_parameters(settings: Variant) -> Parameters:
     given, controller = settings.nodes, CONTROLLERS[settings.controller]
     robot = load_robot(settings.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
+    of_node = faulty.control_parameters if settings.faults else ControlNode.parameters
     parameters: Parameters = {
-        node.executable: frames | node.parameters(is_turned=any(settings.start_turn))
+        node.executable: frames | of_node(node, any(settings.start_turn))
         for node in controller.nodes
     }
     followers = {"wait_for_subscribers": controller.followers + 1}  # and the recorder
     parameters["reference"] = frames | followers
     parameters["pybullet_bridge"] = _bridge_parameters(settings)
+    if settings.faults:
+        parameters[faulty.INJECTOR] = faulty.injector_parameters(
+            controller, settings.faults, settings.fault_seed
+        )
     parameters = {node: values | given.get(node, {}) for node, values in parameters.items()}
     if settings.start_at_reference:
         q_0 = _start(robot, parameters["reference"], np.array(settings.start_turn))
@@ -184,9 +215,12 @@ def node_parameters(settings: Variant) -> Parameters:
 
 
 def _bridge_parameters(settings: Variant) -> dict[str, Any]:
-    """Return what the bridge needs in lock-step; it waits for all that listen to the arm."""
+    """Return what the bridge needs; in lock-step it waits for all that listen to the arm."""
     controller = CONTROLLERS[settings.controller]
     source = "urdf" if settings.robot.endswith(".urdf") else "robot"
+    if settings.faults:
+        own = faulty.bridge_parameters()
+        return {**own, "control": controller.control, source: settings.robot}
     return {
         "mode": "lockstep",
         "control": controller.control,

@@ -26,10 +26,15 @@ def digest(content: Any) -> str:
 
 
 @cache
-def code_of_runs() -> str:
-    """Return the version of the code that acts on runs: the nodes, and what they import."""
+def code_of_runs(faulty: bool = False) -> str:
+    """Return the version of the code that acts on runs: the nodes, and what they import.
+
+    Args:
+        faulty: whether they are runs with faults, in which one more node acts.
+    """
     names = {name for controller in CONTROLLERS.values() for name in controller.executables}
     nodes = ("bag_recorder", "pybullet_bridge", "reference", *sorted(names))
+    nodes += ("fault_injector",) if faulty else ()
     return version(imported(map(module_of, nodes)))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from eulerparams_control.experiments.checks import check_name, is_number, known, require
 from eulerparams_control.experiments.controllers import CONTROLLERS
+from eulerparams_control.experiments.faulty import read_faults
 from eulerparams_control.experiments.model import LOGS, Parameters, Variant
 
 CONTROL_NODES = tuple(
@@ -45,6 +46,7 @@ def _variant(where: str, common: dict[str, Any], nodes: Parameters, changes: Any
     run = {"start_turn": [0.0, 0.0, 0.0], **common, **own}
     _check_run(where, run)
     run |= {"duration": float(run["duration"]), "start_turn": tuple(map(float, run["start_turn"]))}
+    run["faults"] = read_faults(where, run)
     variant = Variant(merged, **run)
     for node in parameters:
         require(
@@ -72,6 +74,9 @@ def _check_run(where: str, run: dict[str, Any]) -> None:
     require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
     for key in ("start_at_reference", "may_diverge"):
         require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")
+    seed = run.get("fault_seed", 0)
+    is_seed = isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31
+    require(is_seed, f"{where}: fault_seed: expected a whole number from 0 to {2**31 - 1}")
     numbers = isinstance(turn, list) and len(turn) == 3 and all(map(is_number, turn))
     require(
         numbers and all(map(math.isfinite, turn)), f"{where}: start_turn: expected [x, y, z] in rad"

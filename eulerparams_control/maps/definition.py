@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.experiments.checks import check_name
+from eulerparams_control.experiments.checks import check_name, known
 from eulerparams_control.experiments.sources import digest, imported, version
 from eulerparams_control.maps.base import MapKind, Variant
 from eulerparams_control.resources import config_file
@@ -78,8 +78,7 @@ def _definition(name: str, told: Any, quick: bool, samples: int) -> MapDefinitio
     check_name("map", name)  # of the folder of its results
     if not isinstance(told, dict) or not isinstance(told.get("variants"), dict):
         raise ConfigurationError("expected the keys kind, title, variants, and options")
-    if told.get("kind") not in MapKind.registry:
-        raise UnknownNameError("kind of map", str(told.get("kind")), MapKind.registry)
+    known("kind of map", told.get("kind"), MapKind.registry)
     cls = MapKind.registry[told["kind"]]
     variants = tuple(_variant(str(label), about) for label, about in told["variants"].items())
     options = {key: value for key, value in told.items() if key not in _OWN}

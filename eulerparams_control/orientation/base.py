@@ -264,6 +264,6 @@ def representation(
         UnknownNameError: if there is none; lists those that exist.
     """
     registry = OrientationRepresentation.registry
-    if name not in registry:
-        raise UnknownNameError("orientation", name, registry)
+    if not isinstance(name, str) or name not in registry:
+        raise UnknownNameError("orientation", str(name), registry)
     return registry[name](options)

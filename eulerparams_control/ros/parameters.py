@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 
 # Declared by rclpy itself in every node.
 _RCLPY_NAMES = ("use_sim_time", "start_type_description_service")
@@ -69,8 +70,10 @@ def declare[P](
 
     Raises:
         UnknownNameError: if an override names no parameter of the node.
-        ConfigurationError: if a value has the wrong type, size, or is out of bounds.
+        ConfigurationError: if a value has the wrong type, size, or is out of bounds; if a
+            parameter file is probably meant for the node, but names another.
     """
+    refuse_misspelt_sections(node.get_name())
     fields = {field.name: field for field in dataclasses.fields(parameters)}  # type: ignore[arg-type]
     _refuse_unknown(node._parameter_overrides, fields, prefixes)
     hints = typing.get_type_hints(parameters)
@@ -89,7 +92,7 @@ def _refuse_unknown(
     for name in overrides:
         if name in fields or name in _RCLPY_NAMES or name.startswith(_RCLPY_PREFIXES + prefixes):
             continue
-        raise UnknownNameError("parameter", name, [*fields, *prefixes])
+        raise UnknownNameError("parameter", name, [*fields, *prefixes, *_RCLPY_NAMES])
 
 
 def _declare_one(node: Node, name: str, field: Any, hint: Any) -> Any:

@@ -25,6 +25,9 @@ from eulerparams_control.ros.runtime import run
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.way_points import FORMATS, parse_way_points
 
+# To read so many points takes a controller some 50 ms, in which it commands nothing.
+_MANY = 1000
+
 MOTIONS = ("none", "way_points", "circle")
 
 
@@ -213,6 +216,11 @@ class ReferenceNode(Node):
     def _send(self, trajectory: Trajectory) -> None:
         assert self._robot is not None
         msg = motion_to_ros(trajectory, self._robot.base_frame, self._robot.tip_frame)
+        if len(msg.points) > _MANY:
+            self._health.complain(
+                f"a motion of {len(msg.points)} points takes the controller longer than its robot "
+                "waits for a command; with fewer way-points or turns the arm need not brake"
+            )
         self._publisher.publish(msg)
         self._goal = trajectory.frames[-1]
         self._health.set(

@@ -49,7 +49,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
-        text = str(error).partition(", at /")[0]
+        text = " ".join(str(error).partition(", at /")[0].split())
         print(f"error: {text}; in the folder {Path.cwd()}", file=sys.stderr, flush=True)
         return 1
     if unknown := remove_ros_args(args)[1 if args is None else 0 :]:

@@ -19,6 +19,7 @@ from eulerparams_control.analysis.metrics import (
     errors,
     motion,
     stability,
+    wire,
 )
 from eulerparams_control.analysis.metrics.base import (
     METRICS,
@@ -40,4 +41,5 @@ __all__ = [
     "motion",
     "quotient",
     "stability",
+    "wire",
 ]

@@ -4,6 +4,7 @@ The arm is stepped by hand, and the steady clock of the controller is the time o
 so that a sequence repeats to the bit and takes no longer than its computations.
 """
 
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -29,7 +31,7 @@ from eulerparams_control.campaign.record import (
 )
 from eulerparams_control.campaign.user import BEGINNING, User
 from eulerparams_control.catalogue import load_robot
-from eulerparams_control.faults import FaultStream, Kill, SecondPublisher
+from eulerparams_control.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
 from eulerparams_control.messages import JointStateReader
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros.campaign.reading import command_of, said_of, state_of
@@ -86,7 +88,8 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
     """Be in a ROS domain; the parameters are those of the controller."""
     words = [word for item in parameters.items() for word in ("-p", f"{item[0]}:={item[1]}")]
     args = ["--ros-args", *words, "--log-level", "fatal"]
-    rclpy.init(args=args, domain_id=domain)
+    no_signals = SignalHandlerOptions.NO  # they are those of who runs us
+    rclpy.init(args=args, domain_id=domain, signal_handler_options=no_signals)
     try:
         yield
     finally:
@@ -120,40 +123,38 @@ class _Sequence:
         self.faults = FaultStream(faults, plan.seed)
         self.user = User(plan, model, faults, self.arm.state.q)
         self.record = Record(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
-        self.record.quiet, self.record.end = self.user.quiet, self.user.end
+        self.record.quiet = self.user.quiet
         self.record.contact = plan.contact
-        self.record.shaken = shaken(faults, BEGINNING)
+        released = self.user.quiet if plan.push else None
+        self.record.shaken = shaken(faults, BEGINNING, released)
+        self.record.disturbed = shaken(faults, BEGINNING, released, TO_ROBOT)
         self._reader = JointStateReader(model.joints)
         self._kills = [fault for fault in faults if isinstance(fault, Kill)]
         self._seconds = [fault for fault in faults if isinstance(fault, SecondPublisher)]
         self._life = 0
-        self._make_nodes()
+        self.node: Any = None
+        self._own: list[Node] = []
+        self._second: tuple[Node, Publisher] | None = None
+        self._last_reference: Any = None
+        self._taken: dict[str, int] = {}
 
     # --- the nodes ---------------------------------------------------------------------
 
     def _make_nodes(self) -> None:
-        self._world = _plain_node("robot")
-        create = self._world.create_publisher
+        robot, leader = _plain_node("robot"), _plain_node("reference")
+        self._own = [robot, leader]
+        create = robot.create_publisher
         self._description = create(String, "robot_description", QOS_LATCHED)
         self._description.publish(String(data=self.robot.urdf))
         command = "joint_reference" if self.plan.control == "position" else "joint_effort"
         self._topic = command
-        self._commands = self._world.create_subscription(JointState, command, _never, 100)
-        self._diagnostics = self._world.create_subscription(
-            DiagnosticArray, "/diagnostics", _never, 100
-        )
-        self._leader = _plain_node("reference")
+        self._commands = robot.create_subscription(JointState, command, _never, 100)
+        self._diagnostics = robot.create_subscription(DiagnosticArray, "/diagnostics", _never, 100)
         self._publishers = {
             "joint_states": create(JointState, "joint_states", QOS_STREAM),
             "wrench": create(WrenchStamped, "wrench", QOS_STREAM),
-            "reference": self._leader.create_publisher(
-                MultiDOFJointTrajectory, "reference", QOS_STREAM
-            ),
+            "reference": leader.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM),
         }
-        self._second: tuple[Node, Publisher] | None = None
-        self._last_reference: Any = None
-        self._taken: dict[str, int] = {}
-        self.node: Any = None
         self._start()
 
     def _start(self) -> None:
@@ -206,9 +207,11 @@ class _Sequence:
 
     def run(self) -> None:
         """Go through the sequence."""
-        steps = round(self.user.end * RATE)
-        for step in range(steps + 1):
+        self._make_nodes()
+        for step in itertools.count():
             self.t = step / RATE
+            if self.user.is_done(self.t, self.arm.state.q):
+                break
             try:
                 self._do_to_nodes()
                 self._tick(step)
@@ -217,7 +220,7 @@ class _Sequence:
                 self.record.end = self.t
                 return
             self.arm.step()
-        self.record.refused = self.arm.refused
+        self.record.refused, self.record.end = self.arm.refused, self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 
     def _do_to_nodes(self) -> None:
@@ -322,7 +325,7 @@ class _Sequence:
     def close(self) -> None:
         """End all nodes and the arm."""
         self.arm.close()
-        nodes = [self.node, self._second[0] if self._second else None, self._leader, self._world]
+        nodes = [self.node, self._second[0] if self._second else None, *self._own]
         for node in nodes:
             if node is not None:
                 node.destroy_node()

@@ -5,6 +5,7 @@ which they were published, so that a busy listener changes nothing.  A node is k
 """
 
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -24,7 +26,7 @@ from eulerparams_control.campaign.user import BEGINNING, User
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.experiments.processes import Nodes
-from eulerparams_control.faults import Kill
+from eulerparams_control.faults import TO_ROBOT, Kill
 from eulerparams_control.messages import JointStateReader
 from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.robot import Robot
@@ -41,14 +43,19 @@ _PATIENCE = 60.0  # [s] to start: a guard against hanging
 _LOOK = 0.001  # [s] between two looks at what has come
 
 
-def run_realtime(plan: Plan) -> Record:
+def run_realtime(plan: Plan, stop: threading.Event | None = None) -> Record:
     """Run a sequence; return what was seen.
+
+    Args:
+        plan: the sequence.
+        stop: set when it is to end early.
 
     Raises:
         SimulationError: if a node other than the controller dies, or nothing begins.
+        Stopped: if it was told to end.
     """
     with tempfile.TemporaryDirectory(prefix="faults_") as folder:
-        with Nodes(Path(folder)) as nodes:
+        with Nodes(Path(folder), stop) as nodes:
             sequence = _Sequence(plan, nodes)
             try:
                 sequence.run()
@@ -71,7 +78,6 @@ class _Sequence:
             model, plan.max_effort_rate, plan.state_timeout, 1 / RATE, jitter=_JITTER
         )
         self.record.contact = plan.contact
-        self.record.shaken = shaken(faults, BEGINNING)
         self._reader = JointStateReader(model.joints)
         self._kills = [fault for fault in faults if isinstance(fault, Kill)]
         self._dead: Kill | None = None
@@ -86,7 +92,8 @@ class _Sequence:
     def _connect(self) -> None:
         self._context = Context()
         domain = int(self.nodes.environment["ROS_DOMAIN_ID"])
-        rclpy.init(context=self._context, domain_id=domain)
+        no_signals = SignalHandlerOptions.NO  # they are those of who runs us
+        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=no_signals)
         self._node = rclpy.create_node(
             "reference",
             context=self._context,
@@ -143,16 +150,22 @@ class _Sequence:
         self._start()
         self._wait(self._is_led, "commands, and a listener to the reference")
         self._origin = time.time()
-        while self._now < self.user.end and not self.record.crash:
+        while not (self._is_done() or self.record.crash):
             self._do_to_nodes()
             self._lead()
             self._take_all()
             self._check()
         self.record.quiet, self.record.end = self.user.quiet, self._now
+        released = self.user.quiet if self.plan.push else None
+        self.record.shaken = shaken(self.user.faults, BEGINNING, released)
+        self.record.disturbed = shaken(self.user.faults, BEGINNING, released, TO_ROBOT)
         self.record.tip_error = self.user.tip_error(np.array(self.record.truth[-1].q))
         self.record.shift(self._origin)
         gaps = np.diff([truth.t for truth in self.record.truth if truth.t >= 0])
         self.record.starved = max(self.record.starved, float(gaps.max()))
+
+    def _is_done(self) -> bool:
+        return self.user.is_done(self._now, np.array(self.record.truth[-1].q))
 
     @property
     def _now(self) -> float:

@@ -1,0 +1,10 @@
+"""The topics between a robot, its controller and what leads it."""
+
+FROM_ROBOT = ("joint_states", "wrench")
+TO_CONTROLLER = (*FROM_ROBOT, "reference")
+TO_ROBOT = ("joint_reference", "joint_effort")
+TOPICS = (*TO_CONTROLLER, *TO_ROBOT)
+"""Those that a fault can be on."""
+
+ROBOT = "robot"
+"""In the place of a topic: all of those that come from the robot, together."""

@@ -1,0 +1,21 @@
+"""What comes with a message: its number among those of its publisher."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+NUMBER = "publication_sequence_number"
+"""Key of the info: the publisher counts its messages from 1."""
+
+
+def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..., None]:
+    """Return a callback of a subscription that gets a message and its info.
+
+    Most executors pass two arguments to such a callback, EventsExecutor one pair.
+    """
+
+    def received(*arguments: Any) -> None:
+        callback(*(arguments if len(arguments) == 2 else arguments[0]))
+
+    received.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
+    return received

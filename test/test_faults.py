@@ -1,0 +1,499 @@
+"""Faults on purpose: what goes in, what comes out, exactly; the same for the same seed."""
+
+import copy
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import (
+    Quaternion,
+    Transform,
+    Twist,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.faults import (
+    Fault,
+    FaultStream,
+    Kill,
+    SecondPublisher,
+    parse_fault,
+    parse_faults,
+    random_faults,
+)
+from eulerparams_control.faults.fields import numbers
+
+CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
+SECOND = 1_000_000_000
+
+# A sum of two times of order 1.
+ROUNDING = 1e-15
+
+# Of 2000 messages hit with probability 0.3: six standard deviations of their number.
+SIX_SIGMA = 6 * math.sqrt(2000 * 0.3 * 0.7)
+
+
+def state(k: int, sec: int = 10) -> JointState:
+    """Return the k-th state of two joints, stamped k ms after ``sec``."""
+    msg = JointState(name=["a", "b"], position=[0.1 * k, 1.0], velocity=[2.0, 3.0])
+    msg.header.stamp.sec, msg.header.stamp.nanosec = sec, k * 1_000_000
+    return msg
+
+
+def stamp(msg: Any) -> int:
+    return int(msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec)
+
+
+def number(msg: JointState) -> int:
+    """Return which state it is, by its stamp."""
+    return round((stamp(msg) % SECOND) / 1_000_000)
+
+
+def reference() -> MultiDOFJointTrajectory:
+    transform = Transform(
+        translation=Vector3(x=1.0, y=2.0, z=3.0), rotation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
+    point = MultiDOFJointTrajectoryPoint(transforms=[transform], velocities=[Twist()])
+    return MultiDOFJointTrajectory(joint_names=["tool0"], points=[point])
+
+
+def fault(text: str) -> Fault:
+    return parse_fault(yaml.safe_load(text))
+
+
+def stream(*texts: str, seed: int = 1) -> FaultStream:
+    return FaultStream([fault(text) for text in texts], seed)
+
+
+def passed(found: FaultStream, times: list[float], topic: str = "joint_states") -> list[Any]:
+    """Return what comes out, one list a time, as the k-th state goes in at the k-th time."""
+    return [
+        [msg for _, msg in found.due(t)] + found.on_message(t, topic, state(k))
+        for k, t in enumerate(times)
+    ]
+
+
+def which(groups: list[Any]) -> list[list[int]]:
+    return [[number(msg) for msg in group] for group in groups]
+
+
+# --- each kind --------------------------------------------------------------------------------
+
+
+def test_where_no_fault_is_at_work_a_message_goes_through_as_it_is() -> None:
+    found = stream("{fault: drop, topic: joint_states, at: 1, for: 1}")
+    msg = state(0)
+    assert found.on_message(0.999, "joint_states", msg)[0] is msg
+    assert found.on_message(1.5, "wrench", msg)[0] is msg
+    assert found.on_message(2.0, "joint_states", msg)[0] is msg
+    assert not found.touches(0.999, "joint_states")
+    assert found.touches(1.0, "joint_states")
+
+
+def test_a_drop_loses_the_messages_of_its_time_only() -> None:
+    found = stream("{fault: drop, topic: joint_states, at: 1.0, for: 0.2}")
+    assert which(passed(found, [0.9, 1.0, 1.1, 1.2, 1.3])) == [[0], [], [], [3], [4]]
+
+
+def test_a_probability_hits_that_part_of_the_messages() -> None:
+    found = stream("{fault: drop, topic: joint_states, at: 0, for: 100, probability: 0.3}")
+    lost = sum(not found.on_message(0.01 * k, "joint_states", state(1)) for k in range(2000))
+    assert abs(lost - 600) < SIX_SIGMA
+
+
+def test_a_delay_keeps_the_order_and_ends_in_a_burst() -> None:
+    found = stream("{fault: delay, topic: joint_states, at: 1.0, for: 0.3, by: 0.25}")
+    times = [0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6]
+    assert which(passed(found, times)) == [[0], [], [], [], [1], [2], [3, 4, 5, 6], [7]]
+
+
+def test_what_a_delay_holds_is_due_when_no_message_follows() -> None:
+    found = stream("{fault: delay, topic: joint_states, at: 0, for: 1, by: 0.5}")
+    assert found.next_due == math.inf
+    assert found.on_message(0.2, "joint_states", state(7)) == []
+    assert found.next_due == pytest.approx(0.7, abs=ROUNDING)
+    assert found.due(0.69) == []
+    ((topic, msg),) = found.due(0.7)
+    assert topic == "joint_states"
+    assert number(msg) == 7
+    assert found.next_due == math.inf
+    assert found.due(0.8) == []
+
+
+def test_a_duplicate_comes_at_once_as_often_as_told() -> None:
+    found = stream("{fault: duplicate, topic: joint_states, at: 0, for: 1, copies: 2}")
+    (first, second, third), (late,) = passed(found, [0.5, 1.0])
+    assert first == second == third == state(0)
+    assert first is not second
+    assert first.position is not second.position
+    assert late == state(1)
+
+
+def test_a_reorder_gives_each_group_in_another_order_and_loses_none() -> None:
+    found = stream("{fault: reorder, topic: joint_states, at: 0, for: 1, depth: 3}")
+    groups = which(passed(found, [0.01 * k for k in range(90)]))
+    for k in range(0, 90, 3):
+        assert groups[k] == groups[k + 1] == []
+        assert sorted(groups[k + 2]) == [k, k + 1, k + 2]
+        assert groups[k + 2] != [k, k + 1, k + 2]
+
+
+def test_what_a_reorder_holds_at_its_end_comes_before_what_follows() -> None:
+    found = stream("{fault: reorder, topic: joint_states, at: 0, for: 0.35, depth: 10}")
+    groups = [found.on_message(0.1 * k, "joint_states", state(k)) for k in range(6)]
+    assert which(groups[:4]) == [[], [], [], []]
+    *held, last = which(groups)[4]
+    assert sorted(held) == [0, 1, 2, 3]
+    assert last == 4
+    assert which(groups)[5] == [5]
+
+
+def test_what_a_reorder_holds_is_due_at_its_end() -> None:
+    found = stream("{fault: reorder, topic: joint_states, at: 0, for: 0.5, depth: 10}")
+    passed(found, [0.1, 0.2])
+    assert found.next_due == 0.5
+    assert found.due(0.49) == []
+    assert [number(msg) for _, msg in found.due(0.5)] == [1, 0]
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_a_nan_puts_its_value_in_one_number_of_its_field(value: str) -> None:
+    found = stream(
+        f"{{fault: nan, topic: joint_states, at: 0, for: 1, field: velocity, value: {value}}}"
+    )
+    hit = set()
+    for k in range(40):
+        (msg,) = found.on_message(0.01 * k, "joint_states", state(k))
+        bad = [n for n in numbers(msg) if not math.isfinite(n.value)]
+        assert len(bad) == 1
+        np.testing.assert_equal(bad[0].value, float(value))
+        hit.add(bad[0].path)
+        assert msg.position == state(k).position
+    assert hit == {"velocity[0]", "velocity[1]"}
+
+
+def test_a_nan_may_be_in_any_number_and_of_any_kind() -> None:
+    found = stream("{fault: nan, topic: wrench, at: 0, for: 1, value: random}")
+    hit = set()
+    for k in range(300):
+        (msg,) = found.on_message(0.001 * k, "wrench", WrenchStamped())
+        (bad,) = [n for n in numbers(msg) if not math.isfinite(n.value)]
+        hit.add((bad.path, str(bad.value)))
+    paths = {f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"}
+    assert hit == {(path, value) for path in paths for value in ("nan", "inf", "-inf")}
+
+
+def test_a_nan_of_a_field_that_is_empty_changes_nothing() -> None:
+    found = stream("{fault: nan, topic: joint_states, at: 0, for: 1, field: effort}")
+    assert found.on_message(0.5, "joint_states", state(1)) == [state(1)]
+
+
+def test_under_a_freeze_the_values_repeat_and_the_stamps_go_on() -> None:
+    found = stream("{fault: freeze, topic: joint_states, at: 0.5, for: 1}")
+    out = [msg for group in passed(found, [0.0, 0.6, 0.7, 0.8, 1.5]) for msg in group]
+    assert [number(msg) for msg in out] == [0, 1, 2, 3, 4]
+    assert [list(msg.position) for msg in out] == [list(state(k).position) for k in (0, 1, 1, 1, 4)]
+
+
+def test_a_stuck_message_repeats_with_its_stamp() -> None:
+    found = stream("{fault: stuck, topic: joint_states, at: 0.5, for: 1}")
+    out = passed(found, [0.0, 0.6, 0.7, 0.8, 1.5])
+    assert out == [[state(0)], [state(1)], [state(1)], [state(1)], [state(4)]]
+
+
+def test_noise_is_on_the_numbers_of_its_field_with_its_standard_deviation() -> None:
+    found = stream(
+        "{fault: noise, topic: joint_states, at: 0, for: 100, std: 0.5, field: position}"
+    )
+    off = []
+    for _ in range(2000):
+        (msg,) = found.on_message(1.0, "joint_states", state(0))
+        assert msg.velocity == state(0).velocity
+        off += [x - y for x, y in zip(msg.position, state(0).position, strict=True)]
+    assert abs(np.mean(off)) < 6 * 0.5 / math.sqrt(len(off))
+    assert abs(np.std(off) - 0.5) < 6 * 0.5 / math.sqrt(2 * len(off))
+
+
+def test_a_clock_jump_moves_the_stamps_from_then_on() -> None:
+    found = stream("{fault: clock_jump, topic: joint_states, at: 1, by: -0.0015}")
+    out = [msg for group in passed(found, [0.9, 1.0, 1000.0]) for msg in group]
+    assert [stamp(msg) - stamp(state(k)) for k, msg in enumerate(out)] == [
+        0,
+        -1_500_000,
+        -1_500_000,
+    ]
+    assert all(0 <= msg.header.stamp.nanosec < SECOND for msg in out)
+    assert found.faults[0].end == 1.0
+
+
+def test_a_stamp_may_jump_to_before_the_beginning_of_time() -> None:
+    found = stream("{fault: clock_jump, topic: joint_states, at: 0, by: -2.75}")
+    (msg,) = found.on_message(0.0, "joint_states", state(0, sec=1))
+    assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (-2, 250_000_000)
+
+
+def test_topics_of_one_fault_are_hit_each_by_itself() -> None:
+    found = stream("{fault: clock_jump, topic: robot, at: 0, by: 1.0, probability: 0.5}")
+    hits = {
+        topic: [stamp(found.on_message(0.01 * k, topic, state(0))[0]) for k in range(40)]
+        for topic in ("joint_states", "wrench")
+    }
+    assert hits["joint_states"] != hits["wrench"]
+
+
+def test_a_clock_jump_for_a_time_goes_back() -> None:
+    found = stream("{fault: clock_jump, topic: joint_states, at: 1, for: 1, by: 3.25}")
+    out = [msg for group in passed(found, [0.9, 1.0, 2.0]) for msg in group]
+    assert [stamp(msg) - stamp(state(k)) for k, msg in enumerate(out)] == [0, 3_250_000_000, 0]
+
+
+def test_the_clock_of_the_robot_jumps_on_all_that_it_sends_and_nothing_else() -> None:
+    found = stream("{fault: clock_jump, topic: robot, at: 0, by: 2.0}")
+    for topic, jump in (("joint_states", 2), ("wrench", 2), ("reference", 0), ("joint_effort", 0)):
+        (msg,) = found.on_message(0.5, topic, state(3))
+        assert stamp(msg) - stamp(state(3)) == jump * SECOND
+
+
+def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotations() -> None:
+    found = fault("{fault: second_publisher, topic: reference, at: 0, for: 1, offset: 0.25}")
+    assert isinstance(found, SecondPublisher)
+    true = reference()
+    other = found.message(true)
+    moved = other.points[0].transforms[0].translation
+    assert (moved.x, moved.y, moved.z) == (1.25, 2.25, 3.25)
+    assert other.points[0].transforms[0].rotation == true.points[0].transforms[0].rotation
+    assert other.points[0].velocities[0].linear.x == 0.25
+    assert true == reference()
+
+
+def test_faults_of_nodes_do_nothing_to_messages() -> None:
+    found = stream(
+        "{fault: kill, node: clik, at: 0}",
+        "{fault: second_publisher, topic: joint_states, at: 0, for: 1}",
+    )
+    msg = state(0)
+    assert found.on_message(0.5, "joint_states", msg)[0] is msg
+
+
+# --- together ---------------------------------------------------------------------------------
+
+
+def test_faults_on_a_topic_are_at_work_one_after_the_other() -> None:
+    found = stream(
+        "{fault: delay, topic: joint_states, at: 0, for: 1, by: 0.2}",
+        "{fault: clock_jump, topic: joint_states, at: 0, by: 1.0}",
+        "{fault: duplicate, topic: joint_states, at: 0, for: 1}",
+    )
+    assert found.on_message(0.1, "joint_states", state(0)) == []
+    late = [msg for _, msg in found.due(0.35)]
+    assert late == [state(0, sec=11), state(0, sec=11)]
+
+
+@pytest.mark.parametrize("kind", sorted(Fault.registry.keys() - {"kill", "second_publisher"}))
+def test_no_message_is_changed_or_shared_with_what_comes_out(kind: str) -> None:
+    more = {
+        "nan": ", value: inf",
+        "delay": ", by: 0.1",
+        "clock_jump": ", by: 1.0",
+        "noise": ", std: 1.0",
+    }
+    found = stream(f"{{fault: {kind}, topic: joint_states, at: 0, for: 1{more.get(kind, '')}}}")
+    given = [state(k) for k in range(4)]
+    out = [
+        m for k, g in enumerate(given) for m in found.on_message(0.1 + 0.2 * k, "joint_states", g)
+    ]
+    out += [msg for _, msg in found.due(10.0)]
+    assert given == [state(k) for k in range(4)]
+    kept = copy.deepcopy(out)
+    for msg in given:
+        msg.position[0] = -1.0
+        msg.header.stamp.sec = -1
+    assert out == kept
+    assert len({id(msg) for msg in out}) == len(out)
+    assert len({id(msg.position) for msg in out}) == len(out)
+
+
+def test_a_message_may_be_of_any_class_with_numbers() -> None:
+    msg = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0)), data=[1.0, 2.0], size=2
+    )
+    (out,) = stream("{fault: nan, topic: wrench, at: 0, for: 1, field: data}").on_message(
+        0.0, "wrench", msg
+    )
+    assert sum(map(math.isnan, out.data)) == 1
+    assert out.size == 2
+    assert [n.path for n in numbers(msg)] == ["data[0]", "data[1]"]
+
+
+def test_a_field_is_a_whole_name() -> None:
+    msg = SimpleNamespace(force=1.0, force_sensor=SimpleNamespace(x=2.0))
+    assert [n.path for n in numbers(msg, "force")] == ["force"]
+    assert [n.path for n in numbers(msg, "force_sensor")] == ["force_sensor.x"]
+    paths = [n.path for n in numbers(reference(), "points[0].transforms[0].translation")]
+    assert paths == [f"points[0].transforms[0].translation.{axis}" for axis in "xyz"]
+
+
+ALL = (
+    "{fault: drop, topic: joint_states, at: 0.1, for: 0.4, probability: 0.5}",
+    "{fault: reorder, topic: joint_states, at: 0.2, for: 0.5, depth: 4}",
+    "{fault: nan, topic: joint_states, at: 0.3, for: 0.5, probability: 0.5, value: random}",
+    "{fault: noise, topic: joint_states, at: 0, for: 1, std: 0.1}",
+    "{fault: delay, topic: joint_states, at: 0.5, for: 0.3, by: 0.013, probability: 0.5}",
+)
+
+
+def said(seed: int, *texts: str) -> list[list[str]]:
+    found = stream(*texts, seed=seed)
+    return [[repr(msg) for msg in group] for group in passed(found, [0.01 * k for k in range(100)])]
+
+
+def test_the_same_seed_gives_the_same_to_the_bit_and_another_does_not() -> None:
+    assert said(1, *ALL) == said(1, *ALL)
+    assert said(1, *ALL) != said(2, *ALL)
+
+
+def test_what_is_random_on_one_topic_does_not_depend_on_another() -> None:
+    def heard(others: bool) -> list[str]:
+        found = stream("{fault: noise, topic: joint_states, at: 0, for: 9, std: 1}",
+                       "{fault: noise, topic: wrench, at: 0, for: 9, std: 1}")  # fmt: skip
+        out = []
+        for k in range(10):
+            if others:
+                found.on_message(0.1 * k, "wrench", WrenchStamped(wrench=Wrench()))
+            out += found.on_message(0.1 * k, "joint_states", state(k))
+        return [repr(msg) for msg in out]
+
+    assert heard(True) == heard(False)
+
+
+# --- what a fault may say ---------------------------------------------------------------------
+
+
+GOOD = {"fault": "drop", "topic": "wrench", "at": 1.0, "for": 0.3}
+
+
+def changed(**changes: Any) -> dict[str, Any]:
+    content = GOOD | {key.rstrip("_"): value for key, value in changes.items()}
+    return {key: value for key, value in content.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("drop", "a fault needs the key 'fault', one of clock_jump, delay, drop, duplicate, freez"),
+        (changed(fault=None), "a fault needs the key 'fault'"),
+        (changed(fault="dorp"), "unknown fault 'dorp' (did you mean 'drop'?); known: clock_jump, "),
+        (changed(topic="joint_state"), "(did you mean 'joint_states'?); known: joint_effort, "),
+        (changed(topic=""), "unknown topic of the fault 'drop' ''"),
+        (changed(topic="robot"), "unknown topic of the fault 'drop' 'robot'"),
+        (changed(topic=3), "fault 'drop': topic: 3; expected a name"),
+        (changed(topic=None), "the key 'topic' is missing; it needs topic, at, for"),
+        (changed(at=None), "the key 'at' is missing"),
+        (changed(for_=None), "the key 'for' is missing"),
+        (changed(at=-0.1), "at: -0.1; expected a number from 0 to 1e+06, when it begins [s]"),
+        (changed(at=math.nan), "at: nan; expected a number"),
+        (changed(at="soon"), "at: 'soon'; expected a number"),
+        (changed(at=True), "at: True; expected a number"),
+        (changed(for_=-1), "for: -1.0; expected a number from 0"),
+        (changed(probability=1.1), "probability: 1.1; expected a number from 0 to 1"),
+        (
+            changed(propability=1),
+            "'propability' (did you mean 'probability'?); known: at, for, pro",
+        ),
+        (changed(duration=1), "unknown key of the fault 'drop' 'duration'"),
+        (changed(fault="delay"), "the key 'by' is missing; it needs topic, at, for, by"),
+        (changed(fault="delay", by=-1), "by: -1.0; expected a number from 0 to 60, how late [s]"),
+        (changed(fault="reorder", depth=1), "depth: 1; expected a number from 2 to 100"),
+        (changed(fault="reorder", depth=2.5), "depth: 2.5; expected a whole number"),
+        (changed(fault="duplicate", copies=0), "copies: 0; expected a number from 1"),
+        (
+            changed(fault="nan", value="zero"),
+            "unknown value of the fault 'nan' 'zero'; known: -inf",
+        ),
+        (changed(fault="nan", field=1), "field: 1; expected a name"),
+        (changed(fault="noise"), "the key 'std' is missing"),
+        (changed(fault="clock_jump", by=math.nan), "by: nan; expected a number"),
+        (changed(fault="kill"), "unknown key of the fault 'kill' "),
+        ({"fault": "kill", "at": 1.0}, "the key 'node' is missing; it needs at, node"),
+        ({"fault": "kill", "at": 1.0, "node": 3}, "node: 3; expected a name"),
+        (changed(fault="second_publisher", rate=0), "rate: 0.0; expected a number from 0.1"),
+    ],
+)
+def test_a_fault_that_means_nothing_is_refused_with_the_reason(content: Any, words: str) -> None:
+    with pytest.raises(ConfigurationError) as refusal:
+        parse_fault(content)
+    assert words in str(refusal.value)
+
+
+def test_of_several_faults_the_wrong_one_is_named() -> None:
+    with pytest.raises(ConfigurationError, match=r"here: entry 2: unknown fault 'dorp'"):
+        parse_faults("here", [GOOD, changed(fault="dorp")])
+    with pytest.raises(ConfigurationError, match=r"here: expected a list"):
+        parse_faults("here", GOOD)
+    assert [found.name for found in parse_faults("here", [GOOD, GOOD])] == ["drop", "drop"]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_yaml_may_say_a_number_that_is_not_finite_as_a_number(value: float) -> None:
+    assert parse_fault(changed(fault="nan", value=value)).value == str(value)  # type: ignore[attr-defined]
+
+
+# --- random sequences -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_random_faults_are_of_all_kinds_over_in_time_and_can_be_written(controller: str) -> None:
+    kinds = set()
+    for seed in range(300):
+        found = random_faults(seed, controller, 4.0)
+        assert 1 <= len(found) <= 4
+        assert list(found) == sorted(found, key=lambda one: one.at)
+        for one in found:
+            kinds.add(one.name)
+            assert one.at >= 0.4
+            assert one.end <= 2.4
+            assert parse_fault(yaml.safe_load(str(one))) == one
+            if not isinstance(one, Kill) and math.isfinite(one.duration):
+                assert 0.01 <= one.duration <= 0.5
+    assert kinds == set(Fault.registry)
+
+
+@pytest.mark.parametrize(
+    ("controller", "topics"),
+    [
+        ("clik", {"joint_states", "reference", "joint_reference"}),
+        ("dynamic_control", {"joint_states", "reference", "joint_effort"}),
+        ("impedance_control", {"joint_states", "wrench", "reference", "joint_effort"}),
+    ],
+)
+def test_random_faults_are_on_all_topics_of_their_controller(
+    controller: str, topics: set[str]
+) -> None:
+    found = [one for seed in range(300) for one in random_faults(seed, controller, 4.0)]
+    assert {one.topic for one in found} - {"", "robot"} == topics
+    assert {one.node for one in found if isinstance(one, Kill)} == {controller}
+
+
+def test_random_faults_kill_whom_they_may() -> None:
+    def killed(*nodes: str) -> set[str]:
+        found = (one for seed in range(200) for one in random_faults(seed, "clik", 4.0, nodes))
+        return {one.node for one in found if isinstance(one, Kill)}
+
+    assert killed() == set()
+    assert killed("reference", "clik") == {"reference", "clik"}
+
+
+def test_random_faults_are_the_same_for_the_same_seed_only() -> None:
+    found = [random_faults(seed, "clik", 4.0) for seed in range(50)]
+    assert found == [random_faults(seed, "clik", 4.0) for seed in range(50)]
+    assert len(set(map(str, found))) == 50
+    with pytest.raises(UnknownNameError, match="did you mean 'clik'"):
+        random_faults(1, "klik", 4.0)

@@ -1,0 +1,466 @@
+"""Experiments with faults: what their files may say, their numbers, and runs in real time."""
+
+import json
+import math
+import re
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rclpy.serialization import serialize_message
+from ros_processes import Process
+from sensor_msgs.msg import JointState
+from synthetic_runs import PERIOD_NS, URDF, write_run
+from test_experiments import GOOD, changed, nodes_of, run, write
+
+from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.bags import Bag, BagWriter
+from eulerparams_control.bags.format import Topic
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.experiments.controllers import CONTROLLERS
+from eulerparams_control.experiments.definition import load_experiment
+from eulerparams_control.experiments.faulty import remaps, topics_of
+from eulerparams_control.experiments.faulty_run import deeds, turn
+from eulerparams_control.experiments.model import Variant
+from eulerparams_control.experiments.paper import paper_experiments
+from eulerparams_control.experiments.processes import Stopped
+from eulerparams_control.experiments.records import Making
+from eulerparams_control.experiments.runner import node_parameters
+from eulerparams_control.experiments.sources import code_of_runs, digest
+from eulerparams_control.faults import Drop, Fault, Kill, parse_faults
+from eulerparams_control.resources import config_names
+
+# Relative: a few operations on doubles.
+EXACT = 1e-9
+
+DROP = {"fault": "drop", "topic": "joint_states", "at": 0.1, "for": 0.2}
+KILL = {"fault": "kill", "node": "clik", "at": 0.3, "restart_after": 0.1}
+
+
+def variants(content: Any, folder: Path) -> dict[str, Variant]:
+    return load_experiment(str(write(folder, content))).variants
+
+
+# --- what a file may say ----------------------------------------------------------------------
+
+
+def test_faults_are_those_of_the_experiment_or_of_a_variant(tmp_path: Path) -> None:
+    content = changed(
+        duration=1.0, faults=[DROP], fault_seed=3, variants={"a": {}, "b": {"faults": [KILL]}}
+    )
+    content["variants"]["c"] = {"faults": [], "fault_seed": 4}
+    found = variants(content, tmp_path)
+    assert found["a"].faults == (Drop(topic="joint_states", at=0.1, duration=0.2),)
+    assert found["b"].faults == (Kill(node="clik", at=0.3, restart_after=0.1),)
+    assert found["c"].faults == ()
+    assert [variant.fault_seed for variant in found.values()] == [3, 3, 4]
+
+
+def faulty(**changes: Any) -> dict[str, Any]:
+    """Return the good experiment with a changed fault."""
+    return changed(duration=1.0, faults=[DROP, DROP | changes])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (changed(faults=DROP), "the experiment: faults: expected a list"),
+        (changed(faults="drop"), "the experiment: faults: expected a list"),
+        (changed(variants={"a": {"faults": {}}}), "variant a: faults: expected a list"),
+        (faulty(fault="dorp"), "faults: entry 2: unknown fault 'dorp' (did you mean 'drop'?)"),
+        (faulty(topic="wrench"), "entry 2: unknown topic with clik 'wrench'; known: joint_ref"),
+        (faulty(topic="joint_effort"), "unknown topic with clik 'joint_effort' (did you mean"),
+        (faulty(at=1.0), "entry 2: it begins at 1 s, the run ends at 1 s"),
+        (changed(faults=[KILL | {"node": "klik"}]), "unknown node that can be killed 'klik' (did"),
+        (changed(faults=[KILL | {"node": "dynamic_control"}]), "known: bag_recorder, clik, pybu"),
+        (changed(faults=[DROP], controller="admittance"), "faults need one controller, not admit"),
+        (changed(duration=1.0, faults=[DROP], may_diverge=True), "may_diverge does not go with"),
+        (changed(fault_seed=-1), "fault_seed: expected a whole number from 0"),
+        (changed(fault_seed=1.5), "fault_seed: expected a whole number from 0"),
+    ],
+)
+def test_faults_that_cannot_be_are_refused_with_the_reason(
+    tmp_path: Path, content: Any, words: str
+) -> None:
+    with pytest.raises(ConfigurationError) as refusal:
+        load_experiment(str(write(tmp_path, content)))
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("controller", "topics"),
+    [
+        ("clik", ("joint_states", "reference", "joint_reference")),
+        ("dynamic_control", ("joint_states", "reference", "joint_effort")),
+        ("impedance_control", ("joint_states", "wrench", "reference", "joint_effort")),
+    ],
+)
+def test_all_that_goes_between_robot_and_controller_goes_through_the_injector(
+    controller: str, topics: tuple[str, ...]
+) -> None:
+    assert topics_of(CONTROLLERS[controller]) == topics
+    *inwards, command = topics
+    assert remaps(CONTROLLERS[controller]) == {
+        controller: {topic: f"faulty/{topic}" for topic in inwards},
+        "pybullet_bridge": {command: f"faulty/{command}"},
+    }
+
+
+def of_file(folder: Path, **changes: Any) -> Variant:
+    return variants(changed(duration=1.0, variants={"a": {}}, **changes), folder)["a"]
+
+
+def test_with_faults_nothing_waits_and_no_time_is_simulated(tmp_path: Path) -> None:
+    found = node_parameters(of_file(tmp_path, faults=[DROP, KILL], fault_seed=5))
+    assert (
+        found["clik"] == {"base_frame": "base_link", "tip_frame": "tool0"} | GOOD["nodes"]["clik"]
+    )
+    bridge = found["pybullet_bridge"]
+    assert (bridge["mode"], bridge["rate"], bridge["control"]) == ("realtime", 250.0, "position")
+    assert bridge.keys() & {"duration", "wait_for_subscribers"} == set()
+    assert found["reference"]["wait_for_subscribers"] == 2  # the injector and the recorder
+    assert found["fault_injector"] == {
+        "topics": ["joint_states", "reference", "joint_reference"],
+        "start_on": "reference",
+        "seed": 5,
+        "faults": [str(Drop(topic="joint_states", at=0.1, duration=0.2))],
+    }
+
+
+def test_without_faults_a_run_is_made_of_what_it_was_before(tmp_path: Path) -> None:
+    settings = of_file(tmp_path)
+    parameters = node_parameters(settings)
+    assert "fault_injector" not in parameters
+    assert parameters["pybullet_bridge"]["mode"] == "lockstep"
+    assert parameters["clik"]["use_sim_time"] is True
+    robot = vars(load_robot("ur5")) | {"urdf_path": load_robot("ur5").urdf_path}
+    said = [parameters, 1.0, "clik", False, robot]
+    making = Making.of(settings, parameters)
+    assert making == Making(digest(said), code_of_runs())
+
+
+def test_another_fault_makes_another_run_and_the_injector_is_part_of_its_code(
+    tmp_path: Path,
+) -> None:
+    made = set()
+    for changes in ({"at": 0.1}, {"at": 0.2}, {"fault": "duplicate"}):
+        settings = of_file(tmp_path, faults=[DROP | changes])
+        made.add(Making.of(settings, node_parameters(settings)).definition)
+        assert Making.of(settings, {}).code == code_of_runs(True)
+    for restart_after in (0.1, 0.2):
+        settings = of_file(tmp_path, faults=[KILL | {"restart_after": restart_after}])
+        made.add(Making.of(settings, node_parameters(settings)).definition)
+    assert len(made) == 5
+    assert code_of_runs(True) != code_of_runs()
+
+
+def test_experiments_with_faults_are_no_part_of_the_paper() -> None:
+    names = {experiment.name for experiment in paper_experiments()}
+    with_faults = {name for name in config_names("experiments") if name.startswith("faults_")}
+    assert with_faults == {"faults_clik", "faults_dynamic", "faults_impedance"}
+    assert names & with_faults == set()
+    assert names == set(config_names("experiments")) - with_faults - {"demo"}
+
+
+def test_the_experiments_that_come_with_the_package_show_every_kind_of_fault() -> None:
+    for name in ("faults_clik", "faults_dynamic", "faults_impedance"):
+        experiment = load_experiment(name)
+        faults = [one for variant in experiment.variants.values() for one in variant.faults]
+        assert {one.name for one in faults} == set(Fault.registry), name
+        assert all(
+            variant.faults[-1].end < variant.duration for variant in experiment.variants.values()
+        )
+
+
+# --- killing ----------------------------------------------------------------------------------
+
+
+def test_nodes_are_killed_and_started_in_the_order_of_their_times() -> None:
+    faults = parse_faults(
+        "here",
+        [
+            {"fault": "kill", "node": "clik", "at": 2.0, "restart_after": 0.5},
+            {"fault": "kill", "node": "reference", "at": 1.0},
+            DROP,
+            {"fault": "kill", "node": "bag_recorder", "at": 0.5, "restart_after": 1.0},
+        ],
+    )
+    assert deeds(faults) == [
+        (0.5, True, "bag_recorder"),
+        (1.0, True, "reference"),
+        (1.5, False, "bag_recorder"),
+        (2.0, True, "clik"),
+        (2.5, False, "clik"),
+    ]
+
+
+def test_runs_in_real_time_wait_for_each_other_unless_they_are_stopped() -> None:
+    stop = threading.Event()
+    stop.set()
+    with turn(None), pytest.raises(Stopped), turn(stop):
+        raise AssertionError("two at a time")
+    with turn(stop):  # it was given back
+        pass
+
+
+# --- numbers ----------------------------------------------------------------------------------
+
+PARAMETERS = {"tip_frame": "tip", "max_effort_rate": 100.0}
+
+
+def recording(folder: Path, measured: Any, *given: Any, **more: Any) -> Recording:
+    return Recording.load(
+        write_run(folder / "run", measured, *given, parameters=PARAMETERS, **more)
+    )
+
+
+def test_commands_that_are_not_finite_are_counted(tmp_path: Path) -> None:
+    efforts = [1.0, math.nan, 2.0, math.inf, 3.0]
+    found = recording(tmp_path, [0.0] * 5, efforts=efforts)
+    assert measure("nonfinite_commands", found) == 2
+    assert measure("commands_beyond_limits", found) == 1  # infinity
+
+
+def test_a_command_without_all_joints_counts_as_not_finite(tmp_path: Path) -> None:
+    whole = JointState(name=["hinge", "roll"], effort=[1.0, 2.0])
+    found = of_messages(tmp_path, [whole, JointState(name=["hinge"], effort=[1.0]), whole])
+    assert measure("nonfinite_commands", found) == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "speeds", "count"),
+    [
+        ([0.0, 4.0, -4.0], [0.0, 3.0, -3.0], 0),  # the limits
+        ([0.0, 4.001, 0.0], [0.0] * 3, 1),
+        ([0.0, -4.001, 0.0], [0.0] * 3, 1),
+        ([0.0] * 3, [0.0, -3.001, 3.001], 2),
+    ],
+)
+def test_commands_beyond_limits_are_counted(
+    tmp_path: Path, command: list[float], speeds: list[float], count: int
+) -> None:
+    found = recording(tmp_path, [0.0] * 3, command, speeds=speeds)
+    assert measure("commands_beyond_limits", found) == count
+    assert measure("nonfinite_commands", found) == 0
+
+
+def test_efforts_beyond_limits_are_counted(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0] * 4, efforts=[10.0, -10.0, 10.001, -10.001])
+    assert measure("commands_beyond_limits", found) == 2
+
+
+def test_the_jump_of_efforts_is_over_max_effort_rate_times_the_step(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0] * 4, efforts=[0.0, 0.5, 3.5, 3.0])  # 1 Nm in 10 ms
+    assert measure("command_jump_of_rate", found) == pytest.approx(3.0, rel=EXACT)
+
+
+def test_the_jump_of_positions_is_over_the_velocity_limit_times_the_step(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0] * 3, [0.0, 0.015, 0.06])  # 0.03 rad in 10 ms
+    assert measure("command_jump_of_rate", found) == pytest.approx(1.5, rel=EXACT)
+
+
+def of_messages(
+    folder: Path, messages: list[JointState], stamps: list[int] | None = None, gap: int = 0
+) -> Recording:
+    """Return a recording of commands (every 10 ms, ``gap`` ns more before the last) and a rest."""
+    start = 1_700_000_000_000_000_000
+    rest = JointState(name=["hinge", "roll"], position=[0.0, 0.0], velocity=[0.0, 0.0])
+    with BagWriter(folder / "made") as bag:
+        bag.add_topic(Topic("/joint_states", "sensor_msgs/msg/JointState"))
+        bag.add_topic(Topic("/joint_effort", "sensor_msgs/msg/JointState"))
+        bag.attach("parameters.yaml", yaml.safe_dump({"/d": {"ros__parameters": PARAMETERS}}))
+        for k, msg in enumerate(messages):
+            sent = start + k * PERIOD_NS + (gap if k == len(messages) - 1 else 0)
+            stamp = sent if stamps is None else start + stamps[k] * 1_000_000
+            for topic, each in (("/joint_states", rest), ("/joint_effort", msg)):
+                each.header.stamp.sec, each.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+                bag.write(topic, serialize_message(each), sent, sent)
+    return Recording.load(folder / "made", urdf=URDF)
+
+
+def efforts(*values: float) -> list[JointState]:
+    return [JointState(name=["hinge", "roll"], effort=[value, 0.0]) for value in values]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "gap", "ratio"),
+    [
+        (None, 0, 6.0),
+        ([0, 10, 20, 30], 20_000_000, 2.0),  # as late as it was recorded
+        ([0, 10, 20, 70], 0, 1.2),  # as late as it is stamped
+        ([0, 10, 20, 5000], 0, 0.6),  # stamps that jump ahead excuse 0.1 s
+        ([0, 10, 20, -5000], 0, 6.0),  # and back nothing
+    ],
+)
+def test_a_jump_may_be_as_long_as_the_time_between_two_commands(
+    tmp_path: Path, stamps: list[int] | None, gap: int, ratio: float
+) -> None:
+    found = of_messages(tmp_path, efforts(0.0, 0.0, 0.0, 6.0), stamps, gap)
+    assert measure("command_jump_of_rate", found) == pytest.approx(ratio, rel=EXACT)
+
+
+def test_a_jump_of_efforts_needs_the_rate_that_the_controller_was_told(tmp_path: Path) -> None:
+    found = Recording.load(write_run(tmp_path / "run", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
+    with pytest.raises(BagError, match="no controller has told its max_effort_rate"):
+        measure("command_jump_of_rate", found)
+
+
+def test_the_speed_is_that_of_all_states_over_the_limit(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0] * 3, speeds=[0.0, -4.5, 1.0])
+    assert measure("peak_measured_speed_of_limit", found) == pytest.approx(1.5, rel=EXACT)
+
+
+def test_the_goal_is_the_end_of_the_last_reference(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0, 0.9, math.pi / 6], [0.0] * 3)
+    assert measure("distance_to_goal", found) == pytest.approx(
+        2e3 * math.sin(math.pi / 12), rel=EXACT
+    )
+    assert measure("angle_to_goal", found) == pytest.approx(30.0, rel=EXACT)
+    moved = recording(tmp_path / "moved", [0.0, 0.0], [0.0] * 2, lasting=0.01)
+    assert measure("distance_to_goal", moved) == pytest.approx(10.0, rel=EXACT)
+
+
+def test_numbers_of_what_was_not_recorded_are_refused(tmp_path: Path) -> None:
+    found = recording(tmp_path, [0.0] * 3, [0.0] * 3, desired=False)
+    with pytest.raises(BagError, match="no valid reference was recorded"):
+        measure("distance_to_goal", found)
+    found = recording(tmp_path / "none", [0.0] * 3)
+    with pytest.raises(BagError, match="no joint_reference and no joint_effort"):
+        measure("nonfinite_commands", found)
+
+
+# --- runs -------------------------------------------------------------------------------------
+
+GOAL = {
+    "motion": "way_points",
+    "times": [1.0],
+    "positions": [0.485, 0.05, 0.395],
+    "orientation_format": "ZYZ",
+    "orientations": [0.0, 0.9, 1.5708],
+}
+WITH_KILLS: dict[str, Any] = {
+    "claim": "killed and started again",
+    "duration": 3.0,
+    "controller": "clik",
+    "nodes": {
+        "reference": GOAL,
+        "pybullet_bridge": {"rate": 100.0, "command_timeout": 2.0},
+        "clik": {"state_timeout": 2.0, "max_latency": 1.0},  # a busy machine is no fault here
+    },
+    "variants": {"killed": {}},
+    "faults": [
+        {"fault": "nan", "topic": "joint_reference", "at": 0.0, "for": 0.1, "field": "position"},
+        {"fault": "kill", "node": "clik", "at": 0.2, "restart_after": 0.1},
+        {"fault": "kill", "node": "bag_recorder", "at": 0.5, "restart_after": 0.1},
+        {"fault": "kill", "node": "pybullet_bridge", "at": 0.9, "restart_after": 0.1},
+        {"fault": "kill", "node": "reference", "at": 1.3, "restart_after": 0.1},
+    ],
+    "criteria": [
+        {"metric": "nonfinite_commands", "below": 0.5},
+        {"metric": "command_jump_of_rate", "below": 1.01},
+        {"metric": "distance_to_goal", "below": 5.0},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
+    """The folder of an experiment whose nodes were killed, and its process."""
+    folder = tmp_path_factory.mktemp("killed")
+    process = run(folder, str(write(folder, WITH_KILLS)))
+    assert process.end() == 0, process.log
+    return folder / "out/short", process
+
+
+def log(folder: Path, node: str) -> str:
+    return (folder / f"logs/killed/{node}.log").read_text()
+
+
+def test_each_node_that_was_killed_was_started_again_without_a_last_word(
+    killed: tuple[Path, Process],
+) -> None:
+    folder, _ = killed
+    assert log(folder, "clik").count("active with euler_parameters: holding the measured") >= 2
+    assert log(folder, "pybullet_bridge").count("ur5 in realtime") == 2
+    assert log(folder, "reference").count("sent a motion of 1 s") == 2
+    recorded = log(folder, "bag_recorder")
+    assert recorded.count("recording 7 topics") == 2
+    assert recorded.count("] recorded ") == 0  # the first had no time to say so
+    assert len(re.findall(r"\[bag_recorder\]: recorded \d+ messages", recorded)) == 1
+    assert nodes_of(folder.parent.parent) == []
+
+
+def test_the_bag_is_whole_and_has_what_each_recorder_left(killed: tuple[Path, Process]) -> None:
+    folder, _ = killed
+    files = sorted(path.name for path in (folder / "killed").glob("*.mcap"))
+    assert files == ["killed_0.mcap", "killed_1.mcap"]
+    for name in files:
+        topics = Bag(folder / "killed" / name).topics
+        for topic in ("/joint_states", "/joint_reference", "/faulty/joint_reference"):
+            assert topics[topic].count > 0, (name, topic)
+    whole = Bag(folder / "killed")
+    assert whole.warning == ""
+    assert not whole.truncated
+    assert whole.topics["/reference"].count == 2
+    assert whole.topics["/diagnostics"].count > 0
+    assert not list((folder / "logs/killed").glob("part_*"))
+
+
+def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(
+    killed: tuple[Path, Process],
+) -> None:
+    bag = Bag(killed[0] / "killed")
+
+    def broken(topic: str) -> int:
+        messages = (found.message for found in bag.messages([topic]))
+        return sum(any(map(math.isnan, msg.position)) for msg in messages)
+
+    assert broken("/joint_reference") == 0
+    assert broken("/faulty/joint_reference") > 0
+    assert "command rejected: joint_reference has a non-finite" in log(killed[0], "pybullet_bridge")
+
+
+def test_what_the_injector_did_is_in_its_log_and_in_the_bag(killed: tuple[Path, Process]) -> None:
+    said = log(killed[0], "fault_injector")
+    for words in ("begins", "ends"):
+        assert said.count(f"{words}: {{fault: nan, topic: joint_reference") == 1
+    told = {
+        status.message
+        for found in Bag(killed[0] / "killed").messages(["/diagnostics"])
+        for status in found.message.status
+        if status.name == "fault_injector"
+    }
+    assert "at work: nan on joint_reference" in told
+    assert "no fault at work, 0 to come" in told
+
+
+def test_a_run_with_faults_is_judged_and_known_the_next_time(killed: tuple[Path, Process]) -> None:
+    folder, _ = killed
+    summary = json.loads((folder / "summary.json").read_text())
+    assert [criterion["met"] for criterion in summary["criteria"]] == [True] * 3
+    root = folder.parent.parent
+    again = run(root, str(write(root, WITH_KILLS)))
+    assert again.end() == 0, again.log
+    assert "short killed: was run before" in again.stdout
+
+
+def test_a_node_that_dies_by_itself_ends_a_run_with_faults(tmp_path: Path) -> None:
+    content = WITH_KILLS | {"nodes": {"reference": GOAL, "clik": {"k_Pp": -1.0}}}
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 2
+    assert "the node clik died with exit code 1" in process.log
+    assert "parameter 'k_Pp' is -1" in process.log
+    assert nodes_of(tmp_path) == []
+
+
+def test_a_node_that_ends_on_the_way_ends_a_run_with_faults(tmp_path: Path) -> None:
+    nodes = {"reference": GOAL, "pybullet_bridge": {"rate": 100.0, "duration": 8.0}}
+    content = WITH_KILLS | {"nodes": nodes, "duration": 60.0, "faults": [DROP]}
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 2
+    assert "the node pybullet_bridge died with exit code 0" in process.log
+    assert nodes_of(tmp_path) == []

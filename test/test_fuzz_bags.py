@@ -1,0 +1,550 @@
+"""Bags from anyone: read, or refused in one line, within bounds of memory and time.
+
+What random damage does is in ``test_bag_format.py``; here the bytes are chosen by someone who
+means harm.
+"""
+
+import contextlib
+import io
+import os
+import resource
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import pytest
+import yaml
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.records import Schema
+from mcap.writer import CompressionType, Writer
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from synthetic_runs import _TYPES, write_run
+
+from eulerparams_control.analysis.main import main
+from eulerparams_control.bags import Bag, recover
+from eulerparams_control.bags.columns import columns
+from eulerparams_control.bags.format import load_yaml
+from eulerparams_control.bags.schema import message_definition
+from eulerparams_control.errors import BagError
+from eulerparams_control.motion import DesiredFrame
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+DEFINITION = message_definition(JOINT_STATE)
+MAGIC = b"\x89MCAP0\r\n"
+ZEROS = 2**32
+MEMORY = 3 * 2**30  # bytes of address space; Python, numpy and Pinocchio take one of them
+CPU = 60  # s
+PATIENCE = 300  # s; a guard against hanging
+LONGEST_LINE = 2000  # characters
+
+
+# --- the records of an MCAP file, written by hand ------------------------------------------
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+def text(value: str | bytes) -> bytes:
+    data = value.encode() if isinstance(value, str) else value
+    return struct.pack("<I", len(data)) + data
+
+
+def schema(
+    definition: str | bytes, name: str = JOINT_STATE, encoding: str = "ros2msg", number: int = 1
+) -> bytes:
+    body = struct.pack("<H", number) + text(name) + text(encoding) + text(definition)
+    return record(3, body)
+
+
+def channel(
+    topic: str = "/joint_states", encoding: str = "cdr", profiles: str = "", number: int = 1
+) -> bytes:
+    metadata = text("offered_qos_profiles") + text(profiles)
+    return record(
+        4, struct.pack("<HH", number, number) + text(topic) + text(encoding) + text(metadata)
+    )
+
+
+def message(data: bytes, number: int = 1) -> bytes:
+    return record(5, struct.pack("<HIQQ", number, 0, 1, 1) + data)
+
+
+def description(definition: bytes) -> bytes:
+    """Return joint_states, and a robot_description of a type that is defined so."""
+    state = schema(DEFINITION) + channel() + message(bytes(99))
+    own = schema(definition, "std_msgs/msg/String", number=2)
+    return state + own + channel("/robot_description", number=2) + message(LONG, number=2)
+
+
+def chunk(data: bytes, compression: str, size: int) -> bytes:
+    head = struct.pack("<QQQI", 0, 10**18, size, 0) + text(compression)
+    return record(6, head + struct.pack("<Q", len(data)) + data)
+
+
+HEAD = MAGIC + record(1, text("ros2") + text("x"))
+END = record(15, bytes(4)) + record(2, bytes(20)) + MAGIC
+
+
+@cache
+def zeros(compression: str) -> bytes:
+    """Return more zeros than fit into ``MEMORY``, packed; the frame does not say how many."""
+    block, count = bytes(2**24), ZEROS // 2**24
+    if compression == "zstd":
+        packer = zstandard.ZstdCompressor().compressobj()
+        return b"".join(packer.compress(block) for _ in range(count)) + packer.flush()
+    frame = lz4.frame.LZ4FrameCompressor()
+    parts = [frame.begin(), *(frame.compress(block) for _ in range(count)), frame.flush()]
+    return b"".join(parts)
+
+
+def aliases(merged: bool = False) -> str:
+    """Return YAML that stands for 10^10 values, by aliases of aliases."""
+    first = "{k: 1}" if merged else "[x, x, x, x, x, x, x, x, x, x]"
+    lines = [f"a: &a {first}"]
+    for above, name in zip("abcdefghi", "bcdefghij", strict=True):
+        many = ", ".join([f"*{above}"] * 10)
+        lines.append(f"{name}: &{name} {{<<: [{many}]}}" if merged else f"{name}: &{name} [{many}]")
+    return "\n".join(lines)
+
+
+def item(yaml_text: str) -> str:
+    """Return the only item of a YAML list."""
+    return "- " + yaml_text.replace("\n", "\n  ")
+
+
+def empty_elements(count: int) -> bytes:
+    """Return a schema that has an array of types that need no byte."""
+    return f"a/B[{count}] x\n{'=' * 80}\nMSG: a/B\n".encode()
+
+
+def ones() -> bytes:
+    """Return a schema whose elements the library reads behind the end of a message, too."""
+    return f"a/B[] name\n{'=' * 80}\nMSG: a/B\nuint8[1] x\n".encode()
+
+
+FRAME_OF_PETABYTES = struct.pack("<IBQ", 0xFD2FB528, 0xE0, 2**50) + b"\x01\x00\x00"
+LONG = b"\0\1\0\0" + b"\xff" * 8
+
+# What stands between the head and the end of a file; and what is said of it.
+BODIES: dict[str, tuple[Callable[[], bytes], str]] = {
+    "a chunk of 2^60 bytes": (lambda: struct.pack("<BQ", 6, 2**60), "was not finished"),
+    "a zstd bomb": (lambda: chunk(zeros("zstd"), "zstd", ZEROS), "4294967296 bytes unpacked"),
+    "a zstd bomb that says it is small": (lambda: chunk(zeros("zstd"), "zstd", 9), "the chunk at"),
+    "a zstd frame of petabytes": (
+        lambda: chunk(FRAME_OF_PETABYTES, "zstd", 9),
+        "does not unpack to the 9",
+    ),
+    "an lz4 bomb": (lambda: chunk(zeros("lz4"), "lz4", ZEROS), "4294967296 bytes unpacked"),
+    "an lz4 bomb that says it is small": (lambda: chunk(zeros("lz4"), "lz4", 9), "unpack to the 9"),
+    "an unknown compression": (lambda: chunk(b"x", "bz2", 9), "the compression 'bz2' is unknown"),
+    "profiles of aliases": (lambda: schema(DEFINITION) + channel(profiles=item(aliases())), ""),
+    "profiles of merges": (lambda: schema(DEFINITION) + channel(profiles=item(aliases(True))), ""),
+    "profiles in themselves": (lambda: schema(DEFINITION) + channel(profiles="- &a {x: *a}"), ""),
+    "profiles of dates": (lambda: schema(DEFINITION) + channel(profiles="- {x: 2001-01-01}"), ""),
+    "profiles of words": (lambda: schema(DEFINITION) + channel(profiles="- abc\n- 3"), ""),
+    "profiles of tuples": (lambda: schema(DEFINITION) + channel(profiles="- {? [1, 2] : 3}"), ""),
+    "a type in itself": (lambda: schema(f"{JOINT_STATE} x") + channel() + message(bytes(99)), ""),
+    "empty elements": (lambda: description(empty_elements(2**32 - 1)), ""),
+    "endless elements": (lambda: description(ones()), ""),
+    "a schema of noise": (lambda: schema(bytes(range(256))) + channel() + message(bytes(99)), ""),
+    "a schema of a million lines": (
+        lambda: schema("int32 x\n" * 10**6) + channel() + message(LONG),
+        "",
+    ),
+    "another encoding": (
+        lambda: schema(DEFINITION) + channel(encoding="json") + message(b"{}"),
+        "",
+    ),
+    "another schema": (
+        lambda: schema("x", encoding="protobuf") + channel() + message(bytes(99)),
+        "",
+    ),
+    "a schema of a million comments": (
+        lambda: schema("# " + "a" * 10**6) + channel() + message(LONG),
+        "",
+    ),
+    "a topic that is a screen": (
+        lambda: schema(DEFINITION) + channel("/\x1b[2J\n/joint_states"),
+        "",
+    ),
+    "a topic that is nothing": (lambda: schema(DEFINITION) + channel("") + message(bytes(99)), ""),
+    "many damaged records": (lambda: record(5, b"") * 10**4, "more that is damaged"),
+}
+
+
+def hostile(folder: Path, body: bytes) -> Path:
+    folder.mkdir()
+    (folder / "x.mcap").write_bytes(HEAD + body + END)
+    return folder
+
+
+# --- within bounds, in a process of their own ----------------------------------------------
+
+
+def bounded(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run ``analyze`` or ``bag_recorder --recover`` with little memory; return what it said."""
+    module = "analysis.main" if arguments[0] == "analyze" else "bags.recorder"
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU, CPU))
+
+    return subprocess.run(
+        [sys.executable, "-m", f"eulerparams_control.{module}", *arguments[1:]],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        preexec_fn=limit,
+        env=os.environ | {"COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"},
+    )
+
+
+def assert_told(done: subprocess.CompletedProcess[str]) -> None:
+    """Assert that a process ended by itself, and said why in lines and not in a traceback."""
+    said = done.stdout + done.stderr
+    assert done.returncode in (0, 1, 2), said
+    assert "Traceback" not in said
+    assert all(len(line) < LONGEST_LINE for line in said.splitlines())
+    assert "\x1b" not in said
+    if done.returncode:
+        assert "error: " in said
+
+
+IN_A_PROCESS = [
+    "a chunk of 2^60 bytes", "a zstd bomb", "a zstd bomb that says it is small",
+    "a zstd frame of petabytes", "an lz4 bomb", "an lz4 bomb that says it is small",
+    "profiles of aliases", "profiles of merges",
+    "empty elements", "endless elements",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", IN_A_PROCESS)
+def test_a_hostile_bag_takes_little_memory_and_time(case: str, tmp_path: Path) -> None:
+    body, words = BODIES[case]
+    folder = hostile(tmp_path / "bag", body())
+    analysed = bounded("analyze", str(folder), "--out", str(tmp_path / "page.html"))
+    assert_told(analysed)
+    assert analysed.returncode == 2
+    assert words in analysed.stdout
+    recovered = bounded("recorder", "--recover", str(folder))
+    assert_told(recovered)
+    assert recovered.returncode == 0
+    assert Bag(folder).warning == ""
+
+
+def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path: Path) -> None:
+    folder = hostile(tmp_path / "bag", b"")
+    for opcode, name in ((6, "chunk"), (9, "attachment")):
+        with open(folder / "x.mcap", "wb") as file:
+            file.write(HEAD + struct.pack("<BQ", opcode, 2**39))
+            file.truncate(2**40)
+        done = bounded("analyze", str(folder), "--out", str(tmp_path / "page.html"))
+        assert_told(done)
+        assert f"the {name} at byte {len(HEAD)}: {2**39} bytes; expected at most" in done.stdout
+
+
+# --- in this process -----------------------------------------------------------------------
+
+
+def read_all(folder: Path) -> None:
+    """Read a bag in every way; raises BagError or nothing."""
+    bag = Bag(folder)
+    assert bag.metadata["version"] == 9
+    raw = list(bag.read_raw())
+    for topic in bag.topics:
+        with contextlib.suppress(BagError):
+            list(bag.messages([topic]))
+    for one in raw:
+        with contextlib.suppress(BagError):
+            bag.decode(one)
+    with contextlib.suppress(BagError):
+        bag.parameters()
+
+
+@pytest.mark.parametrize("case", [case for case in BODIES if case not in IN_A_PROCESS])
+def test_a_hostile_bag_is_read_told_of_and_recovered(case: str, tmp_path: Path) -> None:
+    body, words = BODIES[case]
+    folder = hostile(tmp_path / "bag", body())
+    read_all(folder)
+    assert words in Bag(folder).warning
+    assert len(Bag(folder).warning) < 10 * LONGEST_LINE
+    recover(folder)
+    read_all(folder)
+    assert not recover(folder).changed
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        assert main([str(folder), "--no-page"]) == 2
+    assert said.getvalue().startswith("error: ")
+
+
+def a_run(folder: Path) -> Path:
+    return write_run(folder, [0.01 * i for i in range(20)], [0.01 * i for i in range(20)])
+
+
+def no_file(path: Path, kind: str) -> None:
+    """Put something that is no file in the place of one."""
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "endless"])
+def test_what_is_no_file_is_neither_waited_for_nor_read(kind: str, tmp_path: Path) -> None:
+    folder = a_run(tmp_path / "run")
+    no_file(folder / "metadata.yaml", kind)
+    assert Bag(folder).metadata["message_count"] == 42
+    no_file(folder / "run_0.mcap", kind)
+    for read in (Bag, recover):
+        with pytest.raises(BagError, match=r"run_0\.mcap is no file"):
+            read(folder)
+
+
+@pytest.mark.parametrize(
+    "paths", [["../../etc/passwd"], ["/etc/passwd"], ["run_0.mcap", "../secret.mcap"], [3], "x", {}]
+)
+def test_the_files_that_metadata_yaml_names_are_not_followed(paths: Any, tmp_path: Path) -> None:
+    folder = a_run(tmp_path / "run")
+    secret = a_run(tmp_path / "other") / "other_0.mcap"
+    secret.rename(tmp_path / "secret.mcap")
+    before = (tmp_path / "secret.mcap").read_bytes()
+    told = yaml.safe_load((folder / "metadata.yaml").read_text())
+    information = told["rosbag2_bagfile_information"]
+    information["relative_file_paths"] = paths
+    information["files"] = [{"path": path} for path in paths] if isinstance(paths, list) else paths
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(told))
+    assert len(list(Bag(folder).read_raw())) == 42
+    assert recover(folder).messages == 42
+    assert Bag(folder).metadata["relative_file_paths"] == ["run_0.mcap"]
+    assert (tmp_path / "secret.mcap").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "run", "secret.mcap"]
+
+
+def test_an_attachment_is_data_and_its_name_no_path(tmp_path: Path) -> None:
+    with open(tmp_path / "x.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        for name in ("../escaped", "/tmp/escaped", "parameters.yaml"):
+            data = b"!!python/object/apply:pathlib.Path.touch [escaped]"
+            writer.add_attachment(0, 0, name, "text/plain", data)
+        # no end: the recorder was killed
+        writer.flush()
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (tmp_path / "x.mcap").rename(folder / "x.mcap")
+    with pytest.raises(BagError, match=r"parameters\.yaml in .* is not valid YAML: could not"):
+        Bag(folder).parameters()
+    recover(folder)
+    assert sorted(path.name for path in folder.iterdir()) == ["metadata.yaml", "x.mcap"]
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize(
+    ("yaml_text", "words"),
+    [
+        (aliases(), "its aliases stand for more than"),
+        (aliases(merged=True), "its aliases stand for more than"),
+        ("&a [*a]", "a collection contains itself"),
+        ("&a {x: {y: *a}}", "a collection contains itself"),
+        ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
+        ("!!binary aGVsbG8=", "could not determine a constructor"),
+        ("!!set {a, b}", "could not determine a constructor"),
+        ("!!timestamp 2001-01-01", "could not determine a constructor"),
+        ("[" * 5000, "is not valid YAML"),
+        ("x" * 4_000_001, "4000001 characters; expected at most"),
+        ("a: 1\n---\nb: 2", "expected a single document"),
+        ("{[]: 1}", "is not valid YAML"),
+        ("1" * 5000, "is not valid YAML"),
+    ],
+)
+def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text: str, words: str) -> None:
+    with pytest.raises(BagError) as refusal:
+        load_yaml(yaml_text, "a bag")
+    assert words in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < LONGEST_LINE
+
+
+@pytest.mark.parametrize(
+    ("yaml_text", "value"),
+    [
+        ("", None),
+        ("a: &a [1, 2.5]\nb: *a", {"a": [1, 2.5], "b": [1, 2.5]}),
+        ("a: &a {x: 1}\nb: {<<: *a, y: 2}", {"a": {"x": 1}, "b": {"x": 1, "y": 2}}),
+        ("{day: 2001-01-01, on: true, none: ~}", {"day": "2001-01-01", True: True, "none": None}),
+        ("[0x1f, -7, .inf, text]", [31, -7, float("inf"), "text"]),
+    ],
+)
+def test_plain_yaml_is_what_it_says(yaml_text: str, value: Any) -> None:
+    assert load_yaml(yaml_text, "a bag") == value
+
+
+@given(st.text(alphabet="&*a<:,-[]{}!|>'\"\n 01", max_size=60))
+def test_any_yaml_is_plain_data_or_refused(yaml_text: str) -> None:
+    with contextlib.suppress(BagError):
+        assert isinstance(load_yaml(yaml_text, "x"), dict | list | str | int | float | None)
+
+
+@pytest.mark.parametrize(
+    ("definition", "words"),
+    [
+        ("a/A x", "contains itself"),
+        (f"a/B x\n{'=' * 80}\nMSG: a/B\na/A y", "contains itself"),
+        ("a/B x", "a/msg/B is not defined"),
+        ("int32[-1] x", "an array of -1"),
+        ("int32[0] x", "an array of 0"),
+        ("int32[many] x", "invalid literal"),
+        ("int32 x\n" * 5001, "fields; expected at most 5000"),
+        ("# " + "x" * 2**18, "bytes; expected at most 262144"),
+        ("\xff", "cannot be understood"),
+        (
+            "a/T0 x" + "".join(f"\n{'=' * 80}\nMSG: a/T{i}\na/T{i + 1} x" for i in range(60)),
+            "more than 50 types within each other",
+        ),
+    ],
+)
+def test_a_schema_that_no_message_has_is_refused(definition: str, words: str) -> None:
+    with pytest.raises(BagError, match=r"the schema of a/msg/A cannot be understood") as refusal:
+        list(columns(Schema(1, definition.encode("latin-1"), "ros2msg", "a/msg/A"), [LONG]))
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize("definition", [empty_elements(2**32 - 1), ones()])
+def test_elements_that_a_message_does_not_have_are_not_looked_for(definition: bytes) -> None:
+    assert list(columns(Schema(1, definition, "ros2msg", "a/msg/A"), [LONG])) == []
+
+
+def test_an_empty_type_has_a_byte_as_it_travels() -> None:
+    definition = f"std_msgs/Empty nothing\nuint8 x\n{'=' * 80}\nMSG: std_msgs/Empty\n"
+    found = Schema(1, definition.encode(), "ros2msg", "a/msg/A")
+    (group,) = columns(found, [b"\0\1\0\0\0\7"])
+    assert group.numbers["x"].tolist() == [7]
+
+
+# --- damage of what is in a whole bag, up to the page --------------------------------------
+
+
+Build = Callable[[Callable[[str, bytes], bytes]], bytes]
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Makes the MCAP file of a run without checksums, each of its messages changed."""
+    frames = [DesiredFrame(*_pose()) for _ in range(15)]
+    q = [0.01 * i for i in range(15)]
+    folder = write_run(
+        tmp_path_factory.mktemp("run") / "run",
+        q,
+        q,
+        efforts=[1.0] * 15,
+        parameters={"orientation": "euler_parameters"},
+        wrenches=[[1.0] * 6] * 15,
+        compliant=frames,
+        began=5,
+        lasting=0.1,
+    )
+    messages = list(Bag(folder).read_raw())
+
+    def make(change: Callable[[str, bytes], bytes]) -> bytes:
+        stream = io.BytesIO()
+        writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start("ros2")
+        numbers = {}
+        for name, kind in _TYPES.items():
+            number = writer.register_schema(kind, "ros2msg", message_definition(kind).encode())
+            numbers[name] = writer.register_channel(name, "cdr", number)
+        for one in messages:
+            data = change(one.topic, one.data)
+            writer.add_message(numbers[one.topic], one.log_time, data, one.publish_time)
+        writer.finish()
+        return stream.getvalue()
+
+    return make
+
+
+def _pose() -> tuple[Any, Any]:
+    import numpy as np
+
+    return np.array([1.0, 0.0, 0.0]), np.eye(3)
+
+
+def analysed(data: bytes, folder: Path) -> int:
+    """Return the exit code of ``analyze``; an exception of it would end the test."""
+    (folder / "x.mcap").write_bytes(data)
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        code = main([str(folder / "x.mcap"), "--out", str(folder / "page.html")])
+    assert code in (0, 2)
+    assert code == 0 or "error: " in said.getvalue()
+    return code
+
+
+few = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+IMPOSSIBLE = [
+    *(struct.pack("<d", value) for value in (float("nan"), float("inf"), 1e308, -1e308, 5e-324)),
+    *(b"\xff\xff\xff\xff", b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x00"),
+]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers near 1e308
+@few
+@given(data=st.data(), topic=st.sampled_from(sorted(_TYPES)), every=st.integers(1, 5))
+def test_impossible_numbers_and_lengths_in_messages_are_analysed_or_refused(
+    data: st.DataObject, topic: str, every: int, build: Build, tmp_path: Path
+) -> None:
+    new, at = data.draw(st.sampled_from(IMPOSSIBLE)), data.draw(st.integers(1, 40))
+    count = 0
+
+    def change(name: str, message: bytes) -> bytes:
+        nonlocal count
+        count += name == topic
+        if name != topic or count % every or 4 * at + len(new) > len(message):
+            return message
+        return message[: 4 * at] + new + message[4 * at + len(new) :]
+
+    analysed(build(change), tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@few
+@given(data=st.data(), flips=st.integers(1, 5))
+def test_a_bag_with_damaged_bytes_is_analysed_or_refused(
+    data: st.DataObject, flips: int, build: Build, tmp_path: Path
+) -> None:
+    damaged = bytearray(build(lambda _, message: message))
+    for _ in range(flips):
+        damaged[data.draw(st.integers(8, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
+    analysed(bytes(damaged), tmp_path)
+
+
+def test_the_bag_that_is_damaged_here_is_a_good_one(build: Build, tmp_path: Path) -> None:
+    assert analysed(build(lambda _, message: message), tmp_path) == 0
+
+
+def test_a_hostile_robot_description_ends_in_one_line(tmp_path: Path) -> None:
+    urdf = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot name="&a;"/>'
+    folder = write_run(tmp_path / "run", [0.0] * 5, urdf=urdf)
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        assert main([str(folder), "--no-page"]) == 2
+    assert said.getvalue().endswith("not a URDF: it has a DOCTYPE; remove it\n")
+    assert said.getvalue().count("\n") == 1
+
+
+def test_messages_of_another_type_than_the_schema_says_are_refused(tmp_path: Path) -> None:
+    state = bytes(serialize_message(JointState(name=["hinge"], position=[0.0])))
+    word = bytes(serialize_message(String(data="a" * 20)))
+    for data in (state[:-8], word, b"", b"\0\1\0\0"):
+        folder = hostile(tmp_path / f"{len(data)}", schema(DEFINITION) + channel() + message(data))
+        with pytest.raises(BagError, match="cannot be decoded"):
+            list(Bag(folder).messages())

@@ -1,0 +1,222 @@
+"""Parameters with any name and value: taken as they are, or refused in one line that names them."""
+
+import dataclasses
+import math
+import typing
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from ros_processes import MODULES, Graph, free_domain
+
+from eulerparams_control.bags.recorder_node import RecorderParameters
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.motion import Trajectory
+from eulerparams_control.ros.clik_node import ClikParameters
+from eulerparams_control.ros.dynamic_control_node import DynamicParameters
+from eulerparams_control.ros.identify_tool_node import IdentifyToolParameters
+from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
+from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
+from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.reference_node import ReferenceParameters
+from eulerparams_control.way_points import FORMATS, parse_way_points
+from sim_bridge.bridge_node import BridgeParameters
+
+RCLError = rclpy_implementation.RCLError
+
+KINDS = {
+    "clik": ClikParameters,
+    "dynamic_control": DynamicParameters,
+    "impedance_control": ImpedanceParameters,
+    "reference": ReferenceParameters,
+    "pybullet_bridge": BridgeParameters,
+    "bag_recorder": RecorderParameters,
+    "identify_tool": IdentifyToolParameters,
+}
+examples = settings(max_examples=60, suppress_health_check=list(HealthCheck))
+
+WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), max_size=8)
+NUMBERS = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, math.nan, math.inf, 1e400])
+SCALARS = st.one_of(NUMBERS, st.integers(-(2**63), 2**63 - 1), st.booleans(), WORDS)
+VALUES = st.one_of(
+    SCALARS,
+    st.lists(NUMBERS, max_size=7),
+    st.lists(st.integers(-(2**31), 2**31), max_size=7),
+    st.lists(WORDS, max_size=3),
+    st.lists(st.booleans(), max_size=3),
+)
+
+
+@contextmanager
+def node_with(overrides: dict[str, Any], folder: Path) -> Iterator[Node]:
+    """Make a node whose parameters are overridden by those of a YAML file."""
+    file = folder / "parameters.yaml"
+    content = {"/**": {"ros__parameters": overrides}}
+    file.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
+    context = Context()
+    try:
+        arguments = ["--ros-args", "--params-file", str(file)]
+        rclpy.init(args=arguments, context=context, domain_id=free_domain())
+        yield rclpy.create_node("tested", context=context)
+    finally:
+        context.try_shutdown()
+
+
+def assert_of_their_types(found: Any) -> None:
+    """Assert that each parameter has the type, the bounds and the words of its field."""
+    hints = typing.get_type_hints(type(found))
+    for field in dataclasses.fields(found):
+        value = getattr(found, field.name)
+        is_list = typing.get_origin(hints[field.name]) is tuple
+        kind = typing.get_args(hints[field.name])[0] if is_list else hints[field.name]
+        for each in value if is_list else [value]:
+            assert type(each) is kind
+            assert kind is not float or math.isfinite(each)
+            low, high = field.metadata["bounds"] or (-math.inf, math.inf)
+            assert kind not in (int, float) or low <= each <= high
+            assert not field.metadata["choices"] or each in field.metadata["choices"]
+
+
+@pytest.mark.parametrize("executable", KINDS)
+@examples
+@given(data=st.data())
+def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
+    data: st.DataObject, executable: str, tmp_path: Path
+) -> None:
+    kind = KINDS[executable]
+    name = data.draw(st.sampled_from([field.name for field in dataclasses.fields(kind)]))
+    value = data.draw(VALUES)
+    refusal = ""
+    try:
+        with node_with({name: value}, tmp_path) as node:
+            assert_of_their_types(declare(node, kind))
+    except ConfigurationError as error:
+        refusal = str(error)
+    except RCLError:
+        pass  # an integer of 64 bits that rcl does not take; the executable says so in one line
+    assert not refusal or f"'{name}'" in refusal
+    assert "\n" not in refusal
+
+
+@pytest.mark.parametrize("executable", KINDS)
+@examples
+@given(data=st.data())
+def test_a_name_with_a_letter_wrong_is_refused_with_the_right_one(
+    data: st.DataObject, executable: str, tmp_path: Path
+) -> None:
+    kind = KINDS[executable]
+    known = [field.name for field in dataclasses.fields(kind)] + ["use_sim_time"]
+    name = data.draw(st.sampled_from([name for name in known if len(name) > 4]))
+    at = data.draw(st.integers(0, len(name) - 1))
+    wrong = name[:at] + data.draw(st.sampled_from(["", "x", name[at] * 2])) + name[at + 1 :]
+    if wrong in known:
+        return
+    with node_with({wrong: 1}, tmp_path) as node, pytest.raises(ConfigurationError) as refusal:
+        declare(node, kind)
+    assert f"unknown parameter '{wrong}' (did you mean '" in str(refusal.value)
+
+
+@examples
+@given(st.dictionaries(WORDS, st.dictionaries(WORDS, SCALARS, max_size=2), max_size=3))
+def test_nested_names_are_refused_by_their_full_name_or_by_rcl(
+    tmp_path: Path, overrides: dict[str, Any]
+) -> None:
+    with suppress(ConfigurationError, RCLError), node_with(overrides, tmp_path) as node:
+        assert_of_their_types(declare(node, ClikParameters))
+
+
+# --- sections --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("section", ["/clikk", "click", "/left/clik_", "/CLIK"])
+def test_a_file_for_a_node_of_nearly_this_name_is_refused(section: str, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(yaml.safe_dump({section: {"ros__parameters": {"k_Po": 1.0}}}))
+    with pytest.raises(ConfigurationError, match=r"did you mean 'clik'\?"):
+        refuse_misspelt_sections("clik", ["x", "--ros-args", "--params-file", str(file)])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"clik": {"ros__parameters": {}}},
+        {"/left/clik": {"ros__parameters": {}}},
+        {"left": {"clik": {"ros__parameters": {}}}},
+        {"/**": {"ros__parameters": {}}, "/clikk": {"ros__parameters": {}}},
+        {"/*": {"ros__parameters": {}}},
+        {"/reference": {"ros__parameters": {}}},
+        {"clik": {"ros__parameters": {}}, "clik_2": {"ros__parameters": {}}},
+        [1, 2],
+        "clikk",
+        None,
+    ],
+)
+def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content: Any, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(yaml.safe_dump(content))
+    refuse_misspelt_sections("clik", ["--params-file", str(file), "--params-file", "/none"])
+
+
+# --- way-points ------------------------------------------------------------------------------
+
+
+@given(
+    times=st.lists(NUMBERS | st.floats(0, 5), max_size=3),
+    positions=st.lists(NUMBERS | st.floats(-1, 1), max_size=9),
+    orientations=st.lists(NUMBERS | st.floats(-1, 1), max_size=12),
+    form=st.sampled_from(FORMATS) | WORDS,
+)
+def test_way_points_are_a_motion_or_refused(
+    times: list[float], positions: list[float], orientations: list[float], form: str
+) -> None:
+    motion: Trajectory | None = None
+    with suppress(ConfigurationError):
+        motion = parse_way_points(times, positions, orientations, form)
+    if motion is not None:
+        assert 0 <= motion.times[0] <= motion.duration <= 1e9
+
+
+# --- as processes ------------------------------------------------------------------------------
+
+
+FILES = {
+    "misspelt": (
+        "/**:\n  ros__parameters:\n    use_sim_tme: true\n",
+        "did you mean 'use_sim_time'",
+    ),
+    "nested": ("/**:\n  ros__parameters:\n    a: {b: {c: 1}}\n", "unknown parameter 'a.b.c'"),
+    "truncated": ("/**:\n  ros__parameters:\n    joints: [a, ", "parameters.yaml"),
+    "mixed": ("/**:\n  ros__parameters:\n    joints: [a, 1]\n", "line_num 3"),
+}
+
+
+@pytest.fixture(scope="module")
+def recorder_too() -> None:
+    MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
+
+
+@pytest.mark.usefixtures("recorder_too")
+@pytest.mark.parametrize("executable", KINDS)
+def test_an_executable_refuses_a_file_in_one_line_and_ends(executable: str, graph: Graph) -> None:
+    graph.folder.mkdir(parents=True, exist_ok=True)
+    file = graph.folder / "parameters.yaml"
+    for text, words in FILES.values():
+        file.write_text(text)
+        process = graph.run(executable, "--ros-args", "--params-file", str(file))
+        assert process.end() == 1
+        (line,) = (line for line in process.stderr.splitlines() if line.startswith("error: "))
+        assert words in line
+        assert "Traceback" not in process.log
+    file.write_text(f"/{executable}x:\n  ros__parameters: {{a: 1}}\n")
+    process = graph.run(executable, "--ros-args", "--params-file", str(file))
+    assert process.end() == 1
+    assert f"error: {file} has parameters for the node '/{executable}x'" in process.stderr

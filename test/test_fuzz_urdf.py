@@ -1,0 +1,276 @@
+"""URDFs from anyone: refused in one line, or an arm that can be computed; never a crash.
+
+Pinocchio and PyBullet are C++, where a wrong text can end the process, so they are tried in one
+of their own: ``python test_fuzz_urdf.py`` reads texts and says what became of each.
+"""
+
+import contextlib
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from samples import generator
+from synthetic_runs import URDF
+
+from eulerparams_control.catalogue import load_robot
+from eulerparams_control.errors import EulerParamsError, RobotError
+from eulerparams_control.robot import Robot
+from eulerparams_control.urdf import UrdfTree
+
+LIMIT = '<limit lower="-4" upper="4" velocity="3" effort="10"/>'
+LONGEST_REFUSAL = 2000  # characters: one line that can be read
+PATIENCE = 300  # s; a guard against hanging
+
+
+def chain(count: int) -> str:
+    """Return an arm whose tip is carried by so many joints, the last of which turns."""
+    links = "".join(f'<link name="l{i}"/>' for i in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        for i in range(count - 1)
+    )
+    last = (
+        f'<joint name="last" type="revolute"><parent link="l{count - 1}"/>'
+        f'<child link="l{count}"/>{LIMIT}</joint>'
+    )
+    return f'<robot name="chain">{links}{joints}{last}</robot>'
+
+
+def changed(old: str, new: str) -> str:
+    assert old in URDF
+    return URDF.replace(old, new)
+
+
+def laughs() -> str:
+    """Return a URDF whose name is 10^10 letters, by entities of entities."""
+    entities = "".join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10))
+    return f'<!DOCTYPE r [<!ENTITY a "ha">{entities}]>' + changed('name="rod"', 'name="&k;"')
+
+
+REFUSED: dict[str, tuple[str, str]] = {
+    "no mass stated": (changed('<mass value="1"/>', ""), "inertial of link 'arm': a <inertial>"),
+    "a mass that is a word": (changed('mass value="1"', 'mass value="1kg"'), "'1kg'"),
+    "a mass in Python's spelling": (changed('mass value="1"', 'mass value="1_0"'), "'1_0'"),
+    "a mass in Arabic digits": (changed('mass value="1"', 'mass value="\u0661"'), "convert"),
+    "a mass of NaN": (changed('mass value="1"', 'mass value="nan"'), "value of <mass> is nan"),
+    "an endless inertia": (changed('ixx="1"', 'ixx="inf"'), "ixx of <inertia> is inf"),
+    "half an inertia": (changed('ixx="1"', ""), "a <inertia> has no attribute 'ixx'"),
+    "a negative mass": (changed('mass value="1"', 'mass value="-1"'), "mass -1 kg"),
+    "a negative inertia": (changed('iyy="1"', 'iyy="-1"'), "negative moments {'iyy': -1.0}"),
+    "an axis of zero": (changed('"0 1 0"', '"0 0 0"'), "joint 'hinge': its axis is zero"),
+    "an axis of NaN": (changed('"0 1 0"', '"nan 0 0"'), "xyz of a <axis> is 'nan 0 0'"),
+    "an axis of two numbers": (changed('"0 1 0"', '"0 1"'), "expected three numbers"),
+    "an endless link": (changed('xyz="0.8 0 0"', 'xyz="1e308 0 0"'), "up to 1e+09"),
+    "an angle that is a word": (changed('rpy="1.57', 'rpy="a 1.57'), "rpy of a <origin>"),
+    "a limit of NaN": (changed('lower="-4"', 'lower="nan"'), "impossible limits of joint 'hinge'"),
+    "a speed of NaN": (changed('velocity="3"', 'velocity="nan"'), "impossible limits"),
+    "an unknown type": (
+        changed('type="revolute"', 'type="revolut"'),
+        "joint 'hinge': unknown type 'revolut' (did you mean 'revolute'?)",
+    ),
+    "no type": (changed('name="roll" type="revolute"', 'name="roll"'), "no attribute 'type'"),
+    "no limits": (changed(LIMIT, ""), "Pinocchio cannot read the URDF"),
+    "two joints of a name": (changed('"roll"', '"hinge"'), "two joints have the name 'hinge'"),
+    "two links of a name": (
+        changed('<link name="sensor"/>', '<link name="sensor"/><link name="arm"/>'),
+        "two links have the name 'arm'",
+    ),
+    "two tips": (
+        changed('<link name="sensor"/>', '<link name="sensor"/><link name="tip"/>'),
+        "two links have the name 'tip'",
+    ),
+    "a link without a name": (changed('"sensor"', '""'), "a link has an empty name"),
+    "a joint of Pinocchio's": (changed('"hinge"', '"universe"'), "which Pinocchio keeps"),
+    "several roots": (changed("</robot>", '<link name="x"/></robot>'), "one root link, found 2"),
+    "a loop": (changed('<parent link="base"/>', '<parent link="rod"/>'), "not carried by"),
+    "a link in two places": (changed('<child link="rod"/>', '<child link="arm"/>'), "two parents"),
+    "a chain without end": (chain(20_000), "links; expected at most 5000"),
+    "a chain too long": (chain(3000), "more than 200 joints"),
+    "too deep": (changed("</robot>", f"{'<a>' * 99}{'</a>' * 99}</robot>"), "more than 50"),
+    "far too deep": (changed("</robot>", f"{'<a>' * 10**5}{'</a>' * 10**5}</robot>"), "than 50"),
+    "too long": (changed("</robot>", f"<!--{'x' * 64_000_001}--></robot>"), "at most 64000000"),
+    "a billion laughs": (laughs(), "it has a DOCTYPE"),
+    "a file by an entity": (
+        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
+        + changed("</robot>", "<x>&a;</x></robot>"),
+        "it has a DOCTYPE",
+    ),
+    "a file by its DOCTYPE": ('<!DOCTYPE r SYSTEM "file:///etc/hostname">' + URDF, "a DOCTYPE"),
+    "an entity that is nowhere": (changed('"rod"', '"&a;"'), "not valid XML: undefined entity"),
+    "half": (URDF[: len(URDF) // 2], "not valid XML"),
+    "nothing": ("", "not valid XML"),
+    "a NUL": (changed('"rod"', '"\0"'), "not valid XML"),
+    "half a character": (changed('"rod"', '"\ud800"'), "not valid XML"),
+    "another format": ("<sdf/>", "the root element is <sdf>, expected <robot>"),
+    "twice": (URDF + URDF, "not valid XML: junk after document element"),
+}
+
+TAKEN: dict[str, str] = {
+    "unicode": URDF.replace("hinge", "h\u00e4nge\u2603"),
+    "ten megabytes": changed("</robot>", f"<!--{'x' * 10_000_000}--></robot>"),
+    "an encoding that it does not have": '<?xml version="1.0" encoding="klingon"?>' + URDF,
+    "a joint with the name of the tip": URDF.replace('"hinge"', '"tip"'),
+    "a mesh that is elsewhere": changed(
+        '<link name="tip"/>',
+        '<link name="tip"><visual><geometry><mesh filename="package://../../etc/passwd"/>'
+        "</geometry></visual></link>",
+    ),
+    "a shape that is none": changed(
+        '<link name="tip"/>',
+        '<link name="tip"><collision><geometry><box size="a"/></geometry></collision></link>',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_urdf_that_is_no_arm_is_refused_in_one_line(case: str) -> None:
+    text, words = REFUSED[case]
+    with pytest.raises(RobotError, match=re.escape(words)) as refusal:
+        Robot(text, "", "tip")
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < LONGEST_REFUSAL
+
+
+@pytest.mark.parametrize("case", TAKEN)
+def test_a_urdf_that_is_odd_but_an_arm_is_taken(case: str) -> None:
+    robot = Robot(TAKEN[case], "base", "tip")
+    state = robot.dynamic_state(np.array([0.3, -0.2]), np.zeros(2))
+    expected = Robot(URDF, "base", "tip").dynamic_state(np.array([0.3, -0.2]), np.zeros(2))
+    np.testing.assert_array_equal(state.arm.J, expected.arm.J)
+    np.testing.assert_array_equal(state.g, expected.g)
+
+
+def test_a_urdf_of_a_pipe_or_folder_is_refused_without_waiting(tmp_path: Path) -> None:
+    (tmp_path / "folder.urdf").mkdir()
+    (tmp_path / "endless.urdf").symlink_to("/dev/zero")
+    for name in ("folder.urdf", "endless.urdf"):
+        with pytest.raises(RobotError, match=r"the URDF cannot be read: .*no file"):
+            load_robot(str(tmp_path / name))
+
+
+# --- random damage, without C++ --------------------------------------------------------------
+
+
+damage = st.lists(
+    st.tuples(st.integers(0, len(URDF) - 1), st.integers(0, 40), st.text(max_size=5)),
+    min_size=1,
+    max_size=3,
+)
+
+
+@given(damage)
+@example([(0, 0, "")])
+def test_a_damaged_urdf_is_a_tree_or_refused(places: list[tuple[int, int, str]]) -> None:
+    text = URDF
+    for at, length, new in places:
+        text = text[:at] + new + text[at + length :]
+    tree = None
+    with contextlib.suppress(RobotError):
+        tree = UrdfTree(text)
+    if tree is None:
+        return
+    assert tree.links.count(tree.root) == 1
+    assert all(tree.chain(tree.root, link) is not None for link in tree.links)
+
+
+# --- with C++, in a process of its own -------------------------------------------------------
+
+
+def damaged(count: int) -> list[str]:
+    """Return URDFs in which some numbers, names and tags are others, or bytes are cut out."""
+    random = generator(70)
+    words = ['""', '"0"', '"-1"', '"nan"', '"inf"', '"1e308"', '"1e-320"', '"a b"', '"0 0 0"']
+    words += ['"tip"', '"base"', '"rod"', '"fixed"', '"continuous"', '"prismatic"', '"planar"']
+    quoted = list(re.finditer('"[^"]*"', URDF))
+    tags = list(re.finditer("<[^>]*>", URDF))
+    texts = []
+    for number in range(count):
+        if number % 4 == 3:  # without one tag
+            tag = tags[random.integers(len(tags))]
+            texts.append(URDF[: tag.start()] + URDF[tag.end() :])
+            continue
+        text = URDF
+        for _ in range(random.integers(1, 4)):
+            word = quoted[random.integers(len(quoted))].group()
+            text = text.replace(word, words[random.integers(len(words))], random.integers(1, 3))
+        texts.append(text)
+    return texts
+
+
+def fate(text: str, folder: str) -> dict[str, Any]:
+    """Return what Pinocchio and PyBullet make of a text: refused, or an arm that is finite."""
+    from sim_bridge.parameters import SimulatorParameters
+    from sim_bridge.simulator import Simulator
+
+    found: dict[str, Any] = {}
+    try:
+        robot = Robot(text, "", "tip")
+        q = np.full(robot.n, 0.1)
+        state = robot.dynamic_state(q, q)
+        found["finite"] = all(bool(np.isfinite(v).all()) for v in (*state.arm, *state[1:]))
+    except EulerParamsError as error:
+        found["refused"] = str(error)
+    path = Path(folder) / "arm.urdf"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        simulator = Simulator(load_robot(str(path)), SimulatorParameters(control="torque"))
+        try:
+            for _ in range(3):
+                simulator.step()
+            found["simulated"] = bool(np.isfinite(simulator.read().q).all())
+        finally:
+            simulator.close()
+    except EulerParamsError as error:
+        found["not simulated"] = str(error)
+    return found
+
+
+def fates(texts: list[str]) -> list[dict[str, Any]]:
+    """Return the fate of each text; a process that dies on one leaves fewer."""
+    command = [sys.executable, __file__]
+    done = subprocess.run(
+        command, input=json.dumps(texts), capture_output=True, text=True, timeout=PATIENCE
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("fate ")]
+    found = [json.loads(line.removeprefix("fate ")) for line in lines]
+    if len(found) < len(texts):
+        raise AssertionError(
+            f"exit code {done.returncode} on:\n{texts[len(found)]}\n{done.stderr[-2000:]}"
+        )
+    return found
+
+
+def assert_lived(found: dict[str, Any], text: str) -> None:
+    assert found.get("finite", True), text
+    assert found.get("simulated", True), text
+    for reason in (found.get("refused", ""), found.get("not simulated", "")):
+        assert len(reason) < LONGEST_REFUSAL
+
+
+def test_no_urdf_ends_the_process_in_pinocchio_or_pybullet() -> None:
+    texts = [text for text, _ in REFUSED.values() if len(text) < 10**6] + damaged(200)
+    for text, found in zip(texts, fates(texts), strict=True):
+        assert_lived(found, text)
+
+
+def test_what_the_arm_is_refused_for_it_is_not_simulated_for_either() -> None:
+    texts = {case: text for case, (text, _) in REFUSED.items() if len(text) < 10**6}
+    found = fates(list(texts.values()))
+    simulated = [case for case, f in zip(texts, found, strict=True) if f.get("simulated")]
+    assert simulated == []
+    assert all("refused" in f for f in found)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as own_folder:
+        for each in json.load(sys.stdin):
+            said = json.dumps(fate(each, own_folder))
+            print(f"\nfate {said}", flush=True)  # PyBullet leaves lines open

@@ -1,0 +1,624 @@
+"""Each protection of docs/safety.md, provoked through DDS in nodes that run as processes.
+
+What other files test is not tested again; the page names all tests, and is checked here.
+"""
+
+import ast
+import math
+import re
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_processes import (
+    FRAMES,
+    HOME,
+    MODEL,
+    MODULES,
+    ROOT,
+    UR5,
+    Arm,
+    Array,
+    Controlled,
+    Graph,
+    Process,
+    assert_holds,
+    environment,
+    pose,
+    reference,
+    values,
+)
+from samples import rodrigues
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tolerances import GUARD_ROUNDING, SIMULATED_POSE
+
+from eulerparams_control.bags import Bag
+from eulerparams_control.messages import BEGAN, ns_from_ros
+from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.supervision.pace import LEAST
+from eulerparams_control.supervision.runaway import AT_REST
+
+ALL = ("clik", "dynamic_control", "impedance_control")
+EFFORTS = ALL[1:]
+
+MODULES |= {
+    f"{node} raving {how}": f"raving_node {node} {how}"
+    for node in ALL[:2]
+    for how in ("nan", "huge")
+}
+MODULES["fault_injector"] = "eulerparams_control.ros.fault_injector_node"
+
+MS = 1_000_000  # [ns]
+DT = 0.001  # [s] of a tick
+
+# The latency that a real-time node of the tests does not mind, however busy the machine is [s].
+ANY_LATENCY = 60.0
+
+# Efforts [Nm] that bear the weight: rounding of 100 Nm.
+GRAVITY = 1e-9
+
+# Every effort changes by no more than this [Nm/s] by default.
+EFFORT_RATE = 1e4
+
+# An arm that moves is faster than this [rad/s].
+MOVES = 1e-3
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
+    """Starts the controllers that the tests of this module share; they report each tick."""
+    with ExitStack() as stack:
+
+        @cache
+        def start(executable: str) -> Controlled:
+            graph = stack.enter_context(Graph(tmp_path_factory.mktemp(executable)))
+            own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
+            return Controlled(graph, executable, {**FRAMES, **own, "state_rate": 1000.0})
+
+        yield start
+
+
+@pytest.fixture(params=ALL)
+def node(
+    request: pytest.FixtureRequest, shared: Callable[[str], Controlled]
+) -> Iterator[Controlled]:
+    """A controller that is shared, active and holding the home position."""
+    controlled = shared(request.param)
+    start_at(controlled, HOME)
+    yield controlled
+    controlled.restore()
+
+
+def start_at(node: Controlled, q: Array) -> None:
+    """Let the arm stand at q (n,), held there, with no fault."""
+    node.arm.start_afresh(q)
+    p, R = pose(q)
+    node.references.publish(reference(DesiredFrame(p, R)))
+    node.status(lambda s: s.message.startswith("active with"))
+    node.arm.start_afresh(q)
+
+
+def upwards(q: Array, dz: float = 0.1) -> Any:
+    """Return a motion of a second that lifts the tip from where it is at q (n,) by dz [m]."""
+    p, R = pose(q)
+    return reference(DesiredFrame(p + [0.0, 0.0, dz], R), times=(1.0,))
+
+
+def send(node: Controlled, q: Array, dq: Array, dt: float = DT) -> None:
+    """Send the state q, dq (n,) that comes dt [s] after the last, and wait for nothing."""
+    arm = node.arm
+    arm.t += round(dt * 1e9)
+    arm.q, arm.dq = q, dq
+    arm.send(arm.message())
+
+
+def nothing_follows(node: Controlled, send_one: Callable[[], None]) -> None:
+    """Assert that states are not answered any more."""
+    node.arm.commands.clear()
+    for _ in range(5):
+        send_one()
+    node.peer.status(node.name)  # one turn of the node later
+    assert node.arm.commands == []
+
+
+def assert_let_go(node: Controlled, send_one: Callable[[], None]) -> None:
+    """Assert that efforts end with what bears the weight only, and then with nothing."""
+    positions: dict[int, Array] = {}
+    for _ in range(40):
+        send_one()
+        positions[node.arm.t] = node.arm.q
+        node.peer.spin_once()
+    node.peer.status(node.name)
+    if node.arm.topic == "joint_effort":
+        last = [c for c in node.arm.commands if ns_from_ros(c.header.stamp) in positions]
+        if not last:  # they were let go before
+            last = node.arm.commands[-1:]
+            positions[ns_from_ros(last[0].header.stamp)] = node.arm.q
+        q = positions[ns_from_ros(last[-1].header.stamp)]
+        g = MODEL.dynamic_state(q, 0 * q).g
+        np.testing.assert_allclose(last[-1].effort, g, rtol=0, atol=GRAVITY)
+    nothing_follows(node, send_one)
+
+
+# --- the page --------------------------------------------------------------------------------
+
+PAGE = ROOT / "docs" / "safety.md"
+ROWS = 14  # events that the design lists
+
+
+def table(heading: str) -> list[list[str]]:
+    """Return the rows of the table below a heading of the page, cell by cell."""
+    _, _, rest = PAGE.read_text().partition(f"\n## {heading}\n")
+    lines = [line for line in rest.partition("\n## ")[0].splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def defined_in(path: Path) -> set[str]:
+    """Return the functions and classes of a file, methods as Class.method."""
+    names: set[str] = set()
+    for item in ast.parse(path.read_text()).body:
+        if isinstance(item, ast.FunctionDef | ast.ClassDef):
+            names.add(item.name)
+        if isinstance(item, ast.ClassDef):
+            methods = (each for each in item.body if isinstance(each, ast.FunctionDef))
+            names.update(f"{item.name}.{method.name}" for method in methods)
+    return names
+
+
+@pytest.mark.parametrize("heading", ["Events", "Supervision"])
+def test_each_row_of_the_page_names_protections_and_tests_that_exist(heading: str) -> None:
+    rows = table(heading)
+    assert len(rows) >= (ROWS if heading == "Events" else 8)
+    for event, protections, tests in rows:
+        found = re.findall(r"`(\w+/[\w/]+\.py)::([\w.]+)`", protections)
+        assert found, event
+        for file, name in found:
+            assert name in defined_in(ROOT / file), f"{event}: {file}::{name}"
+        found = re.findall(r"`(test_\w+\.py)::(test_\w+)`", tests)
+        assert found, event
+        for file, name in found:
+            assert name in defined_in(ROOT / "test" / file), f"{event}: {file}::{name}"
+
+
+def test_the_page_has_all_events_in_their_order() -> None:
+    numbers = [int(event.partition(".")[0]) for event, *_ in table("Events")]
+    assert numbers == list(range(1, ROWS + 1))
+
+
+def test_the_page_names_each_test_of_this_file() -> None:
+    own = {name for name in defined_in(Path(__file__)) if name.startswith("test_")}
+    named = set(re.findall(r"`test_protections\.py::(test_\w+)`", PAGE.read_text()))
+    assert named == {name for name in own if "_the_page" not in name}
+
+
+# --- states that cannot be believed ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("executable", ALL)
+def test_in_real_time_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
+    graph: Graph, executable: str
+) -> None:
+    real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
+    node = Controlled(graph, executable, FRAMES | real)
+    arm = node.arm
+
+    def moving() -> bool:  # a busy machine may make a silence of its own, which ends the motion
+        node.references.publish(upwards(arm.q))
+        arm.ticks(30)
+        return bool(np.abs(arm.dq).max() > MOVES)
+
+    graph.until(moving, "motion")
+    status = node.peer.status(node.name, lambda s: "no valid joint_states" in s.message)
+    assert status.level == b"\x02"
+    assert "no valid joint_states within 0.1 s: no commands; is the robot" in status.message
+    told = "see to the robot and the network; when they are back the arm is held where it is"
+    assert values(status)["what to do"] == told
+    assert arm.commands == []
+    q, arm.dq = arm.q + 0.05, np.zeros(6)  # the stamps tell of no gap: 1 ms
+    assert_holds(arm.tick(q), q)
+    assert_holds(arm.ticks(10)[-1], q)
+    status = node.status(lambda s: "after a silence of joint_states of" in s.message)
+    assert status.level == b"\x01"
+    assert values(status)["what to do"] == "send the reference again"
+
+
+@pytest.mark.parametrize("executable", ALL)
+def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_counted(
+    graph: Graph, executable: str
+) -> None:
+    timing = {"use_sim_time": False, "max_latency": 0.2, "state_timeout": 60.0}
+    node = Controlled(graph, executable, FRAMES | timing)
+    arm, words = node.arm, "later than the best one, more than max_latency 0.2 s"
+    ahead = arm.t - time.monotonic_ns()
+    late: list[int] = []
+
+    def answered_in_time() -> None:
+        since = arm.t + 1
+
+        def answered() -> bool:
+            arm.t = max(arm.t + 1, ahead + time.monotonic_ns())
+            arm.send(arm.message())
+            node.peer.spin_once()
+            return any(ns_from_ros(c.header.stamp) >= since for c in arm.commands)
+
+        graph.until(answered, "a command for a state in time")
+
+    def refused() -> bool:
+        answered_in_time()
+        arm.t += MS
+        due = arm.t - ahead + 400 * MS
+        graph.until(lambda: time.monotonic_ns() > due, "that it is late")
+        late.append(arm.t)
+        arm.send(arm.message())
+        answered_in_time()
+        return words in node.process.log
+
+    graph.until(refused, "a late state refused")
+    assert late[-1] not in {ns_from_ros(c.header.stamp) for c in arm.commands}
+    assert node.peer.counter(node.name, "joint_states rejected", 1) >= 1
+
+
+def test_positions_that_stay_while_speeds_are_reported_get_no_commands(node: Controlled) -> None:
+    q, dq = node.arm.q + 1e-3, np.full(6, 0.5)
+    arm = node.arm
+
+    def send_one() -> None:
+        send(node, q, dq)
+
+    status = node.peer.status(node.name, lambda s: "stay the same" in s.message, send_one)
+    assert status.level == b"\x02"
+    assert "joint_states reports speeds, but positions that stay the same" in status.message
+    assert "driver or encoders" in values(status)["what to do"]
+    assert_let_go(node, send_one)
+    send(node, q + 1e-5, 0 * q)  # measured again
+    assert_holds(arm.answer(arm.message().header.stamp), q + 1e-5)
+
+
+def test_positions_that_change_under_the_same_stamp_get_no_commands_and_stop_the_arm(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+
+    def send_one() -> None:
+        send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
+
+    status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
+    assert "joint_states moves, but its stamp stays at" in status.message
+    arm.q = HOME
+    assert_let_go(node, send_one)
+
+
+def test_a_state_that_repeats_itself_for_longer_than_the_timeout_is_a_fault(graph: Graph) -> None:
+    real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
+    node = Controlled(graph, "dynamic_control", FRAMES | real)
+    arm = node.arm
+
+    def again() -> None:
+        arm.send(arm.message())
+
+    words = "joint_states repeats itself: its stamp stays at"
+    status = node.peer.status(node.name, lambda s: words in s.message, again)
+    assert status.level == b"\x02"
+    assert_let_go(node, again)
+
+
+def test_a_state_that_the_arm_cannot_have_reached_is_dropped_and_counted(node: Controlled) -> None:
+    arm = node.arm
+    before = node.peer.counter(node.name, "joint_states rejected")
+    jumped, fast = arm.message(arm.q + 0.5), arm.message()
+    fast.velocity = [20.0] * 6
+    for msg in (jumped, fast):
+        arm.t += MS
+        msg.header.stamp = arm.message().header.stamp
+        arm.send(msg)
+    assert node.peer.counter(node.name, "joint_states rejected", before + 2) == before + 2
+    assert arm.commands == []
+    assert_holds(arm.tick(HOME), HOME)
+    assert "jumps by 0.5 rad within" in node.process.log or "times its limit" in node.process.log
+
+
+@pytest.mark.parametrize("node", EFFORTS, indirect=True)
+def test_an_arm_that_runs_away_under_efforts_gets_its_weight_borne_and_then_no_efforts(
+    node: Controlled,
+) -> None:
+    arm, fast = node.arm, np.array([1.6 * MODEL.limits.velocity[0], 0, 0, 0, 0, 0])
+
+    def send_one() -> None:
+        send(node, arm.q + DT * fast, fast)
+
+    status = node.peer.status(node.name, lambda s: "runs away" in s.message, send_one)
+    assert status.level == b"\x02"
+    assert "the arm runs away, shoulder_pan_joint at 5.04 rad/s: no commands" in status.message
+    assert "see to delays and to the model of the arm" in values(status)["what to do"]
+    assert_let_go(node, send_one)
+    nothing_follows(node, lambda: send(node, arm.q, 0 * arm.q))  # it may be at a turning point
+
+    def answered() -> bool:
+        send(node, arm.q, 0 * arm.q, dt=0.01)
+        node.peer.spin_once()
+        return bool(arm.commands)
+
+    node.graph.until(answered, "a command for the arm that stands")
+    assert_holds(arm.commands[-1], arm.q)
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameters", "words"),
+    [
+        ("impedance_control", {"tip_frame": "tool1"}, "not configured: unknown frame 'tool1'"),
+        ("reference", {"tip_frame": "tool1"}, "refused: unknown frame 'tool1' (did you mean"),
+        ("reference", {"base_frame": "basis"}, "refused: unknown frame 'basis'"),
+    ],
+)
+def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
+    graph: Graph, executable: str, parameters: dict[str, Any], words: str
+) -> None:
+    process = graph.start(executable, {**FRAMES, **parameters, "robot_description": ""})
+    Arm(graph, UR5)
+    status = graph.peer.status(executable, lambda s: words in s.message)
+    assert status.level == b"\x02"
+    assert "known: base, base_link" in status.message
+    assert process.stop() == 0
+
+
+# --- references ------------------------------------------------------------------------------
+
+
+def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to_rest(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    p, R = pose(arm.q)
+    node.follow(reference(DesiredFrame(p, R, dp_d=np.array([0.0, 0.0, 0.05]))))
+    status = node.status(lambda s: "the set-points have stopped" in s.message)
+    assert status.level == b"\x01"
+    assert "holding the last desired pose: the set-points have stopped" in status.message
+    assert values(status)["what to do"] == "see to the node that sends them"
+    arm.ticks(150, dt=0.01)
+    assert np.abs(arm.dq).max() < AT_REST
+    assert np.linalg.norm(pose(arm.q)[0] - p) < 0.01
+    node.references.publish(reference(DesiredFrame(*pose(arm.q))))
+    assert node.status(lambda s: "following a reference" in s.message).level == b"\x00"
+
+
+def test_a_reference_node_that_was_killed_is_followed_at_once_when_it_is_back(
+    graph: Graph,
+) -> None:
+    """Its dead publisher stays in the graph for some 20 s, under the same name."""
+    node = Controlled(graph, "clik", FRAMES)
+    graph.peer.node.destroy_publisher(node.references)
+    circle = {"motion": "circle", "circle_radius": 0.01, "circle_period": 1.0, "circle_ramp": 0.5}
+    first = graph.start("reference", FRAMES | circle)
+    began = values(node.status(lambda s: BEGAN in values(s)))[BEGAN]
+    first.kill()
+    graph.start("reference", FRAMES | circle)
+    status = node.status(lambda s: values(s).get(BEGAN, began) != began)
+    assert graph.peer.node.count_publishers("reference") == 2  # the dead one is there still
+    assert "reference rejected" not in values(status)
+    assert "two publishers" not in node.process.log
+
+
+# --- what slows a motion down ----------------------------------------------------------------
+
+
+def watch(node: Controlled, motion: Any, count: int, dt: float) -> list[dict[str, str]]:
+    """Follow a motion for ``count`` ticks of dt [s]; return what /diagnostics said meanwhile."""
+    heard = node.peer.listen(DiagnosticArray, "/diagnostics")
+    node.graph.until(lambda: heard, "diagnostics")
+    node.references.publish(motion)
+    node.arm.ticks(count, dt)
+    node.peer.status(node.name)
+    own = [s for msg in heard for s in msg.status if s.name == node.name]
+    return [values(s) | {"message": s.message} for s in own]
+
+
+def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_where_it_is(
+    node: Controlled,
+) -> None:
+    q_0, q_1 = HOME.copy(), HOME.copy()
+    q_0[4], q_1[4] = -0.15, 0.15  # the singularity of the wrist is halfway
+    start_at(node, q_0)
+    goal = DesiredFrame(*pose(q_1))
+    told = watch(node, reference(goal, times=(0.5,)), count=700, dt=0.004)
+    codes = {each["kinematic singularity"] for each in told if "kinematic singularity" in each}
+    assert codes == {"clear", "approaching", "inside", "leaving"}
+    messages = [each["message"] for each in told]
+    for code in ("approaching", "inside", "leaving"):
+        words = f"following a reference; slowed down, {code} a kinematic singularity"
+        assert any(words in message for message in messages)
+    paces = [float(each["pace"]) for each in told if "pace" in each]
+    assert LEAST <= min(paces) < 0.8
+    assert np.linalg.norm(pose(node.arm.q)[0] - goal.p_d) < SIMULATED_POSE
+    assert not any("holding still" in message for message in messages)
+
+
+def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(
+    node: Controlled,
+) -> None:
+    limit, q = MODEL.limits.upper[5], HOME.copy()
+    q[5] = limit - 0.3
+    start_at(node, q)
+    p, R = pose(q)
+    goal = reference(DesiredFrame(p, R @ rodrigues(0.295, np.array([0.0, 0.0, 1.0]))), times=(0.5,))
+    told = watch(node, goal, count=1200, dt=DT)
+    messages = [each["message"] for each in told]
+    for code in ("approaching", "inside"):
+        assert any(f"slowed down, {code} the limit of wrist_3_joint" in m for m in messages)
+    assert {"approaching", "inside"} <= {each.get("limit of a joint") for each in told}
+    assert min(float(each["pace"]) for each in told if "pace" in each) < 1.0
+    assert node.arm.q[5] <= limit
+    assert node.arm.q[5] > limit - 0.01
+    back = watch(node, reference(DesiredFrame(p, R), times=(0.5,)), count=400, dt=DT)
+    assert any("leaving the limit of wrist_3_joint" in each["message"] for each in back)
+
+
+def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
+    node: Controlled,
+) -> None:
+    frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the pole of ZYZ
+    q = inverse_kinematics(MODEL, frame, HOME)
+    start_at(node, q)
+    node.change(orientation="euler_angles", euler_sequence="ZYZ")
+    node.references.publish(reference(frame._replace(omega_d=np.array([0.5, 0.0, 0.0]))))
+    commands = node.arm.ticks(300)
+    status = node.status(lambda s: "holding still" in s.message)
+    assert status.level == b"\x02"
+    assert "singular" in status.message
+    assert "another orientation" in values(status)["what to do"]
+    assert np.abs(node.arm.dq).max() < AT_REST
+    for command in commands:
+        assert np.isfinite([*command.position, *command.velocity, *command.effort]).all()
+        assert (np.abs(command.effort) <= MODEL.limits.effort[: len(command.effort)]).all()
+
+
+# --- what is said, and what leaves -----------------------------------------------------------
+
+
+def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Controlled) -> None:
+    arm = node.arm
+    send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
+    status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message)
+    told = values(status)
+    assert status.message.startswith("holding still: joint_states moves")
+    assert told["what to do"] == "send the reference again"
+    assert told["last fault"] == status.message
+    assert math.isfinite(float(told["last fault at [s]"]))
+    faults, since = int(told["faults"]), float(told["in this state for [s]"])
+    assert faults >= 1
+    later = node.peer.status(
+        node.name, lambda s: float(values(s)["in this state for [s]"]) > since + 0.5
+    )
+    assert later.message == status.message
+    start_at(node, HOME)
+    now = values(node.status(lambda s: "holding still" not in s.message))
+    assert now["last fault"] == status.message  # it is not forgotten
+    assert int(now["faults"]) == faults
+
+
+@pytest.mark.parametrize("executable", ALL[:2])
+def test_a_law_that_asks_for_what_is_not_finite_commands_nothing_and_stops_the_arm(
+    graph: Graph, executable: str
+) -> None:
+    node = Controlled(graph, f"{executable} raving nan", FRAMES)
+    arm = node.arm
+    sent = node.peer.listen(JointState, f"/{arm.topic}")
+    node.follow(upwards(HOME))
+
+    def blocked() -> None:
+        send(node, arm.q, np.zeros(6))
+        node.peer.spin_once()
+
+    status = node.peer.status(node.name, lambda s: "non-finite" in s.message, blocked)
+    assert status.level == b"\x02"
+    assert "holding still: the command has a non-finite" in status.message
+    arm.ticks(300)
+    assert np.abs(arm.dq).max() < AT_REST
+    assert len(sent) > 300
+    assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in sent)
+
+
+@pytest.mark.parametrize("executable", ALL[:2])
+def test_a_law_that_asks_for_too_much_is_bounded_by_limits_and_rates(
+    graph: Graph, executable: str
+) -> None:
+    node = Controlled(graph, f"{executable} raving huge", FRAMES)
+    arm, limits = node.arm, MODEL.limits
+    node.follow(upwards(HOME))
+    arm.dq = np.zeros(6)
+    is_effort = executable == "dynamic_control"
+    before, largest = arm.tick(), 0.0
+    for _ in range(100):
+        command = arm.tick(arm.q if is_effort else None)  # who takes efforts is blocked
+        if is_effort:
+            step, most = np.subtract(command.effort, before.effort), EFFORT_RATE * DT
+            assert (np.abs(command.effort) <= limits.effort).all()
+        else:
+            step, most = np.subtract(command.position, before.position), limits.velocity * DT
+            assert (np.abs(command.velocity) <= limits.velocity).all()
+        assert (np.abs(step) <= most + GUARD_ROUNDING).all()
+        largest = max(largest, float((np.abs(step) / most).max()))
+        before = command
+    assert largest == pytest.approx(1.0)  # it did ask for too much
+    counted = "commands bounded by the guard"
+    assert int(values(node.peer.status(node.name, lambda s: counted in values(s)))[counted]) > 0
+
+
+# --- the end ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("executable", "ready", "code"),
+    [
+        ("reference", "waiting for a robot description", 0),
+        ("fault_injector", "faults to come", 0),
+        ("pybullet_bridge", "", 0),
+        ("identify_tool", "waiting for the topic robot_description", 1),
+    ],
+)
+def test_a_signal_ends_each_other_node_by_its_own_handler(
+    graph: Graph, executable: str, ready: str, code: int, number: signal.Signals
+) -> None:
+    process = graph.start(executable)
+    graph.peer.status(executable, lambda s: ready in s.message)
+    process.signal(number)
+    assert process.end() == code
+    assert "Traceback" not in process.log
+    errors = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == code
+    assert all("too few poses, 0; expected at least 3" in line for line in errors)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_recorder_with_a_whole_bag(
+    graph: Graph, number: signal.Signals, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    options = ["--ros-args", "-p", f"output:={bag}", "-p", "topics:=[/words]"]
+    command = [sys.executable, "-m", "eulerparams_control.bags.recorder", *options]
+    env = environment(graph.folder, graph.domain)
+    recorder = Process(command, graph.folder, "recorder", env)
+    graph.processes.append(recorder)
+    words = graph.peer.publisher(String, "/words")
+    graph.until_said(recorder, "recording 1 topics")
+    graph.until(words.get_subscription_count, "the recorder")
+    for count in range(20):
+        words.publish(String(data=str(count)))
+    assert words.wait_for_all_acked()
+    recorder.signal(number)
+    assert recorder.end() == 0
+    assert (bag / "metadata.yaml").exists()
+    assert not Bag(bag).truncated
+    assert [m.message.data for m in Bag(bag).messages()] == [str(count) for count in range(20)]
+
+
+def test_when_the_simulator_is_killed_and_started_anew_the_arm_is_held_where_it_is_then(
+    graph: Graph,
+) -> None:
+    slow = {"rate": 200.0, "servo_bandwidth": 50.0, "command_timeout": 1.0}
+    bridge = graph.start("pybullet_bridge", slow)
+    clik = graph.start("clik", FRAMES)
+    states = graph.peer.listen(JointState, "joint_states")
+    graph.until_said(clik, "holding the measured pose")
+    graph.until(lambda: states and states[-1].header.stamp.sec >= 1, "a second of the first run")
+    bridge.kill()
+    graph.until_said(clik, "no valid joint_states within 0.1 s: no commands")
+    states.clear()
+    elsewhere = HOME + 0.3
+    again = graph.start("pybullet_bridge", slow | {"initial_positions": elsewhere.tolist()})
+    graph.until_said(again, "commanded")
+    graph.until_said(clik, "holding the measured pose, after a jump of the stamps by -")
+    graph.until(lambda: len(states) > 200, "a second of the second run")
+    for state in states[::20]:
+        np.testing.assert_allclose(state.position[:6], elsewhere, rtol=0, atol=SIMULATED_POSE)
+    assert [clik.stop(), again.stop()] == [0, 0]
