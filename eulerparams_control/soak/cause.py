@@ -8,12 +8,16 @@ from collections.abc import Mapping, Sequence
 
 REFUSED = "refused by the controller as too late"
 OVERRUN = "overrun in the queue of the controller: it, or the robot, had no processor"
+WITHHELD = "withheld by the controller, as the arm ran away when nobody had a processor"
 UNSEEN = "answered, but the monitor lost the command"
 
 _KEPT = 1000  # reports and waits that are remembered: more than those of PATIENCE
 
 # A report comes once a second; on a busy machine the state is read, and the report sent, later [s].
 _SLACK = 5.0
+
+# What a controller says when it commands nothing on purpose, and when it goes on.
+_SAYS_NOTHING, _ACTIVE = "no commands until", "active with"
 
 # Waits for a processor count that began so long [s] before a state, or after it.
 _AROUND = 0.25
@@ -88,6 +92,24 @@ class Causes:
         self._queue = queue
         self.refused, self.overrun, self.unseen = Allowance(), Allowance(), Allowance()
         self.waits = Waits()
+        self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        self._silent: float | None = None
+
+    def said(self, t: float, message: str) -> None:
+        """Take what the controller says from t [s] on."""
+        if _SAYS_NOTHING in message and self._silent is None and self._is_starved(t):
+            self._silent = t - _AROUND
+        elif _ACTIVE in message and self._silent is not None:
+            self._silences.append((self._silent, t))
+            self._silent = None
+
+    def _is_starved(self, t: float) -> bool:
+        """Whether for half of the time that the queue lasts, at least, there was no processor."""
+        return self.waits.around(t) >= self._queue / 2
+
+    def _is_withheld(self, sent: float) -> bool:
+        now = self._silent is not None and sent >= self._silent
+        return now or any(begin <= sent <= end for begin, end in self._silences)
 
     def of(self, sent: float) -> str:
         """Return why a state sent at ``sent`` [s] was not answered; "" if nothing tells.
@@ -96,12 +118,11 @@ class Causes:
         order, and so none is left without a cause that another one could have had.
         """
         counts = {REFUSED: self.refused, UNSEEN: self.unseen}
-        # for half of the time that the queue lasts, at least, it was not its own work that kept it
-        if self.waits.around(sent) >= self._queue / 2:
+        if self._is_starved(sent):  # it was not its own work that kept it
             counts[OVERRUN] = self.overrun
         found = [(when, cause) for cause in counts if (when := counts[cause].first(sent))]
         if not found:
-            return ""
+            return WITHHELD if self._is_withheld(sent) else ""
         when, cause = min(found)
         counts[cause].take(when)
         return cause

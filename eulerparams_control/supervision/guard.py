@@ -106,8 +106,8 @@ def _refuse_infinite(command: JointCommand) -> None:
     """Raise UnsafeCommandError if a value of a command is not finite."""
     for name in ("q", "dq", "effort"):
         values = getattr(command, name)
-        if values is not None and not math.isfinite(values @ values):
+        if values is not None and not np.isfinite(values).all():
             raise UnsafeCommandError(f"the command has a non-finite {name}: {values.tolist()}")
     frame = command.frame
-    if frame is not None and not math.isfinite(sum(float(part.sum()) for part in frame)):
+    if frame is not None and not all(np.isfinite(part).all() for part in frame):
         raise UnsafeCommandError("the command has a compliant frame that is not finite")

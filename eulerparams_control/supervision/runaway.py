@@ -21,24 +21,21 @@ _STANDS = 0.2
 class Runaway:
     """Tells whether an arm runs away under efforts; then no more may be commanded.
 
-    Args:
-        velocity: (n,) speed limits [rad/s or m/s].
-
     Attributes:
         is_on: whether it ran away, and did not come to rest yet.
     """
 
-    def __init__(self, velocity: Array) -> None:
-        self._velocity = velocity
+    def __init__(self) -> None:
         self.is_on = False
         self._halted = self._stood = 0.0  # for how long [s] it was to stop, and stood
 
-    def update(self, dt: float, dq: Array, is_stopped: bool) -> int | None:
+    def update(self, dt: float, dq: Array, limits: Array, is_stopped: bool) -> int | None:
         """Take a measured speed; return the joint that begins to run away, None if none does.
 
         Args:
             dt: [s] since the one before.
-            dq: (n,) measured.
+            dq: (n,) measured [rad/s or m/s].
+            limits: (n,) of the speeds.
             is_stopped: whether the efforts are to hold the arm.
         """
         if self.is_on:
@@ -47,7 +44,7 @@ class Runaway:
             return None
         self._halted = self._halted + dt if is_stopped else 0.0
         most = _SWINGING if self._halted > _HALTED else _RUNAWAY
-        speed = np.abs(dq) / self._velocity
+        speed = np.abs(dq) / limits
         joint = int(speed.argmax())
         self.is_on, self._stood = bool(speed[joint] > most), 0.0
         return joint if self.is_on else None

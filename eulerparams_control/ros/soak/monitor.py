@@ -118,7 +118,7 @@ class Monitor:
     def watch(self, progress: Progress) -> None:
         """Watch until the end, or until a node dies."""
         waits = usage = 0.0
-        while self._t < self._plan.seconds + PATIENCE and not self.record.death:
+        while self._t < self._plan.seconds + PATIENCE + 2 * _USAGE and not self.record.death:
             self._listen()
             now = time.monotonic()
             if now - waits >= _WAITS:
@@ -168,6 +168,7 @@ class Monitor:
                     causes = listener.causes
                     causes.refused.report(t, counted(values, "joint_states rejected"))
                     causes.overrun.report(t, counted(values, "joint_states missed"))
+                    causes.said(t, status.message)
 
     def _note(self, t: float, status: Any) -> None:
         """Note what a node says that it did not say before; let a motion that ended go on."""

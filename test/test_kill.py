@@ -1,0 +1,259 @@
+"""Each node of a moving arm is killed, in real time: the others go on, and its successor too.
+
+The nodes are real processes in real time on a machine that may be busy, so timeouts are longer
+than their defaults, and nothing is judged by the clock of the test: only by stamps, and by what
+the nodes report.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import ros_processes
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
+from sensor_msgs.msg import JointState
+
+from eulerparams_control.bags import Bag, recover
+from eulerparams_control.messages import BEGAN, ns_from_ros
+
+ros_processes.MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
+
+RATE = 100.0
+BRIDGE = "pybullet_bridge"
+
+# [s] The timeout of the robot, and how old a command may be when it is taken on a busy machine:
+# together less than twice the timeout, so that one that is too long is seen.
+COMMAND_TIMEOUT, COMMAND_AGE = 0.4, 0.3
+
+# A braked joint is slower [rad/s]; brakes leave 1e-7.
+STANDS = 1e-3
+
+# A joint that follows the circle moves at least this fast now and then [rad/s].
+MOVES = 0.02
+
+# The first command after a restart is where the arm was measured [rad]; the position to the bit,
+# if it stands.
+BEGINS_AT = 1e-6
+
+# Efforts that bear the arm that stands [Nm]: its inertia times gains times what brakes leave.
+BEARS = 1e-2
+
+# A killed recorder loses what it has not flushed yet [s], by the stamps of the messages: 0.1 s,
+# and what was on the way on a busy machine.
+LOST = 1.0
+
+GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # bear 50 ms of delay
+PATIENT = {"state_timeout": 0.5, "max_latency": 0.4, "reference_timeout": 0.5}
+CONTROLLERS = {
+    "clik": {**FRAMES, **PATIENT},
+    "dynamic_control": {**FRAMES, **PATIENT, **GAINS},
+    "impedance_control": {**FRAMES, **PATIENT, **GAINS, "wrench_timeout": 0.5},
+}
+CIRCLE = {
+    **FRAMES,
+    "motion": "circle",
+    "circle_radius": 0.04,
+    "circle_normal": [1.0, 0.0, 0.0],
+    "circle_period": 8.0,
+    "circle_turns": 5.0,
+}
+
+
+class Cell:
+    """A robot, its controller, its reference and a recorder; and what they say."""
+
+    def __init__(self, graph: Graph, controller: str) -> None:
+        self.graph, self.controller = graph, controller
+        is_clik = controller == "clik"
+        self.topic = "joint_reference" if is_clik else "joint_effort"
+        control = "position" if is_clik else "torque"
+        self.parameters: dict[str, dict[str, Any]] = {
+            BRIDGE: {"control": control, "rate": RATE, "command_timeout": COMMAND_TIMEOUT},
+            controller: CONTROLLERS[controller],
+            "reference": CIRCLE,
+        }
+        self.states = graph.peer.listen(JointState, "joint_states")
+        self.commands = graph.peer.listen(JointState, self.topic)
+        self.statuses = graph.peer.listen(DiagnosticArray, "/diagnostics")
+        self.nodes: dict[str, Process] = {}
+        for name in (BRIDGE, controller):
+            self.start(name)
+        graph.until(lambda: self.commands, "commands")
+
+    def start(self, name: str) -> None:
+        self.nodes[name] = self.graph.start(name, self.parameters[name])
+
+    def kill(self, name: str) -> None:
+        assert self.nodes[name].exit_code is None
+        self.nodes.pop(name).kill()
+
+    def restart(self, name: str) -> None:
+        self.kill(name)
+        self.start(name)
+
+    def move(self) -> None:
+        """Let the arm go along the circle, if it does not."""
+        self.graph.until(lambda: self.said(self.controller), "a status of the controller")
+        if "following" not in self.said(self.controller)[-1].message or not self.is_moving:
+            if "reference" in self.nodes:
+                self.kill("reference")
+            self.start("reference")
+        self.graph.until(lambda: self.is_moving, "motion")
+        for process in self.nodes.values():
+            assert process.exit_code is None, process.log
+
+    @property
+    def is_moving(self) -> bool:
+        return bool(np.abs(self.states[-1].velocity).max() > MOVES)
+
+    def said(self, name: str) -> list[Any]:
+        """Return all that a node has said on /diagnostics."""
+        return [s for message in self.statuses for s in message.status if s.name == name]
+
+    def until_said(self, name: str, words: str, since: int) -> Any:
+        """Return the first status of a node with some words among those after ``since``."""
+
+        def found() -> Any:
+            return next((s for s in self.said(name)[since:] if words in s.message), None)
+
+        return self.graph.until(found, f"{name} saying '{words}'")
+
+    def goes_on(self, messages: list[Any], count: int = 20) -> None:
+        """Wait for more of some messages."""
+        before = len(messages)
+        self.graph.until(lambda: len(messages) >= before + count, "more messages")
+
+    def state_of(self, command: Any) -> Any:
+        """Return the state that a command answers."""
+        return next(s for s in reversed(self.states) if s.header.stamp == command.header.stamp)
+
+
+def stamp(message: Any) -> float:
+    return ns_from_ros(message.header.stamp) / 1e9
+
+
+def assert_begins_at_rest(cell: Cell, command: Any) -> None:
+    """Assert that a command leaves the arm where it was measured, without a jump."""
+    q = np.array(cell.state_of(command).position[:6])
+    if command.effort:
+        gravity = MODEL.dynamic_state(q, np.zeros(6)).g
+        np.testing.assert_allclose(command.effort, gravity, rtol=0, atol=BEARS)
+    else:
+        np.testing.assert_allclose(command.position, q, rtol=0, atol=BEGINS_AT)
+        np.testing.assert_allclose(command.velocity, 0, rtol=0, atol=BEGINS_AT)
+
+
+@pytest.fixture(scope="module", params=CONTROLLERS)
+def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    with Graph(tmp_path_factory.mktemp(request.param)) as graph:
+        yield Cell(graph, request.param)
+
+
+def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_at_once(
+    cell: Cell,
+) -> None:
+    cell.move()
+    name, count = cell.controller, cell.graph.peer.node.count_publishers
+    began = [values(s)[BEGAN] for s in cell.said(name) if BEGAN in values(s)][-1]
+    cell.kill("reference")
+    cell.goes_on(cell.commands)
+    assert cell.said(name)[-1].message.endswith("following a reference")
+    cell.start("reference")
+
+    def begun_anew() -> bool:
+        return any(values(s).get(BEGAN, began) != began for s in cell.said(name)[-5:])
+
+    # the graph still shows the killed one as well
+    cell.graph.until(lambda: count("reference") == 2, "both publishers in the graph")
+    cell.graph.until(begun_anew, "the new motion")
+    assert "reference rejected" not in values(cell.said(name)[-1])
+    assert "two publishers" not in cell.nodes[name].log
+
+
+def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(
+    cell: Cell,
+) -> None:
+    cell.move()
+    since, graph = len(cell.said(BRIDGE)), cell.graph
+    cell.kill(cell.controller)
+    status = cell.until_said(BRIDGE, f"no command for {COMMAND_TIMEOUT} s: braked", since)
+    assert status.level == b"\x02"
+    assert "see whether the controller is alive" in values(status)["what to do"]
+    graph.until(lambda: np.abs(cell.states[-1].velocity).max() < STANDS, "standstill")
+    last = stamp(cell.commands[-1])
+    after = [s for s in cell.states if stamp(s) > last + COMMAND_TIMEOUT + COMMAND_AGE]
+    assert all(np.abs(s.velocity).max() < STANDS for s in after)
+    for process in cell.nodes.values():
+        assert process.exit_code is None
+    stopped, since = np.array(cell.states[-1].position[:6]), len(cell.said(BRIDGE))
+    held, before = stamp(cell.states[-1]), len(cell.commands)
+    cell.start(cell.controller)
+    cell.goes_on(cell.commands, count=30)
+    taken_over = cell.commands[before:]
+    assert stamp(taken_over[0]) >= held
+    assert_begins_at_rest(cell, taken_over[0])
+    cell.until_said(BRIDGE, "commanded", since)
+    reached = np.array([s.position[:6] for s in cell.states if stamp(s) >= held])
+    assert np.abs(reached - stopped).max() < 1e-3  # it was not moved by taking over [rad]
+
+
+def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_it_is(
+    cell: Cell,
+) -> None:
+    cell.move()
+    name = cell.controller
+    since = len(cell.said(name))
+    cell.kill(BRIDGE)
+    status = cell.until_said(name, "no valid joint_states within", since)
+    assert status.level == b"\x02"
+    assert "no commands" in status.message
+    before = stamp(cell.commands[-1])
+    assert before <= stamp(cell.states[-1])  # nothing was commanded beyond the last state
+    assert cell.nodes[name].exit_code is None
+    old, since = len(cell.commands), len(cell.said(name))
+    cell.start(BRIDGE)
+    cell.goes_on(cell.commands, count=30)
+    first = cell.commands[old]
+    assert stamp(first) < before  # of the clock of the new robot, which begins at 0
+    np.testing.assert_allclose(cell.state_of(first).position[:6], HOME, rtol=0, atol=1e-2)
+    assert_begins_at_rest(cell, first)
+    cell.until_said(name, "holding the measured pose, after a", since)
+    restarted = [s for s in cell.said(BRIDGE) if "commanded" in s.message]
+    assert restarted
+    positions = np.array([s.position[:6] for s in cell.states[-30:]])
+    assert np.abs(positions - HOME).max() < 1e-2
+
+
+def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chunk(
+    cell: Cell, tmp_path: Path
+) -> None:
+    topics = ["joint_states", cell.topic, "robot_description"]
+    cell.parameters["bag_recorder"] = {"output": str(tmp_path / "bag"), "topics": topics}
+    cell.start("bag_recorder")
+    cell.move()
+    cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
+    begun = stamp(cell.states[-1])
+    cell.goes_on(cell.states, count=150)
+    cell.kill("bag_recorder")
+    killed = stamp(cell.states[-1])
+    cell.goes_on(cell.states)
+    cell.goes_on(cell.commands)
+    bag = Bag(tmp_path / "bag")
+    assert bag.truncated
+    stamps = [stamp(m.message) for m in bag.messages(["/joint_states"])]
+    steps = np.diff(stamps)
+    np.testing.assert_allclose(steps, 1 / RATE, rtol=0, atol=1e-9)  # none is missing in between
+    assert stamps[0] <= begun + LOST
+    assert stamps[-1] >= killed - LOST
+    recovered = recover(tmp_path / "bag")
+    assert recovered.messages >= len(stamps)
+    assert Bag(tmp_path / "bag").robot_description().startswith("<")
+    # its successor records on, into another bag
+    cell.parameters["bag_recorder"]["output"] = str(tmp_path / "next")
+    cell.start("bag_recorder")
+    cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
+    assert cell.nodes.pop("bag_recorder").stop() == 0
+    assert not Bag(tmp_path / "next").truncated

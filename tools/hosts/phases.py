@@ -1,0 +1,195 @@
+"""What was heard while something was done to the link, and what must hold of it."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+MOVES, STANDS = 1e-3, 1e-5
+"""Fastest joint, of its speed limit: above the first the arm moves, below the second it stands."""
+
+COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1
+"""[s] of the robot and of the controller: their defaults."""
+
+SCHEDULING = 0.15
+"""[s] that a tick, a watch of 20 Hz and a busy machine may add to a timeout."""
+
+RECOVERS = 5.0
+"""[s] within which the motion is to resume: the middleware asks for what was lost every 3 s."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One thing that must hold: what was measured, its bound, whether it is met."""
+
+    phase: str
+    text: str
+    measured: str
+    bound: str
+    met: bool
+
+
+@dataclass
+class Heard:
+    """All lines of a listener; each has a time t [s]."""
+
+    path: Path
+    lines: list[dict[str, Any]] = field(default_factory=list)
+    _read: int = 0
+
+    def update(self) -> None:
+        """Read what is new."""
+        with open(self.path, encoding="utf-8") as file:
+            file.seek(self._read)
+            for line in file:
+                if not line.endswith("\n"):
+                    break  # it is still being written
+                self._read += len(line.encode())
+                self.lines.append(json.loads(line))
+
+    def between(self, begin: float, end: float, key: str) -> list[dict[str, Any]]:
+        """Return the lines that have a key, from ``begin`` to ``end`` [s]."""
+        return [line for line in self.lines if key in line and begin <= line["t"] < end]
+
+    def first(
+        self, begin: float, end: float, key: str, holds: Callable[[dict[str, Any]], bool]
+    ) -> float | None:
+        """Return how long [s] after ``begin`` something was heard first; None if it was not."""
+        found = (line["t"] for line in self.between(begin, end, key) if holds(line))
+        return next((t - begin for t in found), None)
+
+
+def says(who: str, words: str) -> Callable[[dict[str, Any]], bool]:
+    """Return whether a line is a status of a node with these words."""
+    return lambda line: line["who"] == who and words in line["says"]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Something that was done to the link, from ``begin`` to ``end`` [s]; judged to ``judged``."""
+
+    name: str
+    begin: float
+    end: float
+    judged: float
+
+
+class Judge:
+    """Judges what the listeners on both hosts have heard.
+
+    Args:
+        robot, controller: the listeners.
+        name: of the controller's node.
+    """
+
+    def __init__(self, robot: Heard, controller: Heard, name: str) -> None:
+        self._robot, self._controller, self._name = robot, controller, name
+
+    def cut(self, phase: Phase) -> Iterator[Verdict]:
+        """Judge the link that was cut: the robot brakes, both say why, the motion resumes."""
+        robot, begin, end = self._robot, phase.begin, phase.end
+        bridge, own = "pybullet_bridge", self._name
+        brakes = robot.first(begin, end, "who", says(bridge, "no command for 0.1 s: braked"))
+        yield _within(phase, "the robot says that it brakes", brakes, COMMAND_TIMEOUT + SCHEDULING)
+        stands = robot.first(begin, end, "speed", lambda line: line["speed"] < STANDS)
+        yield _within(phase, "all its joints stand", stands, COMMAND_TIMEOUT + 2 * SCHEDULING)
+        told = self._controller.first(begin, end, "who", says(own, "no valid joint_states"))
+        yield _within(phase, "the controller says why", told, STATE_TIMEOUT + SCHEDULING)
+        late = robot.between(begin + COMMAND_TIMEOUT + 2 * SCHEDULING, end, "speed")
+        yield _is(phase, "and stay there", max((line["speed"] for line in late), default=1.0),
+                  "fastest joint, of its limit", STANDS)  # fmt: skip
+        yield from self._resumes(phase)
+
+    def _resumes(self, phase: Phase) -> Iterator[Verdict]:
+        robot, end, judged = self._robot, phase.end, phase.judged
+        obeys = robot.first(end, judged, "who", says("pybullet_bridge", "commanded"))
+        yield _within(phase, "mended: the robot obeys again", obeys, RECOVERS)
+        follows = self._controller.first(
+            end, judged, "who", says(self._name, "following a reference")
+        )
+        yield _within(phase, "mended: the set-points are followed again", follows, RECOVERS)
+        moves = robot.first(end, judged, "speed", lambda line: line["speed"] > MOVES)
+        yield _within(phase, "mended: the arm moves again", moves, RECOVERS)
+        yield self._fastest(phase)
+
+    def impaired(self, phase: Phase) -> Iterator[Verdict]:
+        """Judge a bad link: nothing runs away, whoever does not obey has braked, it recovers."""
+        yield self._fastest(phase)
+        yield self._gaps(phase)
+        yield self._goes_on(phase)
+
+    def _fastest(self, phase: Phase) -> Verdict:
+        speeds = [line["speed"] for line in self._robot.between(phase.begin, phase.judged, "speed")]
+        text = "no joint is faster than its limit"
+        return _is(phase, text, max(speeds, default=9.9), "fastest joint, of its limit", 1.0)
+
+    def _gaps(self, phase: Phase) -> Verdict:
+        """Judge that each gap of the commands beyond the timeout was braked in."""
+        times = [line["t"] for line in self._robot.between(phase.begin, phase.end, "command")]
+        gaps = [(a, b) for a, b in zip(times, times[1:], strict=False)
+                if b - a > COMMAND_TIMEOUT + SCHEDULING]  # fmt: skip
+        braked = says("pybullet_bridge", "braked")
+        unbraked = [
+            a for a, b in gaps if self._robot.first(a, b + SCHEDULING, "who", braked) is None
+        ]
+        text = "each long gap of commands is braked in"
+        return Verdict(
+            phase.name, text, f"{len(gaps)} gaps, {len(unbraked)} without", "none without",
+            not unbraked and len(times) > 1,
+        )  # fmt: skip
+
+    def _goes_on(self, phase: Phase) -> Verdict:
+        moves = self._robot.first(
+            phase.end, phase.judged, "speed", lambda line: line["speed"] > MOVES
+        )
+        return _within(phase, "a good link again: the arm moves", moves, RECOVERS)
+
+    def numbers(self, phase: Phase) -> dict[str, float]:
+        """Return the figures of a phase."""
+        seconds = phase.end - phase.begin
+        states = self._robot.between(phase.begin, phase.end, "speed")
+        times = [line["t"] for line in self._robot.between(phase.begin, phase.end, "command")]
+        edges = [phase.begin, *times, phase.end]
+        sent = {line["stamp"]: line["t"] for line in self._robot.between(0, phase.end, "speed")}
+        answers = self._robot.between(phase.begin, phase.end, "command")
+        trips = sorted(a["t"] - sent[a["command"]] for a in answers if a["command"] in sent)
+        braked = self._robot.between(phase.begin, phase.end, "who")
+        said = self._controller.between(phase.begin, phase.judged, "who")
+        return {
+            "seconds": seconds,
+            "states_per_s": len(states) / seconds,
+            "commands_per_s": len(times) / seconds,
+            "longest_gap_of_commands_s": max(b - a for a, b in zip(edges, edges[1:], strict=False)),
+            "round_trip_p50_ms": 1e3 * _percentile(trips, 0.5),
+            "round_trip_p99_ms": 1e3 * _percentile(trips, 0.99),
+            "brakes": _changes(braked, "pybullet_bridge", "braked"),
+            "refused_as_late": _counted(said, self._name, "joint_states rejected"),
+            "fastest_joint_of_limit": max((line["speed"] for line in states), default=0.0),
+        }
+
+
+def _changes(lines: Sequence[dict[str, Any]], who: str, words: str) -> int:
+    """Return how often a node began to say some words."""
+    heard = [words in line["says"] for line in lines if line["who"] == who]
+    return sum(now and not before for before, now in zip([False, *heard], heard, strict=False))
+
+
+def _counted(lines: Sequence[dict[str, Any]], who: str, counter: str) -> int:
+    """Return by how much a counter of a node grew."""
+    counts = [int(line["values"].get(counter, 0)) for line in lines if line["who"] == who]
+    return counts[-1] - counts[0] if counts else 0
+
+
+def _percentile(ordered: Sequence[float], part: float) -> float:
+    return ordered[min(int(part * len(ordered)), len(ordered) - 1)] if ordered else float("nan")
+
+
+def _within(phase: Phase, text: str, after: float | None, bound: float) -> Verdict:
+    measured = "never" if after is None else f"after {after:.3f} s"
+    met = after is not None and after <= bound
+    return Verdict(phase.name, text, measured, f"within {bound:.2f} s", met)
+
+
+def _is(phase: Phase, text: str, value: float, what: str, bound: float) -> Verdict:
+    return Verdict(phase.name, text, f"{value:.2g} ({what})", f"< {bound:g}", value < bound)
