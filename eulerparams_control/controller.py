@@ -232,7 +232,7 @@ class Controller:
             return None
         silence = 0.0 if now is None or self._now is None else now - self._now
         if t == self._t:
-            return self._answer_again(t, q, dq, silence)
+            return self._answer_again(t, q, dq, silence, now)
         before, self._now = self._t, now
         self._dt = self._elapsed(t, q, silence)
         is_frozen = self._check.is_frozen(self._dt, q, dq)
@@ -261,16 +261,20 @@ class Controller:
         silence = (t - stamp) / 1e9 if now is None or left is None else now - left
         return not 0 <= silence <= self.options.state_timeout
 
-    def _answer_again(self, t: int, q: Array, dq: Array, silence: float) -> JointCommand | None:
-        """Return the command of the state seen last, if it is the same and not too old."""
+    def _answer_again(
+        self, t: int, q: Array, dq: Array, silence: float, now: float | None
+    ) -> JointCommand | None:
+        """Return the command of the state seen last, if it may act for longer."""
         if not (np.array_equal(q, self._q) and np.array_equal(dq, self._dq)):
             self.fail(f"joint_states moves, but its stamp stays at {t / 1e9:g} s")
-        elif silence <= self.options.state_timeout or self._may_stay:
+        elif now is None or self._may_stay:
             return self._command
+        elif silence <= self.options.state_timeout:
+            return None  # it has its answer; efforts must not act for longer than states come
         else:
             self.fail(f"joint_states repeats itself: its stamp stays at {t / 1e9:g} s")
-        self._command = self._let_go(silence)  # there is no time to control by
-        return self._command
+        self._command = None
+        return None  # there is no time to control by: the robot has to brake itself
 
     @property
     def _may_stay(self) -> bool:

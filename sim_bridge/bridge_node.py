@@ -332,8 +332,9 @@ class BridgeNode(Node):
             return
         if self._may_take(stamp, heeded=heeded):
             self._take(command, stamp)
+        elif self._is_lockstep:
+            self._tally.last = time.monotonic()  # time goes on, though the robot stands
         if self._is_lockstep:
-            self._tally.last = time.monotonic()
             self._answered = True
             self._advance()
 

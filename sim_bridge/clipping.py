@@ -40,6 +40,11 @@ def clip(values: Array, lower: Array, upper: Array) -> Array:
     return np.minimum(np.maximum(values, lower), upper)
 
 
+def are_same(a: Array, b: Array) -> bool:
+    """Return whether two vectors are equal to the bit, in a tenth of the time of a == b."""
+    return a.tobytes() == b.tobytes()
+
+
 def find_clipped(
     joints: Sequence[str], prismatic: Sequence[bool], quantity: str, asked: Array, given: Array
 ) -> Clipped | None:
@@ -51,8 +56,6 @@ def find_clipped(
         quantity: one of ``QUANTITIES``.
         asked, given: (n,) before and after.
     """
-    if asked.tobytes() == given.tobytes():  # a tenth of the time of a comparison of the values
-        return None
     excess = np.abs(asked - given)
     worst = int(excess.argmax())
     if excess[worst] == 0.0:  # -0.0 and 0.0

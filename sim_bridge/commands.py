@@ -34,15 +34,19 @@ class Commands:
             InvalidMessageError: if a joint is missing or named twice, sizes differ, a value is
                 not finite or impossible, or the robot is controlled in another way.
         """
-        if self._is_position:
-            if not len(msg.position) and len(msg.effort):
-                raise self._misfit("efforts", "position")
-            return self._reader.position_from_ros(msg)
-        if not len(msg.effort) and len(msg.position):
-            raise self._misfit("positions", "torque")
-        return (self._reader.effort_from_ros(msg),)
+        try:
+            if self._is_position:
+                return self._reader.position_from_ros(msg)
+            return (self._reader.effort_from_ros(msg),)
+        except InvalidMessageError as error:
+            raise self._misfit(msg) or error from None
 
-    def _misfit(self, found: str, control: str) -> InvalidMessageError:
+    def _misfit(self, msg: Any) -> InvalidMessageError | None:
+        """Return that a message is for another kind of control, None if it is not."""
+        wanted, other = (msg.position, msg.effort)[:: 1 if self._is_position else -1]
+        if len(wanted) or not len(other):
+            return None
+        found, control = ("efforts", "position") if self._is_position else ("positions", "torque")
         return InvalidMessageError(
             f"{self.topic} has {found} only, but the robot is in {control} control; start a "
             f"controller for {control} control, or the robot with another control"

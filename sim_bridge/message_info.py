@@ -14,8 +14,11 @@ def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..
     Most executors pass two arguments to such a callback, EventsExecutor one pair.
     """
 
-    def received(*arguments: Any) -> None:
-        callback(*(arguments if len(arguments) == 2 else arguments[0]))
+    def received(first: Any, info: Any = None) -> None:
+        if info is None:
+            callback(*first)
+        else:
+            callback(first, info)
 
     received.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
     return received

@@ -22,7 +22,7 @@ from eulerparams_control.friction import JointFriction
 from eulerparams_control.limits import JointLimits
 from eulerparams_control.rotations import Array
 from eulerparams_control.urdf import MOVING, UrdfTree, joint_friction, joint_limits
-from sim_bridge.clipping import Clipped, clip, find_clipped
+from sim_bridge.clipping import Clipped, are_same, clip, find_clipped
 from sim_bridge.contacts import Contacts
 from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
@@ -183,10 +183,11 @@ class Simulator:
         q, dq = self._vector("q_ref", q_ref), self._vector("dq_ref", dq_ref)
         self.contacts.rub(True)
         within, limit = clip(q, self._limits.lower, self._limits.upper), self._limits.velocity
-        self._reference = within, dq
-        self.clipped = self._find_clipped("position", q, within)
-        if self.clipped is None:
-            self.clipped = self._find_clipped("speed", dq, clip(dq, -limit, limit))
+        self._reference, self.clipped = (within, dq), None
+        if not are_same(q, within):
+            self.clipped = self._find_clipped("position", q, within)
+        if self.clipped is None and not are_same(dq, slow := clip(dq, -limit, limit)):
+            self.clipped = self._find_clipped("speed", dq, slow)
 
     def command_effort(self, tau: ArrayLike) -> None:
         """Let the motors exert ``tau`` (n,), clipped to the limits, and release the brakes.
@@ -201,7 +202,9 @@ class Simulator:
             self.engine.drive(self._zero, self._zero)
             self._protection.let_stand(self._q.tolist())
         self._effort = clip(effort, -self._limits.effort, self._limits.effort)
-        self.clipped = self._find_clipped("effort", effort, self._effort)
+        self.clipped = None
+        if not are_same(effort, self._effort):
+            self.clipped = self._find_clipped("effort", effort, self._effort)
 
     def _find_clipped(self, quantity: str, asked: Array, given: Array) -> Clipped | None:
         return find_clipped(self.robot.joints, self._prismatic, quantity, asked, given)

@@ -1,7 +1,7 @@
 """The robot of a sequence in lock-step: simulated, and as careful as the bridge.
 
-It refuses commands that are not finite, holds the last one, brakes without one, and clips to
-its limits.  It is stepped by hand.
+It refuses commands that are not finite, holds the last one, brakes without one, clips to its
+limits, and makes a protective stop where a joint is far beyond them.  It is stepped by hand.
 """
 
 from collections.abc import Sequence
@@ -15,6 +15,9 @@ from sim_bridge.simulator import Simulator, SimulatorParameters, SimulatorState
 
 _STEPS = 4  # of the simulation in a period of joint_states
 
+# A joint this many times as fast as its limit makes the arm stop by itself.
+_PROTECTIVE_SPEED = 1.5
+
 
 class BrakingArm:
     """A simulated arm that takes commands as messages.
@@ -27,18 +30,26 @@ class BrakingArm:
     Attributes:
         state: what its sensors measure now.
         refused: how many commands it refused.
+        stops: how many protective stops it made.
     """
 
     def __init__(self, robot: RobotDescription, control: str, rate: float) -> None:
         self._control = control
-        self._simulator = Simulator(robot, SimulatorParameters(rate=_STEPS * rate, control=control))
+        parameters = SimulatorParameters(
+            rate=_STEPS * rate, control=control, protective_speed=_PROTECTIVE_SPEED
+        )
+        self._simulator = Simulator(robot, parameters)
         self._reader = CommandReader(robot.joints, control)
         self._silence, self._period = 0.0, 1.0 / rate
-        self.refused = 0
+        self.refused = self.stops = 0
+        self._is_stopping = False
         self.state: SimulatorState = self._simulator.read()
 
     def obey(self, msg: Any) -> None:
         """Take a command, or refuse it."""
+        if self._is_stopping:
+            self.refused += 1
+            return
         try:
             if self._control == "position":
                 self._simulator.command_position(*self._reader.position_from_ros(msg))
@@ -60,7 +71,16 @@ class BrakingArm:
             self._simulator.brake()
         for _ in range(_STEPS):
             self._simulator.step()
+            self._protect()
         self.state = self._simulator.read()
+
+    def _protect(self) -> None:
+        """Brake where a joint is out of control, until the arm stands."""
+        if self._is_stopping:
+            self._is_stopping = not self._simulator.is_standing
+        elif self._simulator.violation:
+            self._simulator.brake()
+            self.stops, self._is_stopping = self.stops + 1, True
 
     def close(self) -> None:
         """End the simulation."""

@@ -77,7 +77,7 @@ class Link(Protocol):
     kind: str
 
     def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
-        """Lose a part of the packets, delay all of them by [s], give or take; both ways."""
+        """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
 
     def end(self) -> None:
         """Take it away."""
@@ -95,6 +95,7 @@ class Veth:
         self._hosts = hosts
 
     def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
+        """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
         how = [f"{loss:%}", "delay", f"{delay}s", f"{jitter}s"]
         for host in self._hosts:
             host.run("tc", "qdisc", "replace", "dev", DEVICE, "root", "netem", "loss", *how)
@@ -122,11 +123,13 @@ class Cable:
             raise NoHosts("neither netem nor /dev/net/tun: load the module sch_netem, or tun")
 
     def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
+        """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{loss} {delay} {jitter}\n")
         self._process.stdin.flush()
 
     def end(self) -> None:
+        """Take it away."""
         self._process.kill()
         self._process.wait()
 

@@ -3,11 +3,15 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 MOVES, STANDS = 1e-3, 1e-5
 """Fastest joint, of its speed limit: above the first the arm moves, below the second it stands."""
+
+FULL_SPEED = 1.001
+"""Speed of a joint by its limit, which commands may ask for: the servo leaves 1e-4."""
 
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1
 """[s] of the robot and of the controller: their defaults."""
@@ -17,6 +21,8 @@ SCHEDULING = 0.15
 
 RECOVERS = 5.0
 """[s] within which the motion is to resume: the middleware asks for what was lost every 3 s."""
+
+_ERROR = 2  # level of a status
 
 
 @dataclass(frozen=True)
@@ -97,17 +103,27 @@ class Judge:
         told = self._controller.first(begin, end, "who", says(own, "no valid joint_states"))
         yield _within(phase, "the controller says why", told, STATE_TIMEOUT + SCHEDULING)
         late = robot.between(begin + COMMAND_TIMEOUT + 2 * SCHEDULING, end, "speed")
+        yield self._insists(phase, told)
         yield _is(phase, "and stay there", max((line["speed"] for line in late), default=1.0),
                   "fastest joint, of its limit", STANDS)  # fmt: skip
         yield from self._resumes(phase)
+
+    def _insists(self, phase: Phase, told: float | None) -> Verdict:
+        """Judge that the controller says nothing better while the robot is not heard."""
+        since = phase.begin + (told or 0.0)
+        said = self._controller.between(since, phase.end, "who")
+        better = [s["says"] for s in said if s["who"] == self._name and s["level"] < _ERROR]
+        text, met = "and says nothing better meanwhile", told is not None and not better
+        measured = f"{len(better)} times" + (f": {better[0]}" if better else "")
+        return Verdict(phase.name, text, measured, "0 times", met)
 
     def _resumes(self, phase: Phase) -> Iterator[Verdict]:
         robot, end, judged = self._robot, phase.end, phase.judged
         obeys = robot.first(end, judged, "who", says("pybullet_bridge", "commanded"))
         yield _within(phase, "mended: the robot obeys again", obeys, RECOVERS)
-        follows = self._controller.first(
-            end, judged, "who", says(self._name, "following a reference")
-        )
+        back = end + (obeys or 0.0)
+        heard = self._controller.first(back, judged, "who", says(self._name, "following"))
+        follows = None if obeys is None or heard is None else obeys + heard
         yield _within(phase, "mended: the set-points are followed again", follows, RECOVERS)
         moves = robot.first(end, judged, "speed", lambda line: line["speed"] > MOVES)
         yield _within(phase, "mended: the arm moves again", moves, RECOVERS)
@@ -122,22 +138,20 @@ class Judge:
     def _fastest(self, phase: Phase) -> Verdict:
         speeds = [line["speed"] for line in self._robot.between(phase.begin, phase.judged, "speed")]
         text = "no joint is faster than its limit"
-        return _is(phase, text, max(speeds, default=9.9), "fastest joint, of its limit", 1.0)
+        fastest = max(speeds, default=FULL_SPEED + 1)
+        return _is(phase, text, fastest, "fastest joint, of its limit", FULL_SPEED)
 
     def _gaps(self, phase: Phase) -> Verdict:
         """Judge that each gap of the commands beyond the timeout was braked in."""
-        times = [line["t"] for line in self._robot.between(phase.begin, phase.end, "command")]
-        gaps = [(a, b) for a, b in zip(times, times[1:], strict=False)
-                if b - a > COMMAND_TIMEOUT + SCHEDULING]  # fmt: skip
+        commands = self._robot.between(phase.begin, phase.judged, "command")
+        times = [phase.begin, *(line["t"] for line in commands), phase.judged]
+        long = COMMAND_TIMEOUT + SCHEDULING
+        gaps = [(a, b) for a, b in pairwise(times) if b - a > long]
         braked = says("pybullet_bridge", "braked")
-        unbraked = [
-            a for a, b in gaps if self._robot.first(a, b + SCHEDULING, "who", braked) is None
-        ]
-        text = "each long gap of commands is braked in"
-        return Verdict(
-            phase.name, text, f"{len(gaps)} gaps, {len(unbraked)} without", "none without",
-            not unbraked and len(times) > 1,
-        )  # fmt: skip
+        unbraked = [a for a, b in gaps if self._robot.first(a, a + long, "who", braked) is None]
+        measured = f"{len(gaps)} gaps, {len(unbraked)} without"
+        text, met = "each long gap of commands is braked in", bool(commands) and not unbraked
+        return Verdict(phase.name, text, measured, "none without", met)
 
     def _goes_on(self, phase: Phase) -> Verdict:
         moves = self._robot.first(
@@ -160,7 +174,7 @@ class Judge:
             "seconds": seconds,
             "states_per_s": len(states) / seconds,
             "commands_per_s": len(times) / seconds,
-            "longest_gap_of_commands_s": max(b - a for a, b in zip(edges, edges[1:], strict=False)),
+            "longest_gap_of_commands_s": max(b - a for a, b in pairwise(edges)),
             "round_trip_p50_ms": 1e3 * _percentile(trips, 0.5),
             "round_trip_p99_ms": 1e3 * _percentile(trips, 0.99),
             "brakes": _changes(braked, "pybullet_bridge", "braked"),
