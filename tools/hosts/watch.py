@@ -11,12 +11,13 @@ t [s] is when it was published, by the clock of the machine, which both hosts ha
 
 import json
 import sys
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.catalogue import load_robot
@@ -65,8 +66,9 @@ def main() -> int:
     rclpy.init()
     executor = SingleThreadedExecutor()
     executor.add_node(Watch(sys.argv[1]).node)
-    while rclpy.ok():
-        executor.spin_once(timeout_sec=1.0)
+    with suppress(ExternalShutdownException):
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=1.0)
     return 0
 
 
