@@ -5,16 +5,24 @@ from rclpy.subscription import Subscription
 
 from eulerparams_control.errors import InvalidMessageError
 
+# How the graph calls a node whose name it has not learnt yet.
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+
 
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
     """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
 
-    A node that was killed stays in the graph for some 20 s; its successor has its name.
+    A node that was killed stays in the graph for some 20 s; its successor has its name, and is
+    for a moment without one.
     """
     if subscription is None or node.count_publishers(topic := subscription.topic_name) < 2:
         return
     publishers = node.get_publishers_info_by_topic(topic)
-    names = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in publishers}
+    names = {
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        for info in publishers
+        if info.node_name != _UNKNOWN
+    }
     if len(names) > 1:
         raise InvalidMessageError(
             f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one; "

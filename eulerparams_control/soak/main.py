@@ -64,8 +64,8 @@ def _plan(options: argparse.Namespace) -> Plan:
     seconds = 60 * options.minutes if options.seconds is None else options.seconds
     if not _LEAST_SECONDS <= seconds <= 1e6:
         raise ConfigurationError(f"a soak of {seconds:g} s; expected {_LEAST_SECONDS:g} s to 1e6 s")
-    if not 10 <= options.rate <= 1000:
-        raise ConfigurationError(f"--rate {options.rate:g}; expected 10 to 1000 Hz")
+    if not 100 <= options.rate <= 1000:  # the servo of the robot needs as much
+        raise ConfigurationError(f"--rate {options.rate:g}; expected 100 to 1000 Hz")
     controllers = (options.controller,) if options.controller else CONTROLLERS
     return Plan(controllers, seconds, options.rate)
 
