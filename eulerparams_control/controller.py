@@ -114,7 +114,8 @@ class Controller:
         self._tick_last: Tick | None = None
         self._tick_before: Tick | None = None
         self._stopped = False
-        self._asked = 0  # when a set-point came last while stopped, or it stopped [ns]
+        self._asked = 0.0  # when a set-point came last while stopped, or it stopped [s]
+        self._is_defective = False
         self._command: JointCommand | None = None
         self._begin(q)
 
@@ -145,19 +146,26 @@ class Controller:
         self.fault, self.remedy = fault, remedy
         self.halt()
 
+    def fail_for_good(self, error: Exception) -> None:
+        """Hold from the next state on because of a defect; no reference is followed any more."""
+        self._is_defective = True
+        self.fail(defect(error), REPORT_IT)
+
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
-            self._stopped, self._asked = True, self._t or 0
+            self._stopped, self._asked = True, self._time(self._now)
             self._motion.hold(self.scheme.start_frame())
             self._tick_last = None
 
-    def last_command(self) -> JointCommand:
-        """Return the command after which none will follow.
+    def last_command(self) -> JointCommand | None:
+        """Return the command after which none will follow; None: the brakes act, or are to.
 
         Raises:
             UnsafeCommandError: if it is not finite.
         """
+        if self._command is None or self._runaway.is_on:
+            return None
         command = self.scheme.last_command(self._q, self._dq)
         return CommandGuard(self.guard.limits)(command, self._q, 0.0)
 
@@ -192,15 +200,21 @@ class Controller:
             return None
         return V_now.V, V_now.dV, (V_now.V - V_before.V) / self._dt
 
-    def follow(self, motion: Trajectory | SetPoint, start: int | None) -> None:
+    def follow(
+        self, motion: Trajectory | SetPoint, start: int | None, now: float | None = None
+    ) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
 
+        Args:
+            motion: what to follow.
+            start: stamp [ns].
+            now: when it came, steady clock [s]; None: time goes by the stamps alone.
+
         Raises:
-            InvalidMessageError: if it is too far from the present desired frame, not finite, or
-                one of a stream that went on through a fault.
+            InvalidMessageError: if it is too far from the present desired frame, not finite, one
+                of a stream that went on through a fault, or if the arm must not move now.
         """
-        if self._stopped and self.fault and isinstance(motion, SetPoint):
-            self._refuse_stream()
+        self._refuse_after_fault(motion, now)
         here = self.scheme.frame_at(self._q) if self._stopped else self._motion.last
         self._refuse_jump(motion, start, here)
         if self._stopped:  # only now: what is refused does not move what is held
@@ -226,7 +240,7 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        self._check.refuse(t, q, dq, now)
+        self._check.refuse(t, q, dq, now, patient=not self.guard.commands_efforts)
         if self._waiting:
             self._begin(q)  # others may move the arm until then
             return None
@@ -248,10 +262,16 @@ class Controller:
         else:
             if self._was_silent(t, now):
                 self._begin(q)  # the robot has braked since
+                self._say_held("a silence of its commands")
             self._command = self._respond(t, acted)
         if self._command is not None:
             self._left = t, now
         return self._command
+
+    def _say_held(self, after: str) -> None:
+        """Say that the arm is held where it is, after something; a fault is still told."""
+        self.doing = f"{_HOLDING}, after {after}"
+        self.remedy = self.remedy if self.fault else _AGAIN
 
     def _was_silent(self, t: int, now: float | None) -> bool:
         """Whether states came, but no command has left for longer than the timeout."""
@@ -296,7 +316,7 @@ class Controller:
         limits = self.guard.limits
         if limits is None or not (self.guard.commands_efforts or self._runaway.is_on):
             return False
-        joint = self._runaway.update(self._dt, self._dq, limits.velocity, self._stopped)
+        joint = self._runaway.update(self._dt, self._q, self._dq, limits.velocity, self._stopped)
         if joint is not None:
             self.fail(
                 f"the arm runs away, {self.scheme.robot.joints[joint]} at {self._dq[joint]:.3g} "
@@ -328,9 +348,9 @@ class Controller:
         try:
             command: JointCommand | None = self.stop() if self._stopped else self._tick(t)
         except Exception as error:  # a defect: nobody knows what the scheme is worth now
-            self.fail(defect(error), REPORT_IT)
+            self.fail_for_good(error)
             command = self._hold_after_defect()
-        return self._guarded(command, elapsed)
+        return self._guarded(command, elapsed) or self._let_go(elapsed)
 
     def _hold_after_defect(self) -> JointCommand | None:
         """Return what holds the arm; None if the scheme cannot even say that."""
@@ -355,7 +375,7 @@ class Controller:
                 self._begin(q)
                 self.fault = "the arm moved before the reference began; send it again"
                 self.remedy = _AGAIN
-                self._stopped = True
+                self.halt()
             return 0.0
         dt = (t - self._t) / 1e9
         timeout = self.options.state_timeout
@@ -369,7 +389,7 @@ class Controller:
         what = f"a silence of joint_states of {silence:.3g} s"
         if not 0 <= dt <= timeout:
             what = f"a jump of the stamps by {dt:.3g} s"
-        self.doing, self.remedy = f"{_HOLDING}, after {what}", _AGAIN
+        self._say_held(what)
         return 0.0
 
     def _tick(self, t: int) -> JointCommand:
@@ -395,10 +415,23 @@ class Controller:
         self.saturated += tick.saturated
         return tick.command
 
-    def _refuse_stream(self) -> None:
-        """Raise InvalidMessageError unless the set-points have paused since the fault."""
-        now = self._t or 0
-        paused, self._asked = (now - self._asked) / 1e9, now
+    def _time(self, now: float | None) -> float:
+        """Return the time [s]: of the steady clock, or of the stamps where that is not known."""
+        return (self._t or 0) / 1e9 if now is None else now
+
+    def _refuse_after_fault(self, motion: Trajectory | SetPoint, now: float | None) -> None:
+        """Raise InvalidMessageError while a fault is to be seen to before anything moves.
+
+        References that come one after the other, set-points or short motions, have to pause: who
+        sends them may not have noticed.
+        """
+        if self._is_defective or self._runaway.is_on:
+            raise InvalidMessageError(f"the arm is held ({self.fault}); {self.remedy}")
+        is_stream = isinstance(motion, SetPoint) or motion.duration <= _PAUSE
+        if not (self._stopped and self.fault and is_stream):
+            return
+        t = self._time(now)
+        paused, self._asked = t - self._asked, t
         if paused < _PAUSE:
             raise InvalidMessageError(
                 f"the arm is held ({self.fault}); set-points are followed again when they have "
@@ -409,6 +442,21 @@ class Controller:
         distance, angle = _distance(here, there)
         options = self.options
         return not (distance <= options.max_jump_position and angle <= options.max_jump_rotation)
+
+    def _refuse_leap(self, motion: SetPoint) -> None:
+        """Raise InvalidMessageError if the twist of a set-point leads farther than it may jump."""
+        frame, T = motion.frames[0], motion.lasting
+        leads = [
+            float(np.linalg.norm(v)) * T + float(np.linalg.norm(a)) * T**2 / 2
+            for v, a in ((frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d))
+        ]
+        most = self.options.max_jump_position, self.options.max_jump_rotation
+        if not (leads[0] <= most[0] and leads[1] <= most[1]):
+            raise InvalidMessageError(
+                f"the twist of the set-point leads {leads[0]:.3g} m and {leads[1]:.3g} rad away "
+                f"within {T:g} s; at most {most[0]:g} m and {most[1]:g} rad (max_jump_position, "
+                "max_jump_rotation) are followed without the next one"
+            )
 
     def _refuse_jump(
         self, motion: Trajectory | SetPoint, start: int | None, here: DesiredFrame
@@ -424,6 +472,8 @@ class Controller:
             there = _farthest(motion, here, max(0.0, late))
         except SingularityError as error:
             raise InvalidMessageError(f"the reference is no motion: {error}") from error
+        if isinstance(motion, SetPoint):
+            self._refuse_leap(motion)
         if self._jumps(here, there):
             distance, angle = _distance(here, there)
             options = self.options

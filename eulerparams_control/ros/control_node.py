@@ -74,7 +74,8 @@ class ControlNode(LifecycleNode):
         self._measured: tuple[int, Array, Array] | None = None
         self._report = ControlReport(self, self._health)
         self._came = 0.0  # when the last joint_states came, steady clock [s]
-        self._received = 0.0  # when the last valid ones were answered
+        self._valid = 0.0  # when the last valid ones came
+        self._received = 0.0  # when the last ones were answered
         self._commanded = False
         self._cut = 0  # ticks that a limit had changed a second ago
         self._unanswered: Time | None = None
@@ -238,7 +239,7 @@ class ControlNode(LifecycleNode):
             )
             return TransitionCallbackReturn.FAILURE
         try:
-            if reason := self.refusal():
+            if reason := self._stale() or self.refusal():
                 raise ConfigurationError(reason)
             scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
         except EulerParamsError as error:
@@ -255,6 +256,12 @@ class ControlNode(LifecycleNode):
         self._report.forget()
         self._say()
         return TransitionCallbackReturn.SUCCESS
+
+    def _stale(self) -> str:
+        """Return that the state measured last is not of now; "" if it is, or time is simulated."""
+        if self.get_clock().ros_time_is_active or steady() - self._valid <= self._is_fresh_for:
+            return ""
+        return "joint_states has stopped; is the robot running?"
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command to hold still once more, then command nothing."""
@@ -291,15 +298,21 @@ class ControlNode(LifecycleNode):
 
     def _is_fresh(self) -> bool:
         """Whether joint_states were answered, and still come."""
-        age = steady() - self._received
-        return self._commanded and age <= max(self._params.state_timeout, _FRESH)
+        return self._commanded and steady() - self._received <= self._is_fresh_for
+
+    @property
+    def _is_fresh_for(self) -> float:
+        """For how long [s] joint_states are fresh."""
+        return max(float(self._params.state_timeout), _FRESH)
 
     def _send_last(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
         if self._controller is None or not self._is_fresh():
             return
         try:
-            self._commands.publish(self._stamp, self._controller.last_command())
+            command = self._controller.last_command()
+            if command is not None:
+                self._commands.publish(self._stamp, command)
         except Exception as error:  # then none is safe: the robot has to brake itself
             self._health.complain(f"no last command: {defect(error)}", error=True)
 
@@ -345,22 +358,24 @@ class ControlNode(LifecycleNode):
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return
+        before, self._valid = self._valid, self._came
         self._report.meter.state(self._measured[0], self._came)
         if self._unanswered is not None and self._controller is not None:
             self._health.count("states dropped, waiting for what belongs to them")
         self._unanswered = msg.header.stamp
-        self._answer()
+        if not self._answer():
+            self._valid = before
 
-    def _answer(self) -> None:
-        """Answer the last state, once all that belongs to it is there."""
+    def _answer(self) -> bool:
+        """Answer the last state, once all that belongs to it is there; return if it is valid."""
         if self._unanswered is None or self._measured is None:
-            return
+            return True
         t, q, dq = self._measured
         if self._controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
             self._try_start()
         if self._controller is None or not self._is_heard() or not self.is_complete(t):
-            return
+            return True
         stamp, self._unanswered = self._unanswered, None
         self.observe(t, q, dq)
         simulated = self.get_clock().ros_time_is_active
@@ -368,7 +383,7 @@ class ControlNode(LifecycleNode):
             command = self._controller.step(t, q, dq, None if simulated else self._came)
         except InvalidMessageError as error:
             self._reject("joint_states", error)
-            return
+            return False
         self._received = self._came
         if command is not None:
             self._commanded = True
@@ -378,6 +393,7 @@ class ControlNode(LifecycleNode):
             self._report_tick(t, self._controller)
         self._report.began(self._controller)
         self._say()
+        return True
 
     def _is_heard(self) -> bool:
         """Whether as many listen to the commands as have to, or had when they began."""
@@ -404,7 +420,8 @@ class ControlNode(LifecycleNode):
                 self._robot.tip_frame,
                 self._params.reference_timeout,
             )
-            self._controller.follow(motion, start)
+            simulated = self.get_clock().ros_time_is_active
+            self._controller.follow(motion, start, None if simulated else steady())
             self._say()
         except InvalidMessageError as error:
             self._reject("reference", error)
@@ -451,12 +468,12 @@ class ControlNode(LifecycleNode):
 
     def _is_silent(self) -> bool:
         """Whether valid joint_states came once, and have stopped."""
-        return self._received > 0 and steady() - self._received > self._timeout
+        return steady() - self._valid > self._timeout
 
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""
         self._health.values.update(self._report.meter.read() | self.values_now())
-        if self._controller is None or not self._received:
+        if self._controller is None:
             return
         self._complain_of_limits(self._controller)
         if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
@@ -489,7 +506,7 @@ class ControlNode(LifecycleNode):
         """Hold still after an error that nobody expected."""
         text = defect(error)
         if self._controller is not None:
-            self._controller.fail(text, REPORT_IT)
+            self._controller.fail_for_good(error)
         self._health.set(diagnostics.ERROR, f"holding still: {text}", REPORT_IT)
 
 

@@ -34,6 +34,12 @@ class DynamicParameters(ControlParameters):
     command_type: str = parameter(
         "joint_state", "message type of the command", choices=("joint_state", "forward")
     )
+    max_latency: float = parameter(
+        0.03,
+        "joint_states that come later than the best ones by this are dropped",
+        unit="s",
+        bounds=(0.001, 60.0),
+    )
     k_Pp: float = parameter(400.0, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
     k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
     k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)

@@ -8,6 +8,12 @@ from eulerparams_control.supervision.clock import steady
 # Of so many answers the latencies are remembered.
 _REMEMBERED = 2000
 
+# A step of the stamps [ns] that is longer is a jump of the clock, not a loss of messages.
+_LONGEST_GAP = 500_000_000
+
+# The usual step follows the steps by this part of the difference.
+_SMOOTHING = 0.01
+
 
 class Meter:
     """Counts over the time since it was read last.
@@ -23,7 +29,7 @@ class Meter:
         self._came: float | None = None
         self._longest = 0.0
         self._stamp: int | None = None
-        self._usual = 0  # the shortest step of the stamps [ns]
+        self._usual = 0.0  # step of the stamps [ns]
         self.missed = self.answers = 0
 
     def state(self, stamp: int, now: float) -> None:
@@ -34,9 +40,10 @@ class Meter:
         self._came = now
         step = stamp - self._stamp if self._stamp is not None else 0
         self._stamp = stamp
-        if step > 0:
-            self._usual = min(self._usual or step, step)
-            self.missed += (step + self._usual // 2) // self._usual - 1
+        if 0 < step < _LONGEST_GAP:
+            self._usual = self._usual or step
+            self.missed += max(round(step / self._usual) - 1, 0)
+            self._usual += _SMOOTHING * (min(step, 2 * self._usual) - self._usual)
 
     def answered(self, came: float) -> None:
         """Count the answer to a state that came at ``came`` [s]."""

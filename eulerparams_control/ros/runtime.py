@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -94,7 +95,8 @@ def _bring_to_rest(node: Node, spin_once: Callable[[], None]) -> None:
     """Let what moves come to rest, also after an error."""
     deadline = time.monotonic() + _STOP_SECONDS
     while hasattr(node, "at_rest") and not node.at_rest() and time.monotonic() < deadline:
-        spin_once()
+        with suppress(Exception):  # it is said already why the node ends
+            spin_once()
 
 
 def _end(node: Node | None) -> None:

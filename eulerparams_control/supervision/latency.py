@@ -6,10 +6,11 @@ it is behind the best one.
 """
 
 # The clocks may drift apart by this [s/s].
-_DRIFT = 1e-3
+_DRIFT = 1e-4
 
-# States that have all been late for this long [s] are what there is from now on.
-_PATIENCE = 1.0
+# An arm that takes positions is controlled again when its states have been late for so long [s],
+# without a pause of so long [s]: that is how late they are from now on.
+_PATIENCE, _PAUSE = 1.0, 0.2
 
 
 class Latency:
@@ -26,20 +27,25 @@ class Latency:
     def forget(self) -> None:
         """Begin anew: another clock makes the stamps."""
         self._least: float | None = None
-        self._at = 0.0  # when that was seen, or when states were last in time
-        self._in_time = 0.0
+        self._at = self._late_since = 0.0  # [s] when a state came last, and the first late one
 
-    def of(self, t: int, now: float) -> float:
-        """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s]."""
+    def of(self, t: int, now: float, *, patient: bool) -> float:
+        """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
+
+        Args:
+            t: stamp [ns].
+            now: when it came, steady clock [s].
+            patient: whether states that stay late are those of a clock that was set back.
+        """
         behind = now - t / 1e9
         if self._least is None:
-            self._least, self._at, self._in_time = behind, now, now
-        self._least = min(behind, self._least + _DRIFT * (now - self._at))
-        self._at = now
+            self._least, self._at = behind, now
+        pause = now - self._at
+        self._least, self._at = min(behind, self._least + _DRIFT * pause), now
         late = behind - self._least
-        if late <= self.most:
-            self._in_time = now
-        elif now - self._in_time > _PATIENCE:
-            self._least, self._in_time = behind, now
+        if late <= self.most or pause > _PAUSE:
+            self._late_since = now
+        elif patient and now - self._late_since > _PATIENCE:
+            self._least = behind
             return 0.0
         return late

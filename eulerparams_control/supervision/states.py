@@ -6,6 +6,7 @@ from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
 from eulerparams_control.supervision.latency import Latency
+from eulerparams_control.supervision.runaway import AT_REST
 
 # A measured position may be this far [rad or m] from where the last one could have led, a speed
 # this many times its limit: further, it is the measurement that is wrong.
@@ -30,15 +31,18 @@ class StateCheck:
         self._robot, self._timeout, self._strict = robot, timeout, strict
         self._latency = Latency(max_latency)
         self._last: tuple[int, Array] | None = None
-        self._unmoved = 0.0  # how far [rad or m] unchanged positions should have gone
+        self._unmoved = np.zeros(robot.n)  # how far [rad or m] positions that stay should be
 
-    def refuse(self, t: int, q: Array, dq: Array, now: float | None) -> None:
+    def refuse(
+        self, t: int, q: Array, dq: Array, now: float | None, *, patient: bool = False
+    ) -> None:
         """Raise InvalidMessageError unless the state can be one of the robot, and of now.
 
         Args:
             t: stamp [ns].
             q, dq: (n,) measured.
             now: when it came, steady clock [s]; None: in simulated time nothing is late.
+            patient: whether states that stay late are taken in the end.
         """
         dt = 0.0 if self._last is None else (t - self._last[0]) / 1e9
         if -self._timeout < dt < 0:
@@ -48,7 +52,7 @@ class StateCheck:
         if self._strict:
             self._refuse_impossible(dt, q, dq)
         if now is not None:
-            self._refuse_late(t, dt, now)
+            self._refuse_late(t, dt, now, patient)
 
     def take(self, t: int, q: Array) -> None:
         """Take a state that was believed for the last one."""
@@ -57,10 +61,10 @@ class StateCheck:
     def is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
         """Whether the positions are not measured ones: they stay although the arm moves."""
         if self._last is None or not self._strict or (q != self._last[1]).any():
-            self._unmoved = 0.0
+            self._unmoved = np.zeros(self._robot.n)
             return False
-        self._unmoved += dt * float(np.abs(dq).max())
-        return self._unmoved > _FROZEN
+        self._unmoved = self._unmoved + dt * np.where(np.abs(dq) > AT_REST, dq, 0.0)
+        return bool(np.abs(self._unmoved).max() > _FROZEN)
 
     def _refuse_impossible(self, dt: float, q: Array, dq: Array) -> None:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
@@ -82,15 +86,16 @@ class StateCheck:
                 f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
             )
 
-    def _refuse_late(self, t: int, dt: float, now: float) -> None:
+    def _refuse_late(self, t: int, dt: float, now: float, patient: bool) -> None:
         """Raise InvalidMessageError for a state that comes too late to control by."""
         if self._last is not None and dt == 0:
             return  # how often it may be repeated is not told by its age
         if dt < 0:
             self._latency.forget()
-        late, most = self._latency.of(t, now), self._latency.most
+        late, most = self._latency.of(t, now, patient=patient), self._latency.most
         if late > most:
             raise InvalidMessageError(
                 f"the state comes {late:.3f} s later than the best one, more than max_latency "
-                f"{most:g} s: is the network or the computer overloaded?"
+                f"{most:g} s: is the network or the computer overloaded? If they stay so late, "
+                "deactivate and activate"
             )
