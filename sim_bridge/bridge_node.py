@@ -51,6 +51,9 @@ _ENVIRONMENT = "environment."
 # Until the first command arrives in lock-step, the first state is repeated at this period [s].
 _REPEAT_PERIOD = 0.05
 
+# A stamp [s] is remembered for no longer, so that a clock that began anew is soon obeyed.
+_LONGEST_MEMORY = 1.0
+
 # In real time, more steps than this behind the wall clock are given up, not caught up.
 _MAX_CATCH_UP = 50
 
@@ -189,7 +192,8 @@ class BridgeNode(Node):
         self._is_lockstep = p.mode == "lockstep"
         self._reader = Commands(self._robot.joints, p.control)
         self._senders = Senders(p.command_timeout, _QUIET, at_once=self._is_lockstep)
-        self._order = StampOrder(p.command_timeout)
+        self._order = StampOrder(min(p.command_timeout, _LONGEST_MEMORY))
+        self._lost = 0  # steps that were given up
         self._push = Push(self._robot.sensor_frame, p.external_wrench_timeout)
         self._delayed: deque[Command] = deque()
         self._heard = self._answered = False
@@ -266,14 +270,18 @@ class BridgeNode(Node):
             )
 
     def _keep_up(self) -> None:
-        """Make the steps that are due by the wall clock."""
-        due = int((time.monotonic() - self._started) * self._params.rate) - self._state.step
+        """Make the steps that are due by the wall clock.
+
+        Those that are given up are missing in the stamps: no state is older than it says.
+        """
+        passed = int((time.monotonic() - self._started) * self._params.rate)
+        due = passed - self._state.step - self._lost
         if due > _MAX_CATCH_UP:
             self._conduct.count("steps given up", due - 1)
             self._health.complain(
                 f"{due} steps behind the wall clock: slower than real time", about="slow"
             )
-            self._started += (due - 1) / self._params.rate
+            self._lost += due - 1
             due = 1
         for _ in range(due):
             self._brake_on_silence()
@@ -304,7 +312,7 @@ class BridgeNode(Node):
 
     def _publish_state(self) -> None:
         state = self._state
-        self._stamp = round(state.step * 1e9 / self._params.rate)
+        self._stamp = round((state.step + self._lost) * 1e9 / self._params.rate)
         stamp = stamp_to_ros(self._stamp)
         if state.step % self._clock_every == 0:
             self._clock_message.clock = stamp
@@ -427,7 +435,7 @@ class BridgeNode(Node):
     def at_rest(self) -> bool:
         """Brake, and return whether the robot stands; in lock-step time stands still anyway."""
         if not self.done and not self._conduct.is_braked:
-            self._conduct.brake("told to end: braked", "")
+            self._conduct.brake("ending: braked", "")
         return self.done or self._is_lockstep or self._simulator.is_standing
 
     def close(self) -> None:

@@ -530,14 +530,14 @@ def push(force: float, stamp: int = 0) -> WrenchStamped:
     return msg
 
 
-def test_a_push_that_is_not_repeated_ends_after_its_timeout_but_lasts_without_one(
-    graph: Graph,
-) -> None:
-    bench = Bench(graph, rate=100.0, external_wrench_timeout=0.3)
+def test_a_push_that_is_not_repeated_ends_after_its_timeout(graph: Graph) -> None:
+    bench = Bench(graph, rate=100.0, external_wrench_timeout=2.0)
     pushes = bench.peer.publisher(WrenchStamped, "external_wrench")
     graph.until(pushes.get_subscription_count, "the subscriber of external_wrench")
     pushes.publish(push(10.0))
-    graph.until(lambda: abs(bench.wrenches[-1].wrench.force.x - 10.0) < FELT, "the push")
+    graph.until(
+        lambda: any(abs(msg.wrench.force.x - 10.0) < FELT for msg in bench.wrenches), "the push"
+    )
     graph.until(lambda: abs(bench.wrenches[-1].wrench.force.x) < FELT, "its end")
     assert bench.count("external_wrench timed out", 1) == 1
     pushes.publish(push(1e300))

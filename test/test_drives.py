@@ -31,7 +31,7 @@ def test_the_node_gives_the_simulator_its_drives() -> None:
     assert {name: given[name] for name in values} == values
 
 
-@pytest.mark.parametrize("effort", [1e12, 1e300])
+@pytest.mark.parametrize("effort", [1e8, 1e9])
 def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_finite_state(
     graph: Graph, effort: float
 ) -> None:

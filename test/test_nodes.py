@@ -355,7 +355,11 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
     node: Controlled, name: str, value: Any, words: str
 ) -> None:
     before = node.peer.get_parameters(node.name, name)
-    (reason,) = node.peer.set_parameters(node.name, **{name: value})
+    assert node.peer.set_parameters(node.name, use_sim_time=False) == []
+    try:
+        (reason,) = node.peer.set_parameters(node.name, **{name: value})
+    finally:
+        assert node.peer.set_parameters(node.name, use_sim_time=True) == []
     assert words in reason
     assert node.peer.get_parameters(node.name, name) == before
     assert_holds(node.arm.tick(), HOME)
@@ -1121,7 +1125,7 @@ def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(graph: Graph) ->
     states = peer.listen(JointState, "joint_states")
     process = graph.start("pybullet_bridge", {"mode": "lockstep", "duration": 0.05})
     graph.until(lambda: states, "the first state, which is repeated until it is answered")
-    graph.start("clik", FRAMES)
+    graph.start("clik", {**FRAMES, "use_sim_time": True})
     graph.until(lambda: process.exit_code is not None, "the end")
     assert process.end() == 0
     graph.until(lambda: ns_from_ros(states[-1].header.stamp) == 50_000_000, "the last state")

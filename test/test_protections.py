@@ -402,6 +402,29 @@ def test_an_arm_that_runs_away_under_efforts_gets_its_weight_borne_and_then_no_e
     assert_holds(arm.commands[-1], arm.q)
 
 
+@pytest.mark.parametrize("node", ["impedance_control"], indirect=True)
+def test_a_wrench_that_is_not_finite_is_dropped_for_what_it_is_and_stops_nothing(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    assert arm.sensor is not None
+    before = int(values(node.status()).get("wrench rejected", 0))
+    bad = [(part, value) for part in ("force", "torque") for value in (math.nan, -math.inf)]
+    for part, value in bad:
+        arm.t += MS
+        state = arm.message()
+        wrench = arm.sensor.message(arm, state.header.stamp)
+        getattr(wrench.wrench, part).y = value
+        arm.sensor.wrenches.publish(wrench)
+        arm.states.publish(state)
+        assert_holds(arm.answer(state.header.stamp), HOME)  # by the last good one
+    after = before + len(bad)
+    assert node.peer.counter(node.name, "wrench rejected", after) == after
+    node.graph.until_said(node.process, "wrench rejected: the wrench has a non-finite value: [")
+    assert_holds(arm.tick(HOME), HOME)
+    assert "the contact is" not in node.process.log  # nan N is not a contact that is too large
+
+
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),
     [
@@ -426,6 +449,28 @@ def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
 
 
 # --- references ------------------------------------------------------------------------------
+
+
+def test_a_reference_that_is_not_finite_anywhere_is_refused_and_the_motion_goes_on(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    node.follow(upwards(arm.q))
+    before = node.peer.counter(node.name, "reference rejected")
+    here = DesiredFrame(*pose(arm.q))
+    bad = [
+        reference(*before_it, here._replace(**{name: np.array([0.0, math.nan, 0.0])}), times=times)
+        for name in ("p_d", "dp_d", "omega_d", "ddp_d", "domega_d")
+        for before_it, times in (((), (0.0,)), ((here,), (0.5, 1.0)))  # at once, or in the end
+    ]
+    for msg in bad:
+        node.references.publish(msg)
+    after = before + len(bad)
+    assert node.peer.counter(node.name, "reference rejected", after) == after
+    commands = arm.ticks(100)
+    assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)
+    assert np.abs(arm.dq).max() > MOVES
+    node.status(lambda s: s.message.endswith("following a reference"))
 
 
 def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to_rest(

@@ -15,8 +15,8 @@ from sim_bridge.simulator import Simulator, SimulatorParameters, SimulatorState
 
 _STEPS = 4  # of the simulation in a period of joint_states
 
-# A joint this many times as fast as its limit makes the arm stop by itself.
-_PROTECTIVE_SPEED = 1.5
+PROTECTIVE_SPEED = 1.5
+"""A joint this many times as fast as its limit makes the robot stop by itself."""
 
 
 class BrakingArm:
@@ -36,7 +36,7 @@ class BrakingArm:
     def __init__(self, robot: RobotDescription, control: str, rate: float) -> None:
         self._control = control
         parameters = SimulatorParameters(
-            rate=_STEPS * rate, control=control, protective_speed=_PROTECTIVE_SPEED
+            rate=_STEPS * rate, control=control, protective_speed=PROTECTIVE_SPEED
         )
         self._simulator = Simulator(robot, parameters)
         self._reader = CommandReader(robot.joints, control)

@@ -9,7 +9,7 @@ import numpy as np
 
 from eulerparams_control.campaign.oracles import Oracle, Violation, judge
 from eulerparams_control.campaign.plan import Plan, faults_of
-from eulerparams_control.campaign.record import ERROR, Record
+from eulerparams_control.campaign.record import ERROR, STOPS, Record
 
 STARVED = 0.05
 """[s] without time for the robot, or for who listens: what needs real time is not judged then."""
@@ -32,6 +32,7 @@ class Outcome:
         troubled: [s] in which the controller said that something is wrong.
         tip_error: [m], [deg] at the end.
         peak_speed: of a joint of the arm, as a part of its limit.
+        stops: how many protective stops the simulated robot made.
         story: what was done and said, with the times [s].
     """
 
@@ -47,6 +48,7 @@ class Outcome:
     troubled: float = 0.0
     tip_error: tuple[float, float] = (0.0, 0.0)
     peak_speed: float = 0.0
+    stops: int = 0
     story: tuple[str, ...] = field(default=())
 
     @property
@@ -80,6 +82,7 @@ class Outcome:
             "seconds": round(self.seconds, 3),
             "troubled": self.troubled,
             "peak_speed_of_limit": round(self.peak_speed, 4),
+            "protective_stops": self.stops,
             "tip_error": {"m": self.tip_error[0], "deg": self.tip_error[1]},
             "story": list(self.story),
         }
@@ -102,6 +105,7 @@ def look(plan: Plan, record: Record, seconds: float) -> Outcome:
         troubled=_troubled(record),
         tip_error=record.tip_error,
         peak_speed=_peak_speed(record),
+        stops=sum(event.what == STOPS for event in record.events),
         story=_story(record),
     )
 

@@ -22,6 +22,8 @@ def write_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
     content = {
         "sentence": headline(outcomes),
         "met": all(outcome.is_good for outcome in outcomes),
+        "sequences_not_wholly_judged": sum(bool(outcome.unjudged) for outcome in outcomes),
+        "protective_stops": sum(outcome.stops for outcome in outcomes),
         "oracles": {
             name: {"claim": kind.claim, "sequences_with_a_violation": found[name]}
             for name, kind in Oracle.registry.items()

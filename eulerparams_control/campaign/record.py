@@ -22,6 +22,7 @@ COMMAND_TIMEOUT = 0.1
 """[s] without a command after which a robot brakes."""
 
 STARTS, KILLED = "the controller starts", "the controller is killed"
+STOPS = "the robot makes a protective stop"
 """Events."""
 
 HOLDING = "holding still"

@@ -57,6 +57,7 @@ class NoRunaway(Oracle):
     """Whatever goes wrong, the arm does not run away."""
 
     name: ClassVar[str] = "no runaway"
+    holds_if_starved: ClassVar[bool] = True
     claim: ClassVar[str] = f"no joint of the arm is ever faster than {_RUNAWAY:g} times its limit"
 
     def check(self, record: Record) -> list[Violation]:

@@ -24,6 +24,7 @@ from eulerparams_control.campaign.plan import Plan, faults_of, shaken
 from eulerparams_control.campaign.record import (
     KILLED,
     STARTS,
+    STOPS,
     Event,
     Record,
     Said,
@@ -219,7 +220,10 @@ class _Sequence:
                 self.record.crash = str(crash)
                 self.record.end = self.t
                 return
+            stops = self.arm.stops
             self.arm.step()
+            if self.arm.stops > stops:
+                self.record.events.append(Event(self.t, STOPS))
         self.record.refused, self.record.end = self.arm.refused, self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 

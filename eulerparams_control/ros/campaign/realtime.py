@@ -20,6 +20,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from eulerparams_control.campaign.arm import PROTECTIVE_SPEED
 from eulerparams_control.campaign.plan import NOTHING, Plan, faults_of, shaken
 from eulerparams_control.campaign.record import KILLED, STARTS, Event, Record, Said, Truth
 from eulerparams_control.campaign.user import BEGINNING, User
@@ -129,7 +130,12 @@ class _Sequence:
         )
         self.nodes.start(
             "pybullet_bridge",
-            {"mode": "realtime", "control": self.plan.control, "rate": RATE},
+            {
+                "mode": "realtime",
+                "control": self.plan.control,
+                "rate": RATE,
+                "protective_speed": PROTECTIVE_SPEED,
+            },
             remaps={self._topic: f"faulty/{self._topic}"},
         )
         self._wait(lambda: self.record.truth and self.record.states, "joint_states")
