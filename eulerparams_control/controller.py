@@ -116,6 +116,7 @@ class Controller:
         self._stopped = False
         self._asked = 0.0  # when a set-point came last while stopped, or it stopped [s]
         self._is_defective = False
+        self._trusted_from = -math.inf  # from when [s] on the steady clock states are believed
         self._command: JointCommand | None = None
         self._begin(q)
 
@@ -252,6 +253,9 @@ class Controller:
         is_frozen = self._check.is_frozen(self._dt, q, dq)
         self._check.take(t, q)
         self._t, self._q, self._dq = t, q, dq
+        if self._distrusts(now):
+            self._command = None
+            return None  # whose state it is, is not known: the robot has to brake itself
         acted = self._acted(before, silence, now)
         if is_frozen:
             self.fail(
@@ -267,6 +271,13 @@ class Controller:
         if self._command is not None:
             self._left = t, now
         return self._command
+
+    def _distrusts(self, now: float | None) -> bool:
+        """Whether states have changed to those of another arm, or clock, just now.
+
+        A simulation that began anew goes on steadily; a second publisher is back at once.
+        """
+        return now is not None and now < self._trusted_from
 
     def _say_held(self, after: str) -> None:
         """Say that the arm is held where it is, after something; a fault is still told."""
@@ -385,7 +396,10 @@ class Controller:
         # by the stamps alone a silence and a clock that was set forward look the same
         is_heard = silence <= timeout and (dt < 0 or self._now is not None)
         moved = self.scheme.robot.limits.deviation(q, self._q)
-        self._begin(q, acts=is_heard and bool((moved <= _SAME_ARM).all()))
+        is_same = bool((moved <= _SAME_ARM).all())
+        if self._now is not None and silence <= timeout and not is_same:
+            self._trusted_from = self._now + timeout
+        self._begin(q, acts=is_heard and is_same)
         what = f"a silence of joint_states of {silence:.3g} s"
         if not 0 <= dt <= timeout:
             what = f"a jump of the stamps by {dt:.3g} s"

@@ -190,7 +190,7 @@ def test_where_euler_angles_have_no_rates_the_arm_is_held_and_the_singularity_na
 
 def test_the_command_can_be_an_array_of_efforts(graph: Graph) -> None:
     arm = TorqueArm(graph, UR5, command=Float64MultiArray)
-    graph.start("dynamic_control", {**FRAMES, "command_type": "forward"})
+    graph.start("dynamic_control", {**FRAMES, "command_type": "forward", "use_sim_time": True})
 
     def answered() -> bool:
         arm.send(arm.message())

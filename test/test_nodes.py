@@ -510,7 +510,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
 ) -> None:
     peer = graph.peer
     arm = Controlled.ARMS[executable](graph, UR5)
-    process = graph.start(executable, {**FRAMES, "autostart": autostart})
+    process = graph.start(executable, {**FRAMES, "autostart": autostart, "use_sim_time": True})
     if autostart:
         arm.connect()
     else:
@@ -563,7 +563,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
 def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives_on(
     graph: Graph,
 ) -> None:
-    graph.start("clik", {**FRAMES, "autostart": False})
+    graph.start("clik", {**FRAMES, "autostart": False, "use_sim_time": True})
     assert not graph.peer.change_state("/clik", "activate")  # it is not configured
     assert graph.peer.lifecycle_state("/clik") == "unconfigured"
 
@@ -808,7 +808,7 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions(graph: G
         "/forward": (Arm(graph, UR5, "/forward", Float64MultiArray), "forward"),
     }
     for namespace, (_, kind) in arms.items():
-        graph.start("clik", {**FRAMES, "command_type": kind}, namespace=namespace)
+        graph.start("clik", {**FRAMES, "command_type": kind, "use_sim_time": True}, namespace=namespace)
     for arm, _ in arms.values():
 
         def answered(arm: Arm = arm) -> bool:
@@ -844,7 +844,7 @@ def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(graph: Graph)
 
 def test_require_reference_is_silent_until_the_first_reference(graph: Graph) -> None:
     arm, peer = Arm(graph, UR5), graph.peer
-    process = graph.start("clik", {**FRAMES, "require_reference": True})
+    process = graph.start("clik", {**FRAMES, "require_reference": True, "use_sim_time": True})
     goals = peer.publisher(MultiDOFJointTrajectory, "reference")
 
     def listening() -> int:
@@ -1105,7 +1105,7 @@ def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(graph: Graph)
     peer = graph.peer
     lockstep = {"mode": "lockstep", "duration": 0.05}
     bridge = graph.start("pybullet_bridge", {**lockstep, "wait_for_subscribers": 2})
-    clik = graph.start("clik", {**FRAMES, "wait_for_subscribers": 2})
+    clik = graph.start("clik", {**FRAMES, "wait_for_subscribers": 2, "use_sim_time": True})
     graph.until_said(clik, "waiting for 2 subscribers of /joint_reference, 1 are there")
     assert "simulated" not in bridge.log
     commands = peer.listen(JointState, "joint_reference")

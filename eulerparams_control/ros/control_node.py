@@ -38,7 +38,7 @@ from eulerparams_control.ros.commands import Commands
 from eulerparams_control.ros.control_parameters import LATEST, ControlParameters
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.publishers import refuse_two_publishers
+from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.rotations import Array
 from eulerparams_control.schemes.base import Scheme, Tick
@@ -78,6 +78,7 @@ class ControlNode(LifecycleNode):
         self._received = 0.0  # when the last ones were answered
         self._commanded = False
         self._cut = 0  # ticks that a limit had changed a second ago
+        self._restarts = 0  # of the controller, a second ago
         self._unanswered: Time | None = None
         self._reference_stamp: int | None = None
         self._health.check = self._once_a_second
@@ -134,7 +135,7 @@ class ControlNode(LifecycleNode):
     # --- set-up ------------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        self._listen(JointState, "joint_states", self._on_joint_states, QOS)
+        self._states = self._listen(JointState, "joint_states", self._on_joint_states, QOS)
         if not self._description:
             self._listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
 
@@ -247,7 +248,7 @@ class ControlNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         options = self._params.controller_options()
         self._controller = Controller(scheme, options, self._measured[1])
-        self._cut = 0
+        self._cut = self._restarts = 0
         # only now: who publishes a reference can see by it that somebody follows
         self._reference = self._listen(
             MultiDOFJointTrajectory, "reference", self._on_reference, QOS
@@ -476,6 +477,7 @@ class ControlNode(LifecycleNode):
         if self._controller is None:
             return
         self._complain_of_limits(self._controller)
+        self._complain_of_restarts(self._controller)
         if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
@@ -489,6 +491,18 @@ class ControlNode(LifecycleNode):
                 f"limits have changed {cut} commands of the last second: the motion is faster than "
                 "the arm may be, or the gains are too high",
                 about="limits",
+            )
+
+    def _complain_of_restarts(self, controller: Controller) -> None:
+        """Say who publishes joint_states where they jump to and fro."""
+        again, self._restarts = controller.resets - self._restarts, controller.resets
+        if again > 1:
+            names = ", ".join(sorted(publishers_of(self, self._states.topic_name)))
+            self._health.complain(
+                f"joint_states have jumped {again} times in the last second: expected one robot, "
+                f"published by {names}",
+                error=True,
+                about="restarts",
             )
 
     def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:

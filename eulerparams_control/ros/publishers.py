@@ -9,6 +9,15 @@ from eulerparams_control.errors import InvalidMessageError
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
+def publishers_of(node: Node, topic: str) -> set[str]:
+    """Return the full names of the nodes that publish on a topic, as far as they are known."""
+    return {
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        for info in node.get_publishers_info_by_topic(topic)
+        if info.node_name != _UNKNOWN
+    }
+
+
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
     """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
 
@@ -17,12 +26,7 @@ def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None
     """
     if subscription is None or node.count_publishers(topic := subscription.topic_name) < 2:
         return
-    publishers = node.get_publishers_info_by_topic(topic)
-    names = {
-        f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-        for info in publishers
-        if info.node_name != _UNKNOWN
-    }
+    names = publishers_of(node, topic)
     if len(names) > 1:
         raise InvalidMessageError(
             f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one; "
