@@ -8,7 +8,7 @@ message may not contain is refused here with InvalidMessageError.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -42,9 +42,9 @@ def _quoted(names: Sequence[str]) -> str:
     return ", ".join(f"'{shown(name)}'" for name in names[:_SHOWN_NAMES])
 
 
-def _are_possible(values: Any) -> bool:
-    """Return whether all values are finite, and none is larger than ``LARGEST``."""
-    return bool((np.abs(values) <= LARGEST).all())  # not so for NaN
+def _are_possible(values: Any, largest: float = LARGEST) -> bool:
+    """Return whether all values are finite, and none is larger."""
+    return bool((np.abs(values) <= largest).all())  # not so for NaN
 
 
 def _fault(values: Any) -> str:
@@ -84,6 +84,8 @@ class _JointReader:
         topic: for the error messages.
     """
 
+    _largest: ClassVar[float] = LARGEST
+
     def __init__(self, joints: Sequence[str], topic: str) -> None:
         self._joints = tuple(joints)
         self._topic = topic
@@ -114,7 +116,7 @@ class _JointReader:
                 f"{self._topic} has {len(msg.name)} names but {len(values)} values of {what}"
             )
         picked = np.asarray(values)[self._index]
-        if not _are_possible(picked):
+        if not _are_possible(picked, self._largest):
             raise InvalidMessageError(
                 f"{self._topic} has a {_fault(picked)} {what}: "
                 f"{dict(zip(self._joints, picked.tolist(), strict=True))}"
@@ -157,7 +159,12 @@ class JointStateReader(_JointReader):
 
 
 class CommandReader(_JointReader):
-    """Reads the command of a robot from joint_reference or joint_effort."""
+    """Reads the command of a robot from joint_reference or joint_effort.
+
+    The robot keeps it within its limits; one that has none is to show where a law leads.
+    """
+
+    _largest: ClassVar[float] = 1e100
 
     def __init__(self, joints: Sequence[str], control: str) -> None:
         super().__init__(joints, "joint_reference" if control == "position" else "joint_effort")

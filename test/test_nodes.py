@@ -808,7 +808,8 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions(graph: G
         "/forward": (Arm(graph, UR5, "/forward", Float64MultiArray), "forward"),
     }
     for namespace, (_, kind) in arms.items():
-        graph.start("clik", {**FRAMES, "command_type": kind, "use_sim_time": True}, namespace=namespace)
+        own = {**FRAMES, "command_type": kind, "use_sim_time": True}
+        graph.start("clik", own, namespace=namespace)
     for arm, _ in arms.values():
 
         def answered(arm: Arm = arm) -> bool:
