@@ -47,6 +47,9 @@ from eulerparams_control.supervision.clock import steady
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
 
+# Of the reason why a message was rejected, so much is shown in /diagnostics.
+_LONGEST_REASON = 300
+
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
 
@@ -432,6 +435,7 @@ class ControlNode(LifecycleNode):
 
     def _reject(self, topic: str, error: EulerParamsError) -> None:
         self._health.count(f"{topic} rejected")
+        self._health.values["last rejected"] = f"{topic}: {str(error)[:_LONGEST_REASON]}"
         self._health.complain(f"{topic} rejected: {error}", error=True, about=topic)
 
     def _report_tick(self, t: int, controller: Controller) -> None:
