@@ -16,6 +16,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Header, Metadata, Statistics
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
@@ -205,6 +206,30 @@ def test_what_is_older_than_a_tenth_of_a_second_is_in_the_file(tmp_path: Path) -
     bag.write(STATES.name, joint_state(1), START, START)
     assert len(list(Bag(tmp_path / "bag").read_raw())) == 2
     bag.close()
+
+
+def test_a_recorder_does_not_grow_with_the_chunks_that_it_ends(tmp_path: Path) -> None:
+    """And all of them are in the index at the end."""
+    chunks = 3000
+    tracemalloc.start()
+    try:
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.add_topic(STATES)
+            for number in range(chunks):
+                bag.write(STATES.name, b"", number, number)
+                bag.flush()
+                if number == 100:
+                    before = tracemalloc.get_traced_memory()[0]
+            grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < 50_000  # in memory it would be 700 bytes a chunk
+    with open(tmp_path / "bag/bag_0.mcap", "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    indexes = summary.chunk_indexes
+    assert [index.message_start_time for index in indexes] == list(range(chunks))
+    assert all(len(index.message_index_offsets) == 1 for index in indexes)
 
 
 def test_chunks_hold_64_kib(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Self
 from mcap.records import Attachment
 from mcap.writer import CompressionType, Writer
 
+from eulerparams_control.bags.chunk_index import spill_index
 from eulerparams_control.bags.format import (
     METADATA_FILE,
     METADATA_KEY,
@@ -96,6 +97,7 @@ class McapFile:
         self._schemas: dict[str, int] = {}
         self._output = _Output(path, advice)
         self._writer = Writer(self._output, _CHUNK_BYTES, compression)  # type: ignore[arg-type]
+        spill_index(self._writer)
         self._writer.start(profile="ros2")
         self._write_information()
 
