@@ -441,7 +441,7 @@ class Controller:
         """
         if self._is_defective or self._runaway.is_on:
             raise InvalidMessageError(f"the arm is held ({self.fault}); {self.remedy}")
-        is_stream = isinstance(motion, SetPoint) or motion.duration <= _PAUSE
+        is_stream = isinstance(motion, SetPoint) or motion.duration < _PAUSE
         if not (self._stopped and self.fault and is_stream):
             return
         t = self._time(now)
