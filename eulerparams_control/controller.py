@@ -32,8 +32,9 @@ _LEFT_ALONE = "holding the last desired pose: the set-points have stopped"
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# After a fault a stream of set-points is followed again when it has paused this long [s].
-_PAUSE = 0.5
+# After a fault a stream of set-points is followed again when it has paused this long [s]; one of
+# motions that are shorter than that, when it has paused for the other time.
+_PAUSE, _SHORT_PAUSE = 0.5, 0.2
 
 # After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
 # simulation that began anew: no command acts on it yet.
@@ -115,6 +116,7 @@ class Controller:
         self._tick_before: Tick | None = None
         self._stopped = False
         self._asked = 0.0  # when a set-point came last while stopped, or it stopped [s]
+        self._referred = -math.inf  # when a reference came last [s]
         self._is_defective = False
         self._trusted_from = -math.inf  # from when [s] on the steady clock states are believed
         self._command: JointCommand | None = None
@@ -441,15 +443,18 @@ class Controller:
         """
         if self._is_defective or self._runaway.is_on:
             raise InvalidMessageError(f"the arm is held ({self.fault}); {self.remedy}")
-        is_stream = isinstance(motion, SetPoint) or motion.duration < _PAUSE
-        if not (self._stopped and self.fault and is_stream):
-            return
         t = self._time(now)
-        paused, self._asked = t - self._asked, t
-        if paused < _PAUSE:
+        since, self._referred = t - self._referred, t
+        if not (self._stopped and self.fault):
+            return
+        if isinstance(motion, SetPoint):
+            paused, self._asked, pause = t - self._asked, t, _PAUSE
+        else:
+            paused, pause = since, _SHORT_PAUSE if motion.duration < _PAUSE else 0.0
+        if pause > 0 and paused < pause:
             raise InvalidMessageError(
-                f"the arm is held ({self.fault}); set-points are followed again when they have "
-                f"paused for {_PAUSE} s"
+                f"the arm is held ({self.fault}); references that come one after the other are "
+                f"followed again when they have paused for {pause} s"
             )
 
     def _jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:

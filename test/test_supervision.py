@@ -499,9 +499,10 @@ def test_no_reference_is_followed_while_the_arm_runs_away_nor_after_a_defect():
 @pytest.mark.parametrize("duration", [0.0, 0.02])
 def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration):
     running, _t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
-    running.fail("something")
     here = running.scheme.frame_at(q)
     motion = SetPoint(here, 0.1) if not duration else way_points([duration], [(here.p_d, here.R_d)])
+    running.follow(motion, None, now - 0.02)
+    running.fail("something")
     for step in range(100):  # no states come meanwhile
         with pytest.raises(InvalidMessageError, match="paused"):
             running.follow(motion, None, now + 0.02 * step)
