@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -466,6 +467,16 @@ def test_efforts_are_never_given_on_states_that_stay_late():
     for step in range(1, 3000):
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
             running.step(t + step * MS, q, STILL, now + step * DT + 0.08)
+
+
+def test_states_of_a_clock_that_was_set_back_a_little_are_not_late():
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
+    answers = []
+    for step in range(1, 200):
+        with suppress(InvalidMessageError):
+            answers.append(running.step(t + (step - 40) * MS, q, STILL, now + step * DT))
+    assert len(answers) == 159  # all from the stamp on that is not behind
+    assert answers[-1] is not None
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])

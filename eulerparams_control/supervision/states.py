@@ -12,6 +12,9 @@ from eulerparams_control.supervision.runaway import AT_REST
 # this many times its limit: further, it is the measurement that is wrong.
 _MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
 
+# So many stamps in a row that are behind, but rise, are those of a clock that was set back.
+_SET_BACK = 3
+
 # Measured positions that stay the same to the bit, while the measured speeds would have led this
 # far [rad or m] away, are not measured any more.
 _FROZEN = 0.01
@@ -31,6 +34,7 @@ class StateCheck:
         self._robot, self._timeout, self._strict = robot, timeout, strict
         self._latency = Latency(max_latency)
         self._last: tuple[int, Array] | None = None
+        self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
         self._unmoved = np.zeros(robot.n)  # how far [rad or m] positions that stay should be
 
     def refuse(
@@ -46,13 +50,22 @@ class StateCheck:
         """
         dt = 0.0 if self._last is None else (t - self._last[0]) / 1e9
         if -self._timeout < dt < 0:
+            self._note_back(t)
             raise InvalidMessageError(
                 f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
             )
+        if self._back >= _SET_BACK:
+            self._latency.forget()
+        self._back = 0
         if self._strict:
             self._refuse_impossible(dt, q, dq)
         if now is not None:
             self._refuse_late(t, dt, now, patient)
+
+    def _note_back(self, t: int) -> None:
+        """Count stamps that are behind, but go on: then the clock was set back, nothing is late."""
+        self._back = self._back + 1 if t > self._back_at else 1
+        self._back_at = t
 
     def take(self, t: int, q: Array) -> None:
         """Take a state that was believed for the last one."""
