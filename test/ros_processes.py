@@ -641,7 +641,9 @@ class Arm:
         def answers() -> list[Any]:
             return [command for command in self.commands if command.header.stamp == stamp]
 
+        deadline = time.monotonic() + PATIENCE
         while not ended():
+            assert time.monotonic() < deadline, f"it does not end:\n{self.graph.logs()}"
             self._pass(0.001, None)
             self.t += 1_000_000
             positions[self.t] = self.q
