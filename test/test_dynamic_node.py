@@ -204,6 +204,7 @@ def test_the_command_can_be_an_array_of_efforts(graph: Graph) -> None:
 # --- with the simulated robot ----------------------------------------------------------------
 
 LOCKSTEP = {"mode": "lockstep", "control": "torque"}
+SIMULATED = {**FRAMES, "use_sim_time": True, "require_reference": True}
 
 
 def until_heard(graph: Graph, node: str) -> None:
@@ -236,7 +237,7 @@ def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(grap
     references = peer.publisher(MultiDOFJointTrajectory, "reference")
     tool = {"tool_mass": 1.0, "tool_com": [0.0, 0.05, 0.1]}  # unknown: there are errors
     bridge = graph.start("pybullet_bridge", {**LOCKSTEP, **tool, "duration": 1.5})
-    parameters = {**FRAMES, "require_reference": True, "max_effort_rate": rate}
+    parameters = {**SIMULATED, "max_effort_rate": rate}
     node = graph.start("dynamic_control", parameters)
     graph.until(lambda: references.get_subscription_count() and states, "the nodes")
     until_heard(graph, "dynamic_control")
@@ -279,7 +280,7 @@ def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(graph: Graph) 
         efforts = graph.peer.listen(JointState, f"{namespace}/joint_effort")
         bridge = {**LOCKSTEP, "duration": 0.3}
         runs.append((efforts, graph.start("pybullet_bridge", bridge, namespace=namespace)))
-        controller = {**FRAMES, "require_reference": True}
+        controller = SIMULATED
         graph.start("dynamic_control", controller, namespace=namespace)
         graph.start("reference", {**FRAMES, **motion}, namespace=namespace)
     for namespace in ("/first", "/second"):
