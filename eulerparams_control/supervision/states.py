@@ -110,5 +110,5 @@ class StateCheck:
             raise InvalidMessageError(
                 f"the state comes {late:.3f} s later than the best one, more than max_latency "
                 f"{most:g} s: is the network or the computer overloaded? If they stay so late, "
-                "deactivate and activate; with a simulation that is not in real time set use_sim_time"
+                "deactivate and activate; a simulation that is not in real time needs use_sim_time"
             )
