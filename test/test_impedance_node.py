@@ -488,7 +488,8 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
     graph: Graph,
 ) -> None:
     arm = FeelingArm(graph, UR5)
-    process = graph.start(NAME, files=(ROOT / "config" / f"{NAME}.yaml",))
+    patient = {"max_latency": 60.0, "state_timeout": 60.0}  # the arm is played by hand
+    process = graph.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
     arm.sensor.on = False
 
     def pushed(force: float) -> None:

@@ -23,6 +23,10 @@ class SpilledIndex:
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 (it ends with the writer)
 
+    def __del__(self) -> None:
+        """Give the file back; it has no name."""
+        self._file.close()
+
     def append(self, index: ChunkIndex) -> None:
         """Take one more."""
         builder = RecordBuilder()

@@ -247,6 +247,7 @@ class ControlNode(LifecycleNode):
                 raise ConfigurationError(reason)
             scheme = self.make_scheme(self._robot, self._limits(self._params, self._robot))
         except EulerParamsError as error:
+            self._health.values.update(self.values_now())
             self._health.set(diagnostics.ERROR, f"not activated: {error}")
             return TransitionCallbackReturn.FAILURE
         options = self._params.controller_options()
