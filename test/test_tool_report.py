@@ -112,7 +112,7 @@ def test_it_is_what_the_simulated_sensor_feels(robot: str, frame: str) -> None:
 
 def test_a_malformed_inertial_is_refused() -> None:
     broken = GRIPPER.replace('<mass value="0.1"/>', '<mass value="light"/>')
-    with pytest.raises(RobotError, match="link 'finger': could not .* 'light'"):
+    with pytest.raises(RobotError, match=r"link 'finger': could not .* 'light'"):
         carried(UrdfTree(broken), "sensor")
 
 
