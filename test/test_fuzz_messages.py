@@ -216,7 +216,8 @@ def test_joint_states_are_finite_or_refused(msg: JointState, needs_velocity: boo
 def test_commands_are_finite_or_refused(msg: JointState) -> None:
     position = taken(lambda: CommandReader(JOINTS, "position").position_from_ros(msg))
     effort = taken(lambda: CommandReader(JOINTS, "torque").effort_from_ros(msg))
-    assert_possible(*(position or ()), *(() if effort is None else (effort,)))
+    for values in (*(position or ()), *(() if effort is None else (effort,))):
+        assert np.isfinite(np.square(values)).all()  # nothing overflows in the robot
 
 
 @settings(max_examples=300)

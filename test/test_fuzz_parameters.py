@@ -6,6 +6,7 @@ import re
 import typing
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ KINDS = {
     "bag_recorder": RecorderParameters,
     "identify_tool": IdentifyToolParameters,
 }
-examples = settings(max_examples=60, suppress_health_check=list(HealthCheck))
+examples = settings(max_examples=40, suppress_health_check=list(HealthCheck))
 
 WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), max_size=8)
 NUMBERS = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, math.nan, math.inf, 1e400])
@@ -63,13 +64,27 @@ def node_with(overrides: dict[str, Any], folder: Path) -> Iterator[Node]:
     file = folder / "parameters.yaml"
     content = {"/**": {"ros__parameters": overrides}}
     file.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
-    context = Context()
+    arguments = ["--ros-args", "--params-file", str(file)]
+    node = rclpy.create_node("tested", context=shared_context(), cli_args=arguments)
     try:
-        arguments = ["--ros-args", "--params-file", str(file)]
-        rclpy.init(args=arguments, context=context, domain_id=free_domain())
-        yield rclpy.create_node("tested", context=context)
+        yield node
     finally:
-        context.try_shutdown()
+        node.destroy_node()
+
+
+@cache
+def shared_context() -> Context:
+    """Return the context of all nodes: a participant of DDS for each would be too many."""
+    context = Context()
+    rclpy.init(context=context, domain_id=free_domain())
+    return context
+
+
+@pytest.fixture(scope="module", autouse=True)
+def end_of_context() -> Iterator[None]:
+    yield
+    shared_context().try_shutdown()
+    shared_context.cache_clear()
 
 
 def assert_of_their_types(found: Any) -> None:
