@@ -115,7 +115,7 @@ class Controller:
         self._tick_last: Tick | None = None
         self._tick_before: Tick | None = None
         self._stopped = False
-        self._asked = 0.0  # when a set-point came last while stopped, or it stopped [s]
+        self._stopped_at = 0.0  # [s]
         self._referred = -math.inf  # when a reference came last [s]
         self._is_defective = False
         self._trusted_from = -math.inf  # from when [s] on the steady clock states are believed
@@ -157,7 +157,7 @@ class Controller:
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
         if not self._stopped:
-            self._stopped, self._asked = True, self._time(self._now)
+            self._stopped, self._stopped_at = True, self._time(self._now)
             self._motion.hold(self.scheme.start_frame())
             self._tick_last = None
 
@@ -357,13 +357,16 @@ class Controller:
         """Return what the scheme commands, or what holds the arm, whatever went wrong."""
         if self._runs_away():
             return self._let_go(elapsed)
-        self._has_let_go = False
         try:
             command: JointCommand | None = self.stop() if self._stopped else self._tick(t)
         except Exception as error:  # a defect: nobody knows what the scheme is worth now
             self.fail_for_good(error)
             command = self._hold_after_defect()
-        return self._guarded(command, elapsed) or self._let_go(elapsed)
+        command = self._guarded(command, elapsed)
+        if command is None:
+            return self._let_go(elapsed)
+        self._has_let_go = False
+        return command
 
     def _hold_after_defect(self) -> JointCommand | None:
         """Return what holds the arm; None if the scheme cannot even say that."""
@@ -386,9 +389,7 @@ class Controller:
                 self._begin(q)  # the arm may have moved since activation
             elif self._jumps(self._motion.last, self.scheme.frame_at(q)):
                 self._begin(q)
-                self.fault = "the arm moved before the reference began; send it again"
-                self.remedy = _AGAIN
-                self.halt()
+                self.fail("the arm moved before the reference began; send it again")
             return 0.0
         dt = (t - self._t) / 1e9
         timeout = self.options.state_timeout
@@ -448,10 +449,12 @@ class Controller:
         if not (self._stopped and self.fault):
             return
         if isinstance(motion, SetPoint):
-            paused, self._asked, pause = t - self._asked, t, _PAUSE
+            paused, pause = min(since, t - self._stopped_at), _PAUSE
+        elif motion.duration < _PAUSE:
+            paused, pause = since, _SHORT_PAUSE
         else:
-            paused, pause = since, _SHORT_PAUSE if motion.duration < _PAUSE else 0.0
-        if pause > 0 and paused < pause:
+            return
+        if paused < pause:
             raise InvalidMessageError(
                 f"the arm is held ({self.fault}); references that come one after the other are "
                 f"followed again when they have paused for {pause} s"

@@ -601,6 +601,21 @@ def test_an_arm_that_is_moved_faster_than_it_may_be_is_left_to_its_brakes():
     assert "wrist_1_joint at 5.12 rad/s" in running.fault
 
 
+def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go():
+    running, t, q, dq, now = following(dynamic_control(), now=50.0)
+    tick, hold = running.scheme.tick, running.scheme.hold
+
+    def never_finite(command):
+        return command._replace(effort=command.effort * math.nan)
+
+    running.scheme.tick = lambda *a: tick(*a)._replace(command=never_finite(tick(*a).command))
+    running.scheme.hold = lambda *a: never_finite(hold(*a))
+    t_0, t = t, lets_go(running, t + MS, q, dq, now + DT)
+    assert "non-finite effort" in running.fault
+    q, now = running._q, now + (t - t_0) / 1e9
+    assert [running.step(t + k * MS, q, dq, now + k * DT) for k in range(50)] == [None] * 50
+
+
 def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
     tick, hold = running.scheme.tick, running.scheme.hold

@@ -1,5 +1,6 @@
 """What a fault is, where faults are found, and how one is at work on the messages of a topic."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, ClassVar
@@ -101,7 +102,7 @@ def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
     }
 
 
-class Stage:
+class Stage(ABC):
     """A fault at work on one topic: messages go in, and others come out.
 
     Args:
@@ -113,23 +114,17 @@ class Stage:
         self.fault = fault
         self.random = random
 
+    @abstractmethod
     def take(self, t: float, msg: Any) -> list[Any]:
         """Return what comes out at t [s], as ``msg`` goes in; ``msg`` is its own to change.
 
         What was due at t has come out before.
         """
-        if not self.fault.is_active(t) or not self._is_hit():
-            return [msg]
-        return self.change(msg)
 
     def _is_hit(self) -> bool:
         """Return whether the fault hits this message."""
         probability: float = self.fault.probability
         return probability >= 1 or float(self.random.random()) < probability
-
-    def change(self, msg: Any) -> list[Any]:
-        """Return what comes out for a message that is hit."""
-        raise NotImplementedError
 
     def due(self, t: float) -> list[Any]:
         """Return what was held back, and comes out now, at t [s]."""
@@ -139,6 +134,20 @@ class Stage:
     def next_due(self) -> float:
         """When the next message that is held back comes out [s]; infinite if there is none."""
         return _INF
+
+
+class ChangingStage(Stage):
+    """A fault that hits each message by itself, by chance."""
+
+    def take(self, t: float, msg: Any) -> list[Any]:
+        """See Stage."""
+        if not self.fault.is_active(t) or not self._is_hit():
+            return [msg]
+        return self.change(msg)
+
+    @abstractmethod
+    def change(self, msg: Any) -> list[Any]:
+        """Return what comes out for a message that is hit."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from eulerparams_control.faults.base import RobotFault, Stage, setting
+from eulerparams_control.faults.base import ChangingStage, RobotFault, Stage, setting
 from eulerparams_control.faults.fields import put_stamp, stamp_ns
 from eulerparams_control.faults.topics import FROM_ROBOT, ROBOT
 
 
-class _ClockJump(Stage):
+class _ClockJump(ChangingStage):
     def change(self, msg: Any) -> list[Any]:
         put_stamp(msg, stamp_ns(msg) + round(self.fault.by * 1e9))
         return [msg]

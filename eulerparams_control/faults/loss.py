@@ -4,10 +4,10 @@ import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from eulerparams_control.faults.base import MessageFault, Stage, setting
+from eulerparams_control.faults.base import ChangingStage, MessageFault, Stage, setting
 
 
-class _Drop(Stage):
+class _Drop(ChangingStage):
     def change(self, msg: Any) -> list[Any]:
         return []
 
@@ -20,7 +20,7 @@ class Drop(MessageFault):
     stage: ClassVar[type[Stage]] = _Drop
 
 
-class _Duplicate(Stage):
+class _Duplicate(ChangingStage):
     def change(self, msg: Any) -> list[Any]:
         return [msg, *(copy.deepcopy(msg) for _ in range(self.fault.copies))]
 

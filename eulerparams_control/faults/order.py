@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eulerparams_control.faults.base import MessageFault, Stage, setting
+from eulerparams_control.faults.base import ChangingStage, MessageFault, Stage, setting
 
 
 class _Delay(Stage):
@@ -57,7 +57,7 @@ class Delay(MessageFault):
         return self.at + self.duration + self.by
 
 
-class _Reorder(Stage):
+class _Reorder(ChangingStage):
     """Holds messages until there are ``depth``, and gives them in an order that is not theirs."""
 
     def __init__(self, fault: Any, random: np.random.Generator) -> None:

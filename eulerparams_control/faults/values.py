@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.faults.base import MessageFault, Stage, setting
+from eulerparams_control.faults.base import ChangingStage, MessageFault, Stage, setting
 from eulerparams_control.faults.fields import numbers, put_stamp, stamp_ns
 
 ANY = "random"
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
-class _Nan(Stage):
+class _Nan(ChangingStage):
     def change(self, msg: Any) -> list[Any]:
         found = numbers(msg, self.fault.field)
         if found:
@@ -52,7 +52,7 @@ class Nan(MessageFault):
             raise UnknownNameError("value of the fault 'nan'", str(self.value), known)
 
 
-class _Hold(Stage):
+class _Hold(ChangingStage):
     """Keeps the first message that is hit."""
 
     def __init__(self, fault: Any, random: np.random.Generator) -> None:
@@ -86,7 +86,7 @@ class Stuck(MessageFault):
     stamps_go_on: ClassVar[bool] = False
 
 
-class _Noise(Stage):
+class _Noise(ChangingStage):
     def change(self, msg: Any) -> list[Any]:
         for number in numbers(msg, self.fault.field):
             number.put(number.value + float(self.random.normal(0.0, self.fault.std)))

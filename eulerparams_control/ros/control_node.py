@@ -383,9 +383,8 @@ class ControlNode(LifecycleNode):
             return True
         stamp, self._unanswered = self._unanswered, None
         self.observe(t, q, dq)
-        simulated = self.get_clock().ros_time_is_active
         try:
-            command = self._controller.step(t, q, dq, None if simulated else self._came)
+            command = self._controller.step(t, q, dq, self._receipt(self._came))
         except InvalidMessageError as error:
             self._reject("joint_states", error)
             return False
@@ -399,6 +398,10 @@ class ControlNode(LifecycleNode):
         self._report.began(self._controller)
         self._say()
         return True
+
+    def _receipt(self, now: float) -> float | None:
+        """Return a time of receipt [s]; None where time is simulated, and the stamps count."""
+        return None if self.get_clock().ros_time_is_active else now
 
     def _is_heard(self) -> bool:
         """Whether as many listen to the commands as have to, or had when they began."""
@@ -425,9 +428,9 @@ class ControlNode(LifecycleNode):
                 self._robot.tip_frame,
                 self._params.reference_timeout,
             )
-            simulated = self.get_clock().ros_time_is_active
-            self._controller.follow(motion, start, None if simulated else steady())
-            self._say()
+            self._controller.follow(motion, start, self._receipt(steady()))
+            if not self._is_silent():  # then that is what has to be said
+                self._say()
         except InvalidMessageError as error:
             self._reject("reference", error)
             return
@@ -449,7 +452,7 @@ class ControlNode(LifecycleNode):
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        if self._controller is not None and not self._is_silent():
+        if self._controller is not None:
             self._report.state(self._controller, self._params.orientation)
 
     # --- supervision -------------------------------------------------------------------
@@ -523,10 +526,11 @@ class ControlNode(LifecycleNode):
 
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""
-        text = defect(error)
-        if self._controller is not None:
+        if self._controller is None:
+            self._health.set(diagnostics.ERROR, defect(error), REPORT_IT)
+        else:
             self._controller.fail_for_good(error)
-        self._health.set(diagnostics.ERROR, f"holding still: {text}", REPORT_IT)
+            self._say()
 
 
 _SIMULATED_ONLY = {
