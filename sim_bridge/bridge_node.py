@@ -28,6 +28,7 @@ from eulerparams_control.messages import ns_from_ros
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from sim_bridge.commands import Command, Commands
@@ -56,9 +57,6 @@ _LONGEST_MEMORY = 1.0
 
 # In real time, more steps than this behind the wall clock are given up, not caught up.
 _MAX_CATCH_UP = 50
-
-# What the graph says of the node of a publisher that it has just discovered.
-_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 # One of two controllers has gone when it has been silent for so long [s].
 _QUIET = 5.0
@@ -420,8 +418,8 @@ class BridgeNode(Node):
 
     def _names_of_senders(self) -> list[str]:
         """Return the names of the nodes that publish commands, one a publisher."""
-        found = self.get_publishers_info_by_topic(self._commands.topic_name)
-        return sorted(map(_name_of, found))
+        names = names_of_publishers(self, self._commands.topic_name)
+        return sorted(name or "one whose name is not known yet" for name in names)
 
     def _check(self) -> None:
         """Bring the report up to date, once a second."""
@@ -443,13 +441,6 @@ class BridgeNode(Node):
         for publisher in self.publishers:
             publisher.wait_for_all_acked(_LINGER)
         self._simulator.close()
-
-
-def _name_of(publisher: Any) -> str:
-    """Return the full name of the node of a publisher, which the graph may not know at first."""
-    if publisher.node_name == _UNKNOWN:
-        return "one whose name is not known yet"
-    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
 
 
 def main(args: list[str] | None = None) -> int:

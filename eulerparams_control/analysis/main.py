@@ -20,6 +20,7 @@ from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.analysis.topics import namespaces
 from eulerparams_control.bags.reader import Bag
+from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 
 
@@ -30,11 +31,11 @@ def main(args: list[str] | None = None) -> int:
         the exit code: 0, or 2 if a bag could not be analysed.
     """
     options = _parse(args)
-    console = Console()
+    console = make_console()
     try:
         return _analyze(options, console)
     except EulerParamsError as error:
-        _say(console, f"error: {error}", "red")
+        say(console, f"error: {error}", "red")
         return 2
     except KeyboardInterrupt:
         return 130
@@ -97,11 +98,11 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
     if options.figures:
         formats = options.figure_format or ["svg", "png"]
         written = write_figures(options.figures, digests, formats)
-        _say(console, f"{len(written)} figures: {Path(options.figures).resolve()}")
+        say(console, f"{len(written)} figures: {Path(options.figures).resolve()}")
     if not options.no_page:
         with console.status("drawing"):
             write_page(options.out, digests, "", "", first=_first(digests))
-        _say(console, f"The page: {Path(options.out).resolve()}")
+        say(console, f"The page: {Path(options.out).resolve()}")
     return 2 if failed else 0
 
 
@@ -120,9 +121,9 @@ def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest
                     digests.append(_digest(bag, arm, file, options, progress, console))
             except EulerParamsError as error:
                 failed = True
-                _say(console, f"error: {error}", "red")
+                say(console, f"error: {error}", "red")
                 if bag is not None and bag.warning:
-                    _say(console, f"warning: {bag.warning}", "yellow")
+                    say(console, f"warning: {bag.warning}", "yellow")
     return digests, failed
 
 
@@ -159,7 +160,7 @@ def _digest(
         digest = Digest.of_parts(parts, _samples(bag, namespace, options))
     progress.update(task, completed=1.0)
     if file is not None:
-        _say(console, f"The table: {file.resolve()}")
+        say(console, f"The table: {file.resolve()}")
     return digest
 
 
@@ -201,7 +202,7 @@ def _say_which_end_early(digests: list[Digest], console: Console) -> None:
     for name, digest in zip(labels(digests), digests, strict=True):
         if digest.end < 0.98 * longest:
             text = f"{name} ends at {digest.end:.3f} s, the longest run at {longest:.3f} s"
-            _say(console, f"{text}: what is called end is there", "yellow")
+            say(console, f"{text}: what is called end is there", "yellow")
 
 
 def _first(digests: list[Digest]) -> str:
@@ -217,17 +218,12 @@ def _first(digests: list[Digest]) -> str:
 
 def _warn(digest: Digest, console: Console) -> None:
     if digest.warning:
-        _say(console, f"warning: {digest.name}: {digest.warning}", "yellow")
+        say(console, f"warning: {digest.name}: {digest.warning}", "yellow")
     if "was not finished" in digest.warning:
-        _say(console, f"it was read up to {digest.end:.3f} s; bag_recorder --recover {digest.path} "
+        say(console, f"it was read up to {digest.end:.3f} s; bag_recorder --recover {digest.path} "
              "makes it whole as far as it goes", "yellow")  # fmt: skip
     if "position_error" not in digest.curves and "errors are not known" not in digest.warning:
-        _say(console, f"{digest.name}: no reference was recorded: errors are not known", "yellow")
-
-
-def _say(console: Console, text: str, style: str = "") -> None:
-    """Print one line as it is: paths and names may look like markup."""
-    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{digest.name}: no reference was recorded: errors are not known", "yellow")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from eulerparams_control.campaign.oracles import Oracle
 from eulerparams_control.campaign.outcome import Outcome, count_by_oracle
+from eulerparams_control.command_line import say
 
 _EVERY = 25  # sequences for a line, where there is no terminal
 
@@ -58,19 +59,15 @@ class Display:
             self._failed(outcome)
         is_plain = not self._console.is_terminal
         if is_plain and (self._done % _EVERY == 0 or self._done == self._total):
-            self._say(f"{self._done} of {self._total} sequences, {self._bad} failed")
+            say(self._console, f"{self._done} of {self._total} sequences, {self._bad} failed")
 
     def _failed(self, outcome: Outcome) -> None:
-        self._say(f"{outcome.plan.name}: failed", "red")
+        say(self._console, f"{outcome.plan.name}: failed", "red")
         for violation in outcome.violations:
-            self._say(f"  {violation}")
+            say(self._console, f"  {violation}")
         if outcome.error:
-            self._say(f"  could not be run: {outcome.error}")
-        self._say(f"  repeat it: {outcome.plan.repeat}")
-
-    def _say(self, text: str, style: str = "") -> None:
-        """Print a line as it is: what nodes say may look like markup."""
-        self._console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+            say(self._console, f"  could not be run: {outcome.error}")
+        say(self._console, f"  repeat it: {outcome.plan.repeat}")
 
 
 def oracle_table(outcomes: Sequence[Outcome]) -> Table:

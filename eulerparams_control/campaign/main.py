@@ -14,8 +14,8 @@ from eulerparams_control.campaign.outcome import Outcome
 from eulerparams_control.campaign.page import write_page, write_summary
 from eulerparams_control.campaign.plan import CONTROLLERS, LOCKSTEP, MODES, Plan
 from eulerparams_control.campaign.schedule import plans, plans_of_both, run_all
+from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
-from eulerparams_control.experiments.display import make_console
 
 BOTH = "both"
 SEQUENCES = 300
@@ -35,14 +35,14 @@ def main(args: list[str] | None = None) -> int:
         outcomes = _run(_plans(options), options.jobs, console)
         page = _write(outcomes, options.out)
     except EulerParamsError as error:
-        _say(console, f"error: {error}", "red")
+        say(console, f"error: {error}", "red")
         return 2
     except KeyboardInterrupt:
-        _say(console, "stopped; nothing was written", "red")
+        say(console, "stopped; nothing was written", "red")
         return 130
     console.print(oracle_table(outcomes))
-    _say(console, headline(outcomes), "bold")
-    _say(console, f"The page: {page.resolve()}")
+    say(console, headline(outcomes), "bold")
+    say(console, f"The page: {page.resolve()}")
     if any(outcome.violations for outcome in outcomes):
         return 1
     return 2 if any(outcome.error for outcome in outcomes) else 0
@@ -57,9 +57,11 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         epilog="Ends with 1 if something was found, and with 2 if a sequence could not be run.",
     )
     parser.add_argument(
-        "--sequences", type=_count, help=f"how many; default {SEQUENCES}, with --seed one each"
+        "--sequences",
+        type=whole_number(1),
+        help=f"how many; default {SEQUENCES}, with --seed one each",
     )
-    parser.add_argument("--seed", type=_whole, help="the first one; default 0")
+    parser.add_argument("--seed", type=whole_number(), help="the first one; default 0")
     parser.add_argument("--controller", choices=CONTROLLERS, help="only this one")
     parser.add_argument(
         "--mode",
@@ -70,24 +72,10 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         "--out", type=Path, default=Path("out/faults"), help="folder of the results"
     )
     cores = len(os.sched_getaffinity(0))
-    parser.add_argument("--jobs", type=_count, default=cores, help="sequences at the same time")
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=cores, help="sequences at the same time"
+    )
     return parser.parse_args(args)
-
-
-def _count(text: str) -> int:
-    if _whole(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}; expected 1 or more")
-    return int(text)
-
-
-def _whole(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text}; expected a whole number, 0 or more")
-    return value
 
 
 def _plans(options: argparse.Namespace) -> list[Plan]:
@@ -120,11 +108,6 @@ def _write(outcomes: Sequence[Outcome], out: Path) -> Path:
     except OSError as error:
         raise ConfigurationError(f"cannot write to {out}: {error.strerror}") from error
     return page
-
-
-def _say(console: Console, text: str, style: str = "") -> None:
-    """Print one line as it is: names may look like markup."""
-    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -16,17 +16,10 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from eulerparams_control.command_line import say
 from eulerparams_control.experiments.criteria import Verdict, why_nothing
 from eulerparams_control.experiments.outcome import REPORT, Outcome, groups, shown
 from eulerparams_control.experiments.schedule import Task
-
-_PLAIN_WIDTH = 110  # characters of a table where there is no terminal
-
-
-def make_console() -> Console:
-    """Return a console; where there is no terminal its lines are not cut to 80 characters."""
-    console = Console()
-    return console if console.is_terminal else Console(width=_PLAIN_WIDTH)
 
 
 class Display:
@@ -109,7 +102,7 @@ class Display:
             if key in self._runs:
                 self._progress.remove_task(self._runs.pop(key))
             if not self._console.is_terminal:
-                self._say(f"  {experiment} {variant}: {how}")
+                say(self._console, f"  {experiment} {variant}: {how}")
 
     def repeated(self, experiment: str, variant: str, why: str) -> None:
         """Take a run that counts for nothing off the screen, and say why."""
@@ -119,7 +112,7 @@ class Display:
             if key in self._runs:
                 self._progress.remove_task(self._runs.pop(key))
             text = f"  {experiment} {variant}: incomplete, to be run once more by itself: {why}"
-            self._say(Text(text, style="yellow"))
+            say(self._console, Text(text, style="yellow"))
 
     def finished(self, outcome: Outcome) -> None:
         """Say what came of an experiment."""
@@ -131,26 +124,22 @@ class Display:
             if self._details:
                 self._say_details(outcome)
             else:
-                self._say(_line(outcome))
+                say(self._console, _line(outcome))
 
     def _say_details(self, outcome: Outcome) -> None:
         name = outcome.experiment.name
-        self._say(Text.assemble((name, "bold"), f": {outcome.experiment.claim}"))
+        say(self._console, Text.assemble((name, "bold"), f": {outcome.experiment.claim}"))
         if outcome.error:
-            self._say(Text(f"error: {name}: {outcome.error}", style="red"))
+            say(self._console, Text(f"error: {name}: {outcome.error}", style="red"))
             return
         if outcome.verdicts:
             self._console.print(verdict_table(outcome.verdicts))
         else:
-            self._say(Text(why_nothing(outcome.experiment), style="yellow"))
+            say(self._console, Text(why_nothing(outcome.experiment), style="yellow"))
         for variant, t in outcome.diverged.items():
-            self._say(Text(f"{variant} diverged at {t:.3f} s", style="yellow"))
-        self._say(outcome.sentence)
-        self._say(f"The page: {(outcome.folder / REPORT).resolve()}")
-
-    def _say(self, text: str | Text) -> None:
-        """Print a line as it is: names and paths may look like markup."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+            say(self._console, Text(f"{variant} diverged at {t:.3f} s", style="yellow"))
+        say(self._console, outcome.sentence)
+        say(self._console, f"The page: {(outcome.folder / REPORT).resolve()}")
 
 
 def _line(outcome: Outcome) -> Text:

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from rich.console import Console
 
+from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.experiments.display import Display, make_console
+from eulerparams_control.experiments.display import Display
 from eulerparams_control.experiments.model import Experiment
 from eulerparams_control.experiments.outcome import Outcome
 from eulerparams_control.experiments.paper import (
@@ -44,12 +45,10 @@ def main(args: list[str] | None = None) -> int:
             return _list(console)
         outcomes = _run(options, console)
     except EulerParamsError as error:
-        console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"error: {error}", "red")
         return 2
     except KeyboardInterrupt:
-        console.print(
-            "stopped; the nodes were ended; the same command goes on from here", style="red"
-        )
+        say(console, "stopped; the nodes were ended; the same command goes on from here", "red")
         return 130
     if any(outcome.error for outcome in outcomes):
         return 2
@@ -75,12 +74,11 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="write one page of all of them; without names, the paper's claims and those beyond it",
     )
-    parser.add_argument("--jobs", type=int, default=_jobs(), help="runs at the same time")
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=_jobs(), help="runs at the same time"
+    )
     parser.add_argument("--again", action="store_true", help="run again what was run before")
-    options = parser.parse_args(args)
-    if options.jobs < 1:
-        parser.error(f"argument --jobs: {options.jobs}; expected 1 or more")
-    return options
+    return parser.parse_args(args)
 
 
 def _jobs() -> int:
@@ -117,8 +115,10 @@ def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
     experiments = [load_experiment(name) for name in names]
     twice = {e.name for e in experiments if sum(o.name == e.name for o in experiments) > 1}
     if twice:
-        raise ConfigurationError(f"named twice: {', '.join(sorted(twice))}; their results have "
-                                 "one folder: name each once")
+        raise ConfigurationError(
+            f"named twice: {', '.join(sorted(twice))}; their results have "
+            "one folder: name each once"
+        )
     return experiments
 
 
@@ -132,8 +132,8 @@ def _write_paper(out: Path, outcomes: Sequence[Outcome], console: Console) -> No
     write_paper_summary(out / "summary.json", outcomes)
     console.print(paper_table(outcomes, console.width))
     if any(number_of(outcome.experiment) for outcome in outcomes):
-        console.print(headline(outcomes), style="bold", highlight=False)
-    console.print(f"The page: {page.resolve()}", highlight=False, soft_wrap=True)
+        say(console, headline(outcomes), "bold")
+    say(console, f"The page: {page.resolve()}")
 
 
 if __name__ == "__main__":

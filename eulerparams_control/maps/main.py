@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.maps.definition import MapDefinition, load_map
 from eulerparams_control.maps.engine import Engine, engine
@@ -24,7 +25,7 @@ def main(args: list[str] | None = None) -> int:
         the exit code: 0, 2 after an error, 130 after an interrupt.
     """
     options = _parse(args)
-    console = Console()
+    console = make_console()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the workers, as Ctrl-C does
     try:
         if options.list:
@@ -37,12 +38,12 @@ def main(args: list[str] | None = None) -> int:
         page = options.out / "index.html"
         write_page(page, finished)
     except EulerParamsError as error:
-        _say(console, f"error: {error}", "red")
+        say(console, f"error: {error}", "red")
         return 2
     except KeyboardInterrupt:
-        _say(console, "stopped; what is finished is kept: run it again to go on", "red")
+        say(console, "stopped; what is finished is kept: run it again to go on", "red")
         return 130
-    _say(console, f"The page: {page.resolve()}")
+    say(console, f"The page: {page.resolve()}")
     return 0
 
 
@@ -53,24 +54,23 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument("names", nargs="*", help="of config/maps, or paths of YAML files")
     parser.add_argument("--out", type=Path, default=Path("out/map"), help="folder of the results")
     parser.add_argument(
-        "--workers", type=_count, default=2, help="processes; 0: in this one, without Dask"
+        "--workers",
+        type=whole_number(),
+        default=2,
+        help="processes; 0: in this one, without Dask",
     )
     parser.add_argument("--scheduler", default="", help="address of a Dask scheduler: tcp://...")
-    parser.add_argument("--samples", type=_count, default=0, help="how fine, in place of the YAML")
+    parser.add_argument(
+        "--samples", type=whole_number(), default=0, help="how fine, in place of the YAML"
+    )
     parser.add_argument("--quick", action="store_true", help="coarse, in seconds")
     parser.add_argument("--list", action="store_true", help="list the maps")
     return parser.parse_args(args)
 
 
-def _count(text: str) -> int:
-    if int(text) < 0:
-        raise argparse.ArgumentTypeError(f"{text}: expected 0 or more")
-    return int(text)
-
-
 def _list(console: Console) -> int:
     for name in config_names("maps"):
-        _say(console, f"{name}: {load_map(name).question}")
+        say(console, f"{name}: {load_map(name).question}")
     return 0
 
 
@@ -97,15 +97,10 @@ def _make(definition: MapDefinition, out: Path, run: Engine, console: Console) -
         pictures = definition.kind.pictures(table)
         write_pictures(folder, pictures)
     count, seconds = len(table["variant"]), time.monotonic() - started
-    _say(console, f"  {definition.name}: {count} simulations, {seconds:.1f} s")
+    say(console, f"  {definition.name}: {count} simulations, {seconds:.1f} s")
     for picture in pictures:
-        _say(console, f"  {picture.title}")
+        say(console, f"  {picture.title}")
     return Finished(definition, count, pictures)
-
-
-def _say(console: Console, text: str, style: str = "") -> None:
-    """Print one line as it is: names may look like markup."""
-    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -9,13 +9,17 @@ from eulerparams_control.errors import InvalidMessageError
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
+def names_of_publishers(node: Node, topic: str) -> list[str]:
+    """Return the full name of the node of each publisher on a topic; "" if it is not known yet."""
+    return [
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}" if info.node_name != _UNKNOWN else ""
+        for info in node.get_publishers_info_by_topic(topic)
+    ]
+
+
 def publishers_of(node: Node, topic: str) -> set[str]:
     """Return the full names of the nodes that publish on a topic, as far as they are known."""
-    return {
-        f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-        for info in node.get_publishers_info_by_topic(topic)
-        if info.node_name != _UNKNOWN
-    }
+    return set(names_of_publishers(node, topic)) - {""}
 
 
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
-from eulerparams_control.experiments.display import make_console
 from eulerparams_control.experiments.processes import Stopped
 from eulerparams_control.soak.page import write_page
 from eulerparams_control.soak.plan import CONTROLLERS, Plan
@@ -36,10 +36,10 @@ def main(args: list[str] | None = None) -> int:
         record = _soak(_plan(options), options.out, console)
         return _report(record, options.out, console)
     except EulerParamsError as error:
-        console.print(f"error: {error}", style="red", markup=False)
+        say(console, f"error: {error}", "red")
         return 2
     except (KeyboardInterrupt, Stopped):
-        console.print("stopped; nothing was written", style="red")
+        say(console, "stopped; nothing was written", "red")
         return 130
 
 
@@ -80,10 +80,8 @@ def _soak(plan: Plan, out: Path, console: Console) -> Record:
         nonlocal said
         if t - said >= _EVERY:
             said = t
-            console.print(
-                f"{t:.0f} of {plan.seconds:g} s, {len(record.unanswered)} states without a command",
-                highlight=False,
-            )
+            missing = len(record.unanswered)
+            say(console, f"{t:.0f} of {plan.seconds:g} s, {missing} states without a command")
 
     folder = out / "nodes"
     if folder.exists():
@@ -100,8 +98,8 @@ def _report(record: Record, out: Path, console: Console) -> int:
         raise ConfigurationError(f"cannot write to {out}: {error}") from error
     console.print(tables(record, verdicts))
     met = all(verdict.met for verdict in verdicts)
-    console.print(sentence(record, verdicts), style="bold" if met else "bold red", highlight=False)
-    console.print(f"The page: {(out / 'index.html').resolve()}", highlight=False)
+    say(console, sentence(record, verdicts), "bold" if met else "bold red")
+    say(console, f"The page: {(out / 'index.html').resolve()}")
     return 0 if met else 1
 
 
