@@ -1,6 +1,7 @@
 """What the executables that are no nodes share: a console, and whole numbers as options."""
 
 import argparse
+import os
 from collections.abc import Callable
 
 from rich.console import Console
@@ -10,9 +11,10 @@ _PLAIN_WIDTH = 110  # characters of a table where there is no terminal
 
 
 def make_console() -> Console:
-    """Return a console; where there is no terminal its tables are not cut to 80 characters."""
+    """Return a console; where nothing says how wide it is, it is wider than 80 characters."""
     console = Console()
-    return console if console.is_terminal else Console(width=_PLAIN_WIDTH)
+    is_known = console.is_terminal or "COLUMNS" in os.environ
+    return console if is_known else Console(width=_PLAIN_WIDTH)
 
 
 def say(console: Console, text: str | Text, style: str = "") -> None:

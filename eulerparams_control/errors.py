@@ -6,12 +6,15 @@ was wrong, what was expected, and what to do.
 """
 
 import difflib
+import re
 import traceback
 from collections.abc import Iterable
 from typing import ClassVar
 
 # A message is no longer than this.
 _LONGEST = 2000
+
+_NUMBERS = re.compile(r"[-+]?\d[\d.e+-]*")
 
 
 class EulerParamsError(Exception):
@@ -104,3 +107,8 @@ def defect(error: Exception) -> str:
     frame = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{frame.filename.rpartition('/')[2]}:{frame.lineno}"
     return f"internal error {type(error).__name__}: {error} ({where})"
+
+
+def kind_of(error: Exception) -> str:
+    """Return what an error is about, without its numbers: the same for each of many messages."""
+    return _NUMBERS.sub("", str(error).partition(":")[0])

@@ -385,8 +385,7 @@ class BridgeNode(Node):
         try:
             wrench = self._push.from_ros(msg, self._now(), has_stamps=self._is_lockstep)
         except InvalidMessageError as error:
-            self._conduct.count("external_wrench rejected")
-            self._health.complain(f"external_wrench rejected: {error}", error=True)
+            self._health.reject("external_wrench", error)
         else:
             self._simulator.set_external_wrench(wrench)
 

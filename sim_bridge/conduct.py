@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from eulerparams_control.errors import kind_of
+
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """Levels of /diagnostics."""
 
@@ -34,6 +36,9 @@ class Health(Protocol):
 
     def complain(self, message: str, *, error: bool = False, about: str = "") -> None:
         """Log a warning or an error."""
+
+    def warn(self, message: str) -> None:
+        """Warn for some seconds, where else all is well."""
 
 
 class Conduct:
@@ -92,7 +97,8 @@ class Conduct:
         text = self._rejected = str(error)[:_LONGEST]
         self._health.values["last command rejected"] = text
         self.count("commands rejected")
-        self._health.complain(f"command rejected: {text}", error=True)
+        self._health.complain(f"command rejected: {text}", error=True, about=kind_of(error))
+        self._health.warn("a command rejected")
 
     @property
     def rejected(self) -> str:

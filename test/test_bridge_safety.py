@@ -262,6 +262,9 @@ class Said:
     def complain(self, message: str, *, error: bool = False, about: str = "") -> None:
         assert message
 
+    def warn(self, message: str) -> None:
+        self.states.append((b"\x01", message))
+
 
 def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_commanded() -> None:
     health = Said()

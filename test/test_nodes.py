@@ -35,6 +35,7 @@ from rosgraph_msgs.msg import Clock
 from samples import rodrigues
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
 from tolerances import (
     BLEND_PER_TICK,
     BLENDED,
@@ -953,6 +954,44 @@ def test_reference_waits_for_as_many_subscribers_as_it_is_told(graph: Graph) -> 
     assert process.stop() == 0
 
 
+def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(graph: Graph) -> None:
+    peer, arm = graph.peer, Arm(graph, UR5)
+    motion = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
+    process = graph.start("reference", {**FRAMES, **motion})
+
+    def send() -> Trigger.Response:
+        return peer.call(Trigger, "/reference/send", Trigger.Request())
+
+    refused = send()
+    assert not refused.success
+    assert "not sent: waiting for 1 subscribers of reference, 0 are there" in refused.message
+    motions = peer.listen(MultiDOFJointTrajectory, "reference")
+    peer.status("reference", lambda s: s.message == "ready")
+    graph.until(lambda: "no valid joint_states yet" in send().message, "what is missing")
+    assert motions == []
+
+    def begun(count: int) -> bool:
+        arm.t += 1_000_000
+        arm.send(arm.message())
+        return len(motions) == count
+
+    graph.until(lambda: begun(1), "the motion of the start")
+    arm.q = arm.q + 0.1  # it is elsewhere now
+    graph.until(lambda: begun(1) and send().success, "the service")
+    graph.until(lambda: begun(2), "the motion again")
+    starts = [motion_from_ros(m, "base_link", "tool0", 0.1)[0].frames[0].p_d for m in motions]
+    for p, q in zip(starts, (HOME, HOME + 0.1), strict=True):
+        np.testing.assert_allclose(p, pose(q)[0], atol=RELATIVE)
+    assert process.stop() == 0
+
+
+def test_reference_without_a_motion_says_so_when_asked_for_it(graph: Graph) -> None:
+    process = graph.start("reference", FRAMES)
+    answer = graph.peer.call(Trigger, "/reference/send", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "not sent: the parameter motion is none")
+    assert process.stop() == 0
+
+
 # --- the bridge ------------------------------------------------------------------------------
 
 
@@ -1024,9 +1063,10 @@ def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_u
     shared_graph.until(there, "the motion to the goal")
     status = peer.status(name, lambda s: "no command for 0.1 s: braked" in s.message)
     assert status.level == b"\x02"
-    commands.publish(good)
-    status = peer.status(name, lambda s: s.message == "commanded")
-    assert status.level == b"\x00"
+    warned = peer.status(name, lambda s: "rejected" in s.message, lambda: commands.publish(bad))
+    assert warned.level != b"\x00"
+    obeys = peer.status(name, lambda s: s.message == "commanded", lambda: commands.publish(good))
+    assert obeys.level == b"\x00"
 
 
 def test_a_robot_whose_controller_dies_while_it_moves_brakes(

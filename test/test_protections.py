@@ -470,7 +470,11 @@ def test_a_reference_that_is_not_finite_anywhere_is_refused_and_the_motion_goes_
     commands = arm.ticks(100)
     assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)
     assert np.abs(arm.dq).max() > MOVES
-    node.status(lambda s: s.message.endswith("following a reference"))
+    warned = node.status(lambda s: s.message.endswith("following a reference; reference rejected"))
+    assert warned.level == b"\x01"
+    assert "non-finite" in values(warned)["last rejected"]
+    later = node.status(lambda s: s.message.endswith("following a reference"))
+    assert later.level == b"\x00"  # there was none any more
 
 
 def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to_rest(

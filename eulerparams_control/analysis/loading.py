@@ -19,6 +19,7 @@ from eulerparams_control.analysis.impedances import impedance_node
 from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.queues import LATEST, Ends, Queue
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.reports import Report, within
 from eulerparams_control.analysis.rows import Rows, joined
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topics import namespaces, topics
@@ -118,6 +119,7 @@ class _Reader:
         self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
         self._displacements: dict[str, Any] = {}
         self._start: int | None = None
+        self._reports: list[Report] = []  # of this part
 
     # --- what the bag says of itself ----------------------------------------------------
 
@@ -250,6 +252,7 @@ class _Reader:
             return
         if last:
             self._check_the_ends(measured)
+        self._reports = self._parsers.reports.take(measured.sent, t, last)
         whole = self._recording(measured, taken, own, frames)
         inside = self._within(measured)
         if inside is measured:
@@ -386,6 +389,7 @@ class _Reader:
             before=self._displacements if before is None else before,
             options=self._orientation,
             began=self._start or 0,
+            reports=within(self._reports, self._options.start, self._options.end),
         )
 
     def _sensed(self, found: Rows | None) -> SensorSeries | None:

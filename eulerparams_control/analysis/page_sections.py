@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.figures import Panels
 from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.page_tables import criteria, key, named_key, numbers, parameters
+from eulerparams_control.analysis.page_tables import (
+    criteria,
+    key,
+    named_key,
+    numbers,
+    parameters,
+    reports,
+)
 from eulerparams_control.analysis.plots import Panel, prediction_dash
 from eulerparams_control.analysis.replay import Replay
 from eulerparams_control.analysis.replay_view import replay_section
@@ -56,6 +63,7 @@ def body(
     sections = {
         **({"Criteria": judged} if judged else {}),
         **{group: "".join(map(_panel, panels)) for group, panels in drawn.groups.items()},
+        **({"Reports": said} if (said := reports(digests)) else {}),
         "Numbers": numbers(digests, rows),
         "Parameters": parameters(digests),
     }

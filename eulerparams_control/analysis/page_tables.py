@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from eulerparams_control.experiments.criteria import Verdict
 
 _DIGITS = '<button type="button" class="digits" aria-pressed="false">all digits</button>'
+_REPORTS = '<p class="note">What the nodes said on /diagnostics, each time that it changed.</p>'
 _NO_NODE = ""  # of a parameter in a run without its node
 _DASHES = {"solid": "none", "dash": "7 4", "dot": "3 3", "dashdot": "8 3 3 3"}
 _LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
@@ -61,6 +62,30 @@ def numbers(digests: Sequence[Digest], rows: Sequence[Row]) -> str:
         _row(f"<th>{escape(row.title)}</th>" + "".join(_number_cells(row))) for row in rows
     )
     return _with_digits(_table(head, body, "named"))
+
+
+def reports(digests: Sequence[Digest]) -> str:
+    """Return what the nodes of each run said, when it changed; "" if nothing was recorded."""
+    parts = [
+        f'<h3 class="run">{name}</h3>{_reports(digest)}'
+        for name, digest in zip(run_names(digests), digests, strict=True)
+        if digest.reports
+    ]
+    return "".join([_REPORTS, *parts]) if parts else ""
+
+
+def _reports(digest: Digest) -> str:
+    head = _head(["time [s]", "node", "state", "message", "what to do"], numbers=(0,))
+    body = "".join(
+        _row(
+            f'<td class="number">{report.t:.3f}</td><td>{_breakable(report.node)}</td>'
+            f'<td class="whole">{report.level}</td>'
+            + _cells((report.message, report.remedy), "value"),
+            f"said-{report.level}",
+        )
+        for report in digest.reports
+    )
+    return _table(head, body, "reports")
 
 
 def _number_cells(row: Row) -> Iterator[str]:

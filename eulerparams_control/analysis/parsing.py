@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis import rows
 from eulerparams_control.analysis.desired import NO_START
 from eulerparams_control.analysis.queues import LATEST, Parse
+from eulerparams_control.analysis.reports import Reports
 from eulerparams_control.analysis.rows import Rows
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
@@ -33,6 +34,7 @@ class Parsers:
         trajectories: references that are no set-points, by time of sending [ns].
         began: stamps [ns] at which a controller said that a reference began, by the time of
             sending of the news.
+        reports: what its nodes said of themselves.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class Parsers:
         self._namespace = namespace
         self.trajectories: dict[int, Trajectory] = {}
         self.began: dict[int, int] = {}
+        self.reports = Reports()
         self._said: set[str] = set()
 
     def all(self) -> dict[str, Parse]:
@@ -124,7 +127,7 @@ class Parsers:
         return [Rows(np.array([start]), np.array([sent]), frame.columns)]
 
     def _diagnostics(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
-        """Remember when a controller said that a reference began."""
+        """Keep what the nodes say, and when a controller said that a reference began."""
         invalid = 0
         for message in messages:
             try:
@@ -134,7 +137,9 @@ class Parsers:
                 continue
             for status in decoded.status:
                 if f"/{status.name}".rpartition("/")[0] == self._namespace:
-                    self._note(status, message.publish_time or message.log_time)
+                    sent = message.publish_time or message.log_time
+                    self._note(status, sent)
+                    self.reports.add(status, sent)
         return [], invalid
 
     def _note(self, status: Any, sent: int) -> None:

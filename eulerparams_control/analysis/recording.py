@@ -6,7 +6,7 @@
 Needs no ROS.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -21,6 +21,7 @@ from eulerparams_control.analysis.controllers import options_of
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedance_run import ImpedanceRun, impedance_run
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
+from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.errors import BagError
@@ -55,6 +56,7 @@ class Recording:
         before: displacements, by representation, before the first instant of a later part of a run.
         options: of the representation; None: as the parameters say.
         began: [ns] stamp of the first joint_states of the recording.
+        reports: what its nodes said of themselves.
     """
 
     path: Path
@@ -73,6 +75,7 @@ class Recording:
     before: Mapping[str, Any] = field(default_factory=dict, repr=False)
     options: OrientationOptions | None = None
     began: int = 0
+    reports: Sequence[Report] = ()
 
     @classmethod
     def load(

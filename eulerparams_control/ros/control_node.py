@@ -47,9 +47,6 @@ from eulerparams_control.supervision.clock import steady
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
 
-# Of the reason why a message was rejected, so much is shown in /diagnostics.
-_LONGEST_REASON = 300
-
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
 
@@ -361,7 +358,7 @@ class ControlNode(LifecycleNode):
         try:
             self._measured = self._reader.from_ros(msg)
         except InvalidMessageError as error:
-            self._reject("joint_states", error)
+            self._health.reject("joint_states", error)
             return
         before, self._valid = self._valid, self._came
         self._report.meter.state(self._measured[0], self._came)
@@ -386,7 +383,7 @@ class ControlNode(LifecycleNode):
         try:
             command = self._controller.step(t, q, dq, self._receipt(self._came))
         except InvalidMessageError as error:
-            self._reject("joint_states", error)
+            self._health.reject("joint_states", error)
             return False
         self._received = self._came
         if command is not None:
@@ -432,15 +429,10 @@ class ControlNode(LifecycleNode):
             if not self._is_silent():  # then that is what has to be said
                 self._say()
         except InvalidMessageError as error:
-            self._reject("reference", error)
+            self._health.reject("reference", error)
             return
         self._reference_stamp = ns_from_ros(msg.header.stamp)
         self._answer()
-
-    def _reject(self, topic: str, error: EulerParamsError) -> None:
-        self._health.count(f"{topic} rejected")
-        self._health.values["last rejected"] = f"{topic}: {str(error)[:_LONGEST_REASON]}"
-        self._health.complain(f"{topic} rejected: {error}", error=True, about=topic)
 
     def _report_tick(self, t: int, controller: Controller) -> None:
         """Report the last tick, now and then."""

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from eulerparams_control.errors import kind_of
 from eulerparams_control.supervision.clock import steady
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -16,6 +17,12 @@ _REPEAT_SECONDS = 5.0
 
 # So many complaints are remembered.
 _REMEMBERED = 20
+
+# What passes, such as a rejected message, is a warning for so long [s].
+_PASSES = 3.0
+
+# Of the reason why a message was rejected, so much is shown.
+_LONGEST_REASON = 300
 
 
 class Health:
@@ -34,6 +41,7 @@ class Health:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._level, self._message, self._remedy = WARN, "starting", ""
         self._since = steady()
+        self._passing, self._passed = "", 0.0
         self._logged: dict[str, float] = {}
         self.values: dict[str, str | int | float] = {}
         self.check: Callable[[], None] = lambda: None
@@ -85,6 +93,23 @@ class Health:
         else:
             self._node.get_logger().warning(message)
 
+    def warn(self, message: str) -> None:
+        """Warn for some seconds, where else all is well."""
+        self._passing, self._passed = message, steady() + _PASSES
+
+    def reject(self, topic: str, error: Exception) -> None:
+        """Count a message that cannot be used, say why, and warn for some seconds."""
+        what = f"{topic} rejected"
+        self.count(what)
+        self.values["last rejected"] = f"{topic}: {str(error)[:_LONGEST_REASON]}"
+        self.complain(f"{what}: {error}", error=True, about=f"{topic} {kind_of(error)}")
+        self.warn(what)
+
+    @property
+    def message(self) -> str:
+        """What the state says."""
+        return self._message
+
     def count(self, name: str) -> None:
         """Add one to a counter."""
         self.values[name] = int(self.values.get(name, 0)) + 1
@@ -94,10 +119,13 @@ class Health:
         state: dict[str, str | int | float] = {"in this state for [s]": steady() - self._since}
         if self._remedy:
             state["what to do"] = self._remedy
+        level, message = self._level, self._message
+        if level == OK and self._passing and steady() < self._passed:
+            level, message = WARN, f"{message}; {self._passing}"
         status = DiagnosticStatus(
-            level=self._level,
+            level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
-            message=self._message,
+            message=message,
             hardware_id="",
             values=[KeyValue(key=k, value=_text(v)) for k, v in (state | self.values).items()],
         )

@@ -197,8 +197,7 @@ class IdentifyToolNode(Node):
 
     def _reject(self, topic: str, error: InvalidMessageError) -> None:
         self._refused = f"{topic} rejected: {error}"
-        self._health.count(f"{topic} rejected")
-        self._health.complain(self._refused, error=True, about=topic)
+        self._health.reject(topic, error)
 
     def _on_pose(self, pose: Pose) -> None:
         """Say what was taken; end when it is enough."""

@@ -127,7 +127,7 @@ class ImpedanceControlNode(ControlNode):
             self._input.take(msg, self._placement(msg.header.frame_id))
         except InvalidMessageError as error:
             self._input.refuse(msg)
-            self._reject("wrench", error)
+            self._health.reject("wrench", error)
         self._answer()
 
     def _placement(self, frame_id: str) -> Placement:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
@@ -93,7 +94,7 @@ class ReferenceParameters:
 
 
 class ReferenceNode(Node):
-    """Sends one motion when its subscribers are there, and one for each target pose."""
+    """Sends one motion when its subscribers are there, again when asked, and to target poses."""
 
     def __init__(self) -> None:
         super().__init__("reference")
@@ -116,6 +117,7 @@ class ReferenceNode(Node):
 
     def _subscribe(self) -> None:
         self.create_subscription(PoseStamped, "target_pose", self._on_target_pose, QOS)
+        self.create_service(Trigger, "~/send", self._on_send)
         self.create_subscription(
             JointState,
             "joint_states",
@@ -149,13 +151,11 @@ class ReferenceNode(Node):
     def _present_pose(self) -> DesiredFrame | None:
         """Return the pose of the arm measured last, None while there is none."""
         if self._robot is None or not self._latest:
-            self._health.complain("no robot description or joint_states yet")
             return None
         try:
             _, q, dq = self._reader.from_ros(deserialize_message(self._latest, JointState))
         except InvalidMessageError as error:
-            self._health.count("joint_states rejected")
-            self._health.complain(f"joint_states rejected: {error}", error=True)
+            self._health.reject("joint_states", error)
             return None
         state = self._robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
@@ -163,12 +163,12 @@ class ReferenceNode(Node):
     def _on_target_pose(self, msg: PoseStamped) -> None:
         pose = self._present_pose()
         if self._robot is None or pose is None:
+            self._health.complain("target_pose refused: no robot description or joint_states yet")
             return
         try:
             p, R = pose_from_ros(msg, self._robot.base_frame)
         except InvalidMessageError as error:
-            self._health.count("target_pose rejected")
-            self._health.complain(f"target_pose rejected: {error}", error=True)
+            self._health.reject("target_pose", error)
             return
         if self._publisher.get_subscription_count() == 0:
             self._health.complain("target_pose refused: nobody follows the topic reference")
@@ -176,12 +176,8 @@ class ReferenceNode(Node):
         try:
             self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
         except ConfigurationError as error:
-            self._health.count("target_pose rejected")
-            self._health.complain(
-                f"target_pose rejected: its motion would take {error} at linear_speed and "
-                "angular_speed",
-                error=True,
-            )
+            why = f"its motion would take {error} at linear_speed and angular_speed"
+            self._health.reject("target_pose", ConfigurationError(why))
 
     def _duration(self, pose: DesiredFrame, p: Array, R: Array) -> float:
         """Return the time [s] of a motion at the speeds wanted."""
@@ -195,23 +191,37 @@ class ReferenceNode(Node):
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
-        enough = self._publisher.get_subscription_count() >= self._params.wait_for_subscribers
-        if self._pending and self._robot is not None and not enough:
-            self._health.complain(
-                f"waiting for {self._params.wait_for_subscribers} subscribers of reference, "
-                f"{self._publisher.get_subscription_count()} are there",
-                about="subscribers",
-            )
-        if not self._pending or self._robot is None or not enough:
+        if not self._pending or self._robot is None:
             return
+        if reason := self._send_motion():
+            self._health.complain(reason, about="motion")
+        else:
+            self._pending = False
+
+    def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Send the motion of the parameters again, as after a fault; a circle begins anew here."""
+        reason = self._send_motion()
+        response.success = not reason
+        response.message = f"not sent: {reason}" if reason else self._health.message
+        self._pending = self._pending and bool(reason)
+        return response
+
+    def _send_motion(self) -> str:
+        """Send the motion of the parameters; return why it cannot be sent, "" if it was."""
+        there, wanted = self._publisher.get_subscription_count(), self._params.wait_for_subscribers
+        if self._params.motion == "none":
+            return "the parameter motion is none"
+        if self._robot is None:
+            return "no robot description yet"
+        if there < wanted:
+            return f"waiting for {wanted} subscribers of reference, {there} are there"
         if self._way_points is not None:
             self._send(self._way_points)
+        elif (pose := self._present_pose()) is None:
+            return "no valid joint_states yet"
         else:
-            pose = self._present_pose()
-            if pose is None:
-                return
             self._send(self._params.circle().trajectory(pose.p_d, pose.R_d))
-        self._pending = False
+        return ""
 
     def _send(self, trajectory: Trajectory) -> None:
         assert self._robot is not None

@@ -81,7 +81,8 @@ def _soak(plan: Plan, out: Path, console: Console) -> Record:
         if t - said >= _EVERY:
             said = t
             missing = len(record.unanswered)
-            say(console, f"{t:.0f} of {plan.seconds:g} s, {missing} states without a command")
+            done = f"{t:.0f} of {plan.seconds:g} s" if t >= 0 else "warming up"
+            say(console, f"{done}, {missing} states without a command")
 
     folder = out / "nodes"
     if folder.exists():
