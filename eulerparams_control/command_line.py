@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Callable
 
 from rich.console import Console
@@ -12,9 +13,8 @@ _PLAIN_WIDTH = 110  # characters of a table where there is no terminal
 
 def make_console() -> Console:
     """Return a console; where nothing says how wide it is, it is wider than 80 characters."""
-    console = Console()
-    is_known = console.is_terminal or "COLUMNS" in os.environ
-    return console if is_known else Console(width=_PLAIN_WIDTH)
+    is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return Console(width=None if is_known else _PLAIN_WIDTH)
 
 
 def say(console: Console, text: str | Text, style: str = "") -> None:

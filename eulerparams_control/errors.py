@@ -14,7 +14,8 @@ from typing import ClassVar
 # A message is no longer than this.
 _LONGEST = 2000
 
-_NUMBERS = re.compile(r"[-+]?\d[\d.e+-]*")
+# What differs between messages that are wrong in the same way: names, lists, numbers.
+_QUOTED = re.compile(r"'[^']*'|\[[^]]*\]|[-+]?\d[\d.e+-]*")
 
 
 class EulerParamsError(Exception):
@@ -110,5 +111,5 @@ def defect(error: Exception) -> str:
 
 
 def kind_of(error: Exception) -> str:
-    """Return what an error is about, without its numbers: the same for each of many messages."""
-    return _NUMBERS.sub("", str(error).partition(":")[0])
+    """Return what an error is about, without what it quotes: the same for many messages."""
+    return _QUOTED.sub("", re.split("[:;]", str(error), maxsplit=1)[0])

@@ -128,6 +128,10 @@ BEGAN = "reference began at [ns]"
 """Key in /diagnostics of the stamp at which a controller began to follow a trajectory."""
 
 
+REMEDY = "what to do"
+"""Key in /diagnostics of what is to be done about the state."""
+
+
 class JointStateReader(_JointReader):
     """Reads the measured state of the active joints from joint_states.
 

@@ -1063,8 +1063,13 @@ def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_u
     shared_graph.until(there, "the motion to the goal")
     status = peer.status(name, lambda s: "no command for 0.1 s: braked" in s.message)
     assert status.level == b"\x02"
-    warned = peer.status(name, lambda s: "rejected" in s.message, lambda: commands.publish(bad))
-    assert warned.level != b"\x00"
+
+    def send_both() -> None:
+        commands.publish(good)
+        commands.publish(bad)
+
+    warned = peer.status(name, lambda s: s.message == "commanded; a command rejected", send_both)
+    assert warned.level == b"\x01"
     obeys = peer.status(name, lambda s: s.message == "commanded", lambda: commands.publish(good))
     assert obeys.level == b"\x00"
 

@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
-from synthetic_runs import PERIOD_NS, write_run
+from synthetic_runs import write_run
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import Options, blocks
@@ -20,6 +20,8 @@ from eulerparams_control.bags.format import Topic
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATES = 100  # of a run, one every 10 ms
 HOLDING = "holding still: <b>the arm</b> is blocked"
+
+LATE_NS = 60_000_000  # by which messages of one node overtake those of another
 
 type Saying = tuple[float, str, bytes, str, str]
 """When [s] a node says what, with which level, and what to do."""
@@ -36,8 +38,10 @@ STORY: Sequence[Saying] = (
 NEW = [STORY[0], STORY[2], STORY[3], STORY[5], STORY[6]]
 
 
-def write_story(folder: Path, story: Sequence[Saying], namespace: str = "") -> Path:
-    """Write a run in which nodes said something; return its folder."""
+def write_story(
+    folder: Path, story: Sequence[Saying], namespace: str = "", late: str = ""
+) -> Path:
+    """Write a run in which nodes said something, one of them came late; return its folder."""
     plain = write_run(folder / "plain", [0.01 * k for k in range(STATES)])
     sayings = []
     for t, name, level, message, remedy in story:
@@ -46,14 +50,15 @@ def write_story(folder: Path, story: Sequence[Saying], namespace: str = "") -> P
             name=namespace + name, level=level, message=message, values=values
         )
         data = bytes(serialize_message(DiagnosticArray(status=[status])))
-        sayings.append(("/diagnostics", START + round(t * 1e9), data))
-    others = [(m.topic, m.log_time, m.data) for m in Bag(plain).read_raw()]
+        sent = START + round(t * 1e9)
+        sayings.append(("/diagnostics", sent + LATE_NS * (name == late), sent, data))
+    others = [(m.topic, m.log_time, m.publish_time, m.data) for m in Bag(plain).read_raw()]
     with BagWriter(folder / "run") as bag:
         for topic, info in Bag(plain).topics.items():
             bag.add_topic(Topic(topic, info.type))
         bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
-        for topic, at, data in sorted([*others, *sayings], key=lambda one: one[1]):
-            bag.write(topic, data, at, at)
+        for topic, came, sent, data in sorted([*others, *sayings], key=lambda one: one[1]):
+            bag.write(topic, data, came, sent)
     return folder / "run"
 
 
@@ -68,16 +73,35 @@ def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path: Path) -
     assert list(Digest.of(run).reports) == told(NEW)
 
 
-@pytest.mark.parametrize("size", [2, 7, 30, 99])
-def test_in_parts_it_is_told_as_in_one(tmp_path: Path, size: int) -> None:
-    digest = Digest.of_parts(blocks(write_story(tmp_path, STORY), size=size))
+@pytest.mark.parametrize("size", [2, 7, 20, 30, 99])
+@pytest.mark.parametrize("late", ["", "clik", "fault_injector"])
+def test_in_parts_it_is_told_as_in_one(tmp_path: Path, size: int, late: str) -> None:
+    digest = Digest.of_parts(blocks(write_story(tmp_path, STORY, late=late), size=size))
     assert list(digest.reports) == told(NEW)
 
 
 def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path: Path) -> None:
     path = write_story(tmp_path, STORY)
-    (part,) = blocks(path, Options(start=0.25, end=0.65))
-    assert list(part.reports) == told(NEW[2:4])
+    for size in (0, 10):
+        parts = blocks(path, Options(start=0.25, end=0.65), size=size)
+        # and what was said last before it
+        assert [one for part in parts for one in part.reports] == told(NEW[:4])
+    (part,) = blocks(path, Options(start=0.65))
+    assert list(part.reports) == told(NEW[2:])
+
+
+def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path: Path) -> None:
+    first = write_story(tmp_path / "1", STORY)
+    with BagWriter(tmp_path / "run") as bag:
+        for topic, info in Bag(first).topics.items():
+            bag.add_topic(Topic(topic, info.type))
+        for shift in (0, 2_000_000_000):  # the same stamps again
+            for m in Bag(first).read_raw():
+                bag.write(m.topic, m.data, m.log_time + shift, m.publish_time + shift)
+    for size in (0, 30):
+        digest = Digest.of_parts(blocks(tmp_path / "run", size=size))
+        assert "jump back" in digest.warning
+        assert list(digest.reports) == told(NEW)
 
 
 def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_path: Path) -> None:
@@ -86,15 +110,67 @@ def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_pat
     assert list(run.reports) == told([before, *NEW, after])
 
 
-def test_the_nodes_of_another_arm_are_not_told(tmp_path: Path) -> None:
-    assert not Recording.load(write_story(tmp_path, STORY, "right/")).reports
+def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path: Path) -> None:
+    plain = write_run(tmp_path / "plain", [0.0] * 30)
+    with BagWriter(tmp_path / "both") as bag:
+        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
+        for side in ("/left", "/right"):
+            for name, info in Bag(plain).topics.items():
+                bag.add_topic(Topic(side + name, info.type))
+        for m in Bag(plain).read_raw():
+            for side in ("/left", "/right"):
+                bag.write(side + m.topic, m.data, m.log_time, m.publish_time)
+        for name in ("left/clik", "/left/tool/camera", "right/clik", "fault_injector"):
+            status = DiagnosticStatus(name=name, level=OK, message="here")
+            data = bytes(serialize_message(DiagnosticArray(status=[status])))
+            bag.write("/diagnostics", data, START, START)
+    for side, names in (
+        ("/left", ["/left/tool/camera", "fault_injector", "left/clik"]),
+        ("/right", ["fault_injector", "right/clik"]),
+    ):
+        run = Recording.load(tmp_path / "both", namespace=side)
+        assert sorted(report.node for report in run.reports) == names
 
 
-def test_what_flickers_is_told_up_to_a_number_and_texts_to_a_length(tmp_path: Path) -> None:
-    story = [(1e-3 * k, "clik", WARN, f"{k} {'x' * 1000}", "") for k in range(_MOST + 50)]
-    reports = Recording.load(write_story(tmp_path, story)).reports
-    assert len(reports) == _MOST
-    assert all(len(report.message) == _LONGEST for report in reports)
+def test_a_name_with_a_slash_before_it_is_told_in_a_bag_without_namespaces(tmp_path: Path) -> None:
+    run = Recording.load(write_story(tmp_path, STORY[:1], "/"))
+    assert [report.node for report in run.reports] == ["/clik"]
+
+
+def test_of_what_flickers_the_first_and_the_last_are_told_and_all_errors_of_others(
+    tmp_path: Path,
+) -> None:
+    count = 2 * _MOST + 30
+    story = [(1e-3 * k, "clik", WARN, f"{k}", "") for k in range(count)]
+    story.insert(_MOST + 10, (0.0605, "clik", ERROR, "the fault", ""))
+    story.insert(_MOST + 20, (0.0705, "pybullet_bridge", ERROR, "braked", ""))
+    for size in (0, 5):
+        digest = Digest.of_parts(blocks(write_story(tmp_path / f"{size}", story), size=size))
+        messages = [report.message for report in digest.reports if report.level == "warning"]
+        assert messages == [f"{k}" for k in (*range(_MOST), *range(count - _MOST, count))]
+        errors = [report.message for report in digest.reports if report.level == "error"]
+        assert errors == ["the fault", "braked"]
+        assert digest.reports_left_out == count - 2 * _MOST
+    page = tmp_path / "page.html"
+    write_page(page, [digest], "", "")
+    assert "30 more are left out" in page.read_text(encoding="utf-8")
+
+
+def test_texts_are_cut_to_a_length_and_printable(tmp_path: Path) -> None:
+    story = [(0.1, "n" * 5000, WARN, "a\x1b\nb" + "x" * 1000, "y" * 1000)]
+    (report,) = Recording.load(write_story(tmp_path, story)).reports
+    for text in (report.node, report.message, report.remedy):
+        assert len(text) == _LONGEST
+        assert text.endswith(" ...")
+    assert report.message.startswith("a  bx")
+
+
+def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_path: Path) -> None:
+    story = [(0.1, "clik", WARN, "waits", remedy) for remedy in ("one", "two")]
+    run = Recording.load(write_story(tmp_path / "1", story))
+    assert [report.remedy for report in run.reports] == ["one", "two"]
+    run = Recording.load(write_story(tmp_path / "2", [(0.1, "clik", b"\x07", "odd", "")]))
+    assert [report.level for report in run.reports] == ["level 7"]
 
 
 def test_the_page_tells_it_as_text(tmp_path: Path) -> None:
@@ -104,7 +180,7 @@ def test_the_page_tells_it_as_text(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     row = text[text.index('<tr class="said-error">') :]
     row = row[: row.index("</tr>")]
-    assert '<td class="number">0.304</td><td>clik</td>' in row
+    assert '<td class="number">0.304</td><td class="node">clik</td>' in row
     assert "holding still: &lt;b&gt;the arm&lt;/b&gt; is blocked" in row
     assert "send the reference again" in row
     assert text.count('<tr class="said-') == len(NEW)
@@ -115,4 +191,3 @@ def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) ->
     page = tmp_path / "page.html"
     write_page(page, [digest], "", "")
     assert "Reports</h2>" not in page.read_text(encoding="utf-8")
-    assert STATES * PERIOD_NS == 1e9  # the story is within the run

@@ -27,7 +27,7 @@ from eulerparams_control.analysis.poles import (
 )
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Report
+from eulerparams_control.analysis.reports import Kept, Report
 from eulerparams_control.orientation import EulerSequence
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array
@@ -94,7 +94,8 @@ class Digest:
         numbers: of the table, by their place in it; None where not recorded.
         track: for the replay.
         namespace: of the arm; "" if it has none.
-        reports: what its nodes said of themselves.
+        reports: what its nodes said of themselves; of one that said very much not all.
+        reports_left_out: how many they are less.
     """
 
     path: Path
@@ -116,6 +117,7 @@ class Digest:
     track: Track = field(repr=False)
     namespace: str = ""
     reports: Sequence[Report] = ()
+    reports_left_out: int = 0
 
     @property
     def name(self) -> str:
@@ -152,7 +154,7 @@ class _Making:
         self._approaches: list[Approach] = []
         self._poles: list[tuple[float, float]] = []
         self._singular: list[tuple[float, float]] = []
-        self._reports: list[Report] = []
+        self._reports = Kept()
         self._start = math.inf
 
     def add(self, part: Recording, share: float) -> None:
@@ -167,7 +169,7 @@ class _Making:
         self._approaches.append(approach(part))
         self._poles += near_pole(part)
         self._singular += near_singular(part)
-        self._reports += part.reports
+        self._reports.add(part.reports)
         self._start = min(self._start, float(part.leading.t[0]))
         self._last = part
 
@@ -209,7 +211,8 @@ class _Making:
             together(self._numbers),
             Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
             last.namespace,
-            self._reports,
+            self._reports.all(),
+            self._reports.left_out,
         )
 
 

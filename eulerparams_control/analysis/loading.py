@@ -19,7 +19,7 @@ from eulerparams_control.analysis.impedances import impedance_node
 from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.queues import LATEST, Ends, Queue
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Report, within
+from eulerparams_control.analysis.reports import Report, Reports
 from eulerparams_control.analysis.rows import Rows, joined
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topics import namespaces, topics
@@ -110,7 +110,11 @@ class _Reader:
         self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
-        self._parsers = Parsers(bag, self._topics, self._robot, self._namespace)
+        others = set(namespaces(bag, options.names)) - {self._namespace}
+        self._reports = Reports(options.start, options.end)
+        self._parsers = Parsers(
+            bag, self._topics, self._robot, self._namespace, others, self._reports
+        )
         self._desired = DesiredFrames(self._lasting(), self._measured_pose)
         self._pending: Rows | None = None  # references that have not begun
         self._end_of_part = -math.inf
@@ -119,7 +123,7 @@ class _Reader:
         self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
         self._displacements: dict[str, Any] = {}
         self._start: int | None = None
-        self._reports: list[Report] = []  # of this part
+        self._told: list[Report] = []  # what nodes said in this part
 
     # --- what the bag says of itself ----------------------------------------------------
 
@@ -224,6 +228,7 @@ class _Reader:
         self._jumped = True
         for queue in self._messages.values():
             queue.drop_after(jumped)
+        self._reports.drop_after(jumped)
 
     # --- a part -------------------------------------------------------------------------
 
@@ -252,7 +257,7 @@ class _Reader:
             return
         if last:
             self._check_the_ends(measured)
-        self._reports = self._parsers.reports.take(measured.sent, t, last)
+        self._told = self._reports.take(measured.sent, t, last)
         whole = self._recording(measured, taken, own, frames)
         inside = self._within(measured)
         if inside is measured:
@@ -389,7 +394,7 @@ class _Reader:
             before=self._displacements if before is None else before,
             options=self._orientation,
             began=self._start or 0,
-            reports=within(self._reports, self._options.start, self._options.end),
+            reports=self._told,
         )
 
     def _sensed(self, found: Rows | None) -> SensorSeries | None:

@@ -68,7 +68,7 @@ def body(
         "Parameters": parameters(digests),
     }
     anchors = {title: f"section-{index}" for index, title in enumerate(sections)}
-    closed = list(drawn.groups)[_OPEN:]
+    closed = [*list(drawn.groups)[_OPEN:], "Reports"]
     parts = [
         _section(anchors[title], title, content, title not in closed)
         for title, content in sections.items()

@@ -10,6 +10,7 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import colour, dash, labels
 from eulerparams_control.analysis.table import MISSING, Row
 from eulerparams_control.analysis.text import quantity
+from eulerparams_control.messages import REMEDY
 
 if TYPE_CHECKING:
     from eulerparams_control.experiments.criteria import Verdict
@@ -75,17 +76,19 @@ def reports(digests: Sequence[Digest]) -> str:
 
 
 def _reports(digest: Digest) -> str:
-    head = _head(["time [s]", "node", "state", "message", "what to do"], numbers=(0,))
+    head = _head(["time [s]", "node", "state", "message", REMEDY], numbers=(0,))
     body = "".join(
         _row(
-            f'<td class="number">{report.t:.3f}</td><td>{_breakable(report.node)}</td>'
-            f'<td class="whole">{report.level}</td>'
+            f'<td class="number">{report.t:.3f}</td>'
+            f'<td class="node">{escape(report.node)}</td><td class="whole">{report.level}</td>'
             + _cells((report.message, report.remedy), "value"),
-            f"said-{report.level}",
+            f"said-{report.level}" if report.level in ("ok", "warning") else "said-error",
         )
         for report in digest.reports
     )
-    return _table(head, body, "reports")
+    left = digest.reports_left_out
+    rest = f'<p class="note">{left} more are left out: a node said very much.</p>' if left else ""
+    return _table(head, body, "reports") + rest
 
 
 def _number_cells(row: Row) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """From the messages of an arm to rows of numbers, topic by topic."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -29,22 +29,28 @@ class Parsers:
         topics: of the arm, by what they are called here.
         robot: the arm.
         namespace: of its nodes.
+        others: namespaces of other arms in the bag.
+        reports: takes what its nodes say of themselves.
 
     Attributes:
         trajectories: references that are no set-points, by time of sending [ns].
         began: stamps [ns] at which a controller said that a reference began, by the time of
             sending of the news.
-        reports: what its nodes said of themselves.
     """
 
     def __init__(
-        self, bag: Bag, topics: Mapping[str, str], robot: Robot, namespace: str
+        self,
+        bag: Bag,
+        topics: Mapping[str, str],
+        robot: Robot,
+        namespace: str,
+        others: Collection[str],
+        reports: Reports,
     ) -> None:
         self._bag, self._topics, self._robot = bag, topics, robot
-        self._namespace = namespace
+        self._namespace, self._others, self._reports = namespace, others, reports
         self.trajectories: dict[int, Trajectory] = {}
         self.began: dict[int, int] = {}
-        self.reports = Reports()
         self._said: set[str] = set()
 
     def all(self) -> dict[str, Parse]:
@@ -135,11 +141,13 @@ class Parsers:
             except BagError:
                 invalid += 1
                 continue
+            sent = message.publish_time or message.log_time
             for status in decoded.status:
-                if f"/{status.name}".rpartition("/")[0] == self._namespace:
-                    sent = message.publish_time or message.log_time
+                of = f"/{status.name.lstrip('/')}".rpartition("/")[0]
+                if of == self._namespace:
                     self._note(status, sent)
-                    self.reports.add(status, sent)
+                if not any(of == other or of.startswith(f"{other}/") for other in self._others):
+                    self._reports.add(status, sent)
         return [], invalid
 
     def _note(self, status: Any, sent: int) -> None:

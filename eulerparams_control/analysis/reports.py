@@ -1,20 +1,20 @@
 """What the nodes of an arm said of themselves on /diagnostics, each time that it changed."""
 
-from collections.abc import Sequence
+import math
+from collections import deque
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.messages import REMEDY
 from eulerparams_control.rotations import Array
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
 
-REMEDY = "what to do"
-"""The key under which a node says what to do."""
-
-_MOST = 500  # of a run: what flickers is not told to the end
+_MOST = 50  # first, and as many last, reports of a node that are shown; its errors count apart
 _LONGEST = 400  # characters of a text
 
 
@@ -22,9 +22,9 @@ class Report(NamedTuple):
     """What a node said when its state changed.
 
     Attributes:
-        t: [s] of the run; before its first and after its last state by the clock of the recorder.
+        t: [s] of the run, by the clocks of who sent this and joint_states.
         node: its name.
-        level: a name of ``LEVELS``.
+        level: a name of ``LEVELS``, or its number.
         message: what happened.
         remedy: what to do; "" if it did not say.
     """
@@ -37,26 +37,38 @@ class Report(NamedTuple):
 
 
 class Reports:
-    """Takes what nodes say, and keeps what is new."""
+    """Takes what nodes say, and gives what is new in each part of a run.
 
-    def __init__(self) -> None:
-        self._said: dict[str, tuple[str, str]] = {}
+    Args:
+        start, end: [s] of the run that is looked at.
+    """
+
+    def __init__(self, start: float = 0.0, end: float = math.inf) -> None:
+        self._start, self._end = start if start > 0 else -math.inf, end
+        self._said: dict[str, Report] = {}
         self._new: list[tuple[int, Report]] = []
-        self._count = 0
+        self._before: dict[str, Report] = {}  # the last of each node before the start
+        self._until = math.inf  # [ns]
 
     def add(self, status: Any, sent: int) -> None:
         """Take a DiagnosticStatus that was sent at a time [ns]."""
-        level, message = _level(status.level), str(status.message)[:_LONGEST]
-        is_new = message and self._said.get(status.name) != (level, message)
-        if not is_new or self._count == _MOST:
-            return
-        self._said[status.name] = level, message
-        self._count += 1
-        remedy = next((v.value for v in status.values if v.key == REMEDY), "")[:_LONGEST]
-        self._new.append((sent, Report(0.0, str(status.name), level, message, remedy)))
+        remedy = next((value.value for value in status.values if value.key == REMEDY), "")
+        texts = map(_short, (status.name, status.message, remedy))
+        node, message, remedy = texts
+        report = Report(0.0, node, _level(status.level), message, remedy)
+        if message and self._said.get(node) != report and sent < self._until:
+            self._said[node] = report
+            self._new.append((sent, report))
+
+    def drop_after(self, sent: int) -> None:
+        """Forget what was sent at that time [ns] or later, also what is added yet."""
+        self._until = min(self._until, sent)
+        self._new = [one for one in self._new if one[0] < self._until]
 
     def take(self, sent: NDArray[np.int64], t: Array, last: bool) -> list[Report]:
-        """Return what was said up to the last state of a part, with its time, and forget it.
+        """Return what was said up to the last state of a part, in its order, and forget it.
+
+        What a node had said last before the start is told as well.
 
         Args:
             sent: (N,) [ns] when the states of the part were sent.
@@ -66,19 +78,51 @@ class Reports:
         order = np.argsort(sent, kind="stable")
         sent, t = sent[order], t[order]
         now = [one for one in self._new if last or one[0] <= sent[-1]]
-        self._new = self._new[len(now) :] if not last else []
-        return [report._replace(t=_time(at, sent, t)) for at, report in now]
+        self._new = [] if last else [one for one in self._new if one[0] > sent[-1]]
+        told = sorted(report._replace(t=_time(at, sent, t)) for at, report in now)
+        self._before |= {report.node: report for report in told if report.t < self._start}
+        if t[-1] < self._start:
+            return []
+        earlier, self._before = sorted(self._before.values()), {}
+        return earlier + [report for report in told if self._start <= report.t <= self._end]
 
 
-def within(reports: Sequence[Report], start: float, end: float) -> list[Report]:
-    """Return what was said from ``start`` to ``end`` [s]; from 0 on is with what came before."""
-    return [one for one in reports if (start <= one.t or start <= 0) and one.t <= end]
+class Kept:
+    """The reports of a run that are shown: of a node that flickers the first and the last."""
+
+    def __init__(self) -> None:
+        self._first: dict[tuple[str, bool], list[Report]] = {}
+        self._last: dict[tuple[str, bool], deque[Report]] = {}
+        self.left_out = 0
+
+    def add(self, reports: Iterable[Report]) -> None:
+        """Take the reports of the next part."""
+        for report in reports:
+            key = report.node, report.level in ("ok", "warning")
+            first = self._first.setdefault(key, [])
+            last = self._last.setdefault(key, deque(maxlen=_MOST))
+            if len(first) < _MOST:
+                first.append(report)
+            else:
+                self.left_out += len(last) == _MOST
+                last.append(report)
+
+    def all(self) -> list[Report]:
+        """Return them in their order."""
+        parts = (*self._first.values(), *self._last.values())
+        return sorted((report for part in parts for report in part), key=lambda one: one.t)
+
+
+def _short(text: str) -> str:
+    """Return a text from outside, printable and not too long."""
+    text = "".join(c if c.isprintable() else " " for c in text[: _LONGEST + 1])
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."
 
 
 def _level(value: Any) -> str:
     number = value[0] if isinstance(value, bytes) and value else value
     known = isinstance(number, int) and 0 <= number < len(LEVELS)
-    return LEVELS[number] if known else LEVELS[-1]
+    return LEVELS[number] if known else f"level {number}"
 
 
 def _time(at: int, sent: NDArray[np.int64], t: Array) -> float:

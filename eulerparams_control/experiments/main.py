@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
+from rich.text import Text
 
 from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
@@ -89,7 +90,7 @@ def _jobs() -> int:
 def _list(console: Console) -> int:
     for name in config_names("experiments"):
         experiment = load_experiment(name)
-        console.print(f"[bold]{name}[/bold]  {experiment.claim}", highlight=False)
+        say(console, Text.assemble((name, "bold"), f"  {experiment.claim}"))
     return 0
 
 

@@ -1,5 +1,6 @@
 """What a node reports on /diagnostics: counters, events, its health; 1 Hz and at changes."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -8,6 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from eulerparams_control.errors import kind_of
+from eulerparams_control.messages import REMEDY
 from eulerparams_control.supervision.clock import steady
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -41,7 +43,7 @@ class Health:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._level, self._message, self._remedy = WARN, "starting", ""
         self._since = steady()
-        self._passing, self._passed = "", 0.0
+        self._passing: dict[str, float] = {}  # warnings, and until when they last
         self._logged: dict[str, float] = {}
         self.values: dict[str, str | int | float] = {}
         self.check: Callable[[], None] = lambda: None
@@ -95,7 +97,10 @@ class Health:
 
     def warn(self, message: str) -> None:
         """Warn for some seconds, where else all is well."""
-        self._passing, self._passed = message, steady() + _PASSES
+        is_new = steady() >= self._passing.get(message, -math.inf)
+        self._passing[message] = steady() + _PASSES
+        if is_new:
+            self.publish()
 
     def reject(self, topic: str, error: Exception) -> None:
         """Count a message that cannot be used, say why, and warn for some seconds."""
@@ -118,10 +123,11 @@ class Health:
         """Publish the state now."""
         state: dict[str, str | int | float] = {"in this state for [s]": steady() - self._since}
         if self._remedy:
-            state["what to do"] = self._remedy
+            state[REMEDY] = self._remedy
         level, message = self._level, self._message
-        if level == OK and self._passing and steady() < self._passed:
-            level, message = WARN, f"{message}; {self._passing}"
+        passing = sorted(text for text, until in self._passing.items() if steady() < until)
+        if level == OK and passing:
+            level, message = WARN, "; ".join([message, *passing])
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),

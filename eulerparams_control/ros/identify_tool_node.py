@@ -17,6 +17,7 @@ from rich.text import Text
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from eulerparams_control.command_line import make_console
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
@@ -255,7 +256,7 @@ class IdentifyToolNode(Node):
 
     def finish(self) -> int:
         """Print, and write, what the poses taken say; return the exit code."""
-        console = Console()
+        console = make_console()
         try:
             self._finish(console)
         except EulerParamsError as error:

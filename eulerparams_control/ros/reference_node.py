@@ -29,6 +29,8 @@ from eulerparams_control.way_points import FORMATS, parse_way_points
 # To read so many points takes a controller some 50 ms, in which it commands nothing.
 _MANY = 1000
 
+_NO_ROBOT = "no robot description yet"
+
 MOTIONS = ("none", "way_points", "circle")
 
 
@@ -110,6 +112,7 @@ class ReferenceNode(Node):
         self._robot: Robot | None = None
         self._goal: DesiredFrame | None = None  # end of the last motion
         self._latest = b""
+        self._sent = 0
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
         self._health.set(diagnostics.OK, "waiting for a robot description")
         self._subscribe()
@@ -148,22 +151,25 @@ class ReferenceNode(Node):
     def _on_joint_states(self, serialized: bytes) -> None:
         self._latest = serialized  # read when a motion starts from it
 
-    def _present_pose(self) -> DesiredFrame | None:
-        """Return the pose of the arm measured last, None while there is none."""
-        if self._robot is None or not self._latest:
-            return None
+    def _present_pose(self) -> DesiredFrame | str:
+        """Return the pose of the arm measured last, or why there is none."""
+        if self._robot is None:
+            return _NO_ROBOT
+        if not self._latest:
+            return "no valid joint_states yet"
         try:
             _, q, dq = self._reader.from_ros(deserialize_message(self._latest, JointState))
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
-            return None
+            self._latest = b""
+            return "no valid joint_states"
         state = self._robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
 
     def _on_target_pose(self, msg: PoseStamped) -> None:
         pose = self._present_pose()
-        if self._robot is None or pose is None:
-            self._health.complain("target_pose refused: no robot description or joint_states yet")
+        if self._robot is None or isinstance(pose, str):
+            self._health.reject("target_pose", ConfigurationError(str(pose)))
             return
         try:
             p, R = pose_from_ros(msg, self._robot.base_frame)
@@ -171,7 +177,8 @@ class ReferenceNode(Node):
             self._health.reject("target_pose", error)
             return
         if self._publisher.get_subscription_count() == 0:
-            self._health.complain("target_pose refused: nobody follows the topic reference")
+            nobody = ConfigurationError("nobody follows the topic reference")
+            self._health.reject("target_pose", nobody)
             return
         try:
             self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
@@ -207,18 +214,21 @@ class ReferenceNode(Node):
         return response
 
     def _send_motion(self) -> str:
-        """Send the motion of the parameters; return why it cannot be sent, "" if it was."""
+        """Send the motion of the parameters; return why it was not sent, "" if it was.
+
+        Whether it is followed, the controller says.
+        """
         there, wanted = self._publisher.get_subscription_count(), self._params.wait_for_subscribers
         if self._params.motion == "none":
             return "the parameter motion is none"
         if self._robot is None:
-            return "no robot description yet"
+            return _NO_ROBOT
         if there < wanted:
             return f"waiting for {wanted} subscribers of reference, {there} are there"
         if self._way_points is not None:
             self._send(self._way_points)
-        elif (pose := self._present_pose()) is None:
-            return "no valid joint_states yet"
+        elif isinstance(pose := self._present_pose(), str):
+            return pose
         else:
             self._send(self._params.circle().trajectory(pose.p_d, pose.R_d))
         return ""
@@ -233,9 +243,11 @@ class ReferenceNode(Node):
             )
         self._publisher.publish(msg)
         self._goal = trajectory.frames[-1]
+        self._sent += 1
+        number = f", number {self._sent}" if self._sent > 1 else ""
         self._health.set(
             diagnostics.OK,
-            f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points",
+            f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}",
         )
 
     def close(self) -> None:

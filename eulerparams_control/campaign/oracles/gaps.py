@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.campaign.record import OK, Command, Record, State
+from eulerparams_control.campaign.record import ERROR, OK, Command, Record, State
 
 # A position, or speed, of a first command that is the measured one, or zero [rad], [rad/s].
 _SAME = 1e-6
@@ -105,7 +105,7 @@ class SaysSilence(Oracle):
     """Who hears no valid states says so."""
 
     name: ClassVar[str] = "says so"
-    claim: ClassVar[str] = f"without valid joint_states for {_SAYS} s, /diagnostics is not OK"
+    claim: ClassVar[str] = f"without valid joint_states for {_SAYS} s, /diagnostics says an error"
 
     def check(self, record: Record) -> list[Violation]:
         """Return the silences of which it says nothing."""
@@ -114,8 +114,9 @@ class SaysSilence(Oracle):
             times = [s.t for s in record.states if s.is_valid and start <= s.t <= end]
             for before, after in zip(times, [*times[1:], end], strict=False):
                 t = before + _SAYS + record.jitter
-                if after > t and self._level(record, t) == OK:
-                    found.append(self.violation(t, f"{_SAYS} s without states, and it is OK"))
+                if after > t and self._level(record, t) != ERROR:
+                    words = f"{_SAYS} s without states, and it says no error"
+                    found.append(self.violation(t, words))
         return found
 
     def _level(self, record: Record, t: float) -> int:
