@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tolerances import HELD, LAW_IN_A_NODE
 
 from eulerparams_control.catalogue import load_robot
+from eulerparams_control.experiments.domains import clear_leftovers
 from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.robot import DynamicState, Robot, RobotState, Tool
 
@@ -81,23 +82,26 @@ def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
 
 
-def assert_holds(command: Any, q: Any) -> None:
-    """Assert that a command keeps the arm at rest at q (n,), where it is."""
+def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
+    """Assert that a command keeps the arm at rest at q (n,), where it is to ``within`` [rad]."""
     if command.effort:
         gravity = MODEL.dynamic_state(np.array(q), np.zeros(len(q))).g
         np.testing.assert_allclose(command.effort, gravity, rtol=0, atol=HOLDING_EFFORT)
     else:
-        np.testing.assert_allclose(command.position, q, rtol=0, atol=HELD)
+        np.testing.assert_allclose(command.position, q, rtol=0, atol=within)
         np.testing.assert_allclose(command.velocity, 0, rtol=0, atol=LAW_IN_A_NODE)
 
 
-def assert_may_stay(command: Any, arm: "Arm") -> None:
-    """Assert that a command is one to stay: it holds the position, or bears the weight only."""
+def assert_may_stay(command: Any, arm: "Arm", within: float = HELD) -> None:
+    """Assert that a command is one to stay: it holds the position, or bears the weight only.
+
+    The position is that of the arm to ``within`` [rad].
+    """
     if command.effort:
         state = MODEL.dynamic_state(arm.q, 0.0 * arm.q)
         np.testing.assert_allclose(command.effort, state.g, atol=HOLDING_EFFORT)
     else:
-        assert_holds(command, arm.q)
+        assert_holds(command, arm.q, within)
 
 
 def free_domain() -> int:
@@ -123,6 +127,7 @@ def reserve_domain() -> tuple[int, socket.socket]:
             except OSError:
                 reserved.close()
                 continue
+            clear_leftovers(domain)
             return domain, reserved
     raise AssertionError("no ROS domain of the tests is free")
 

@@ -86,6 +86,29 @@ def test_a_domain_in_which_any_participant_is_left_is_not_free(participant: int)
             domain.release()
 
 
+@pytest.mark.usefixtures("_few")
+def test_what_killed_processes_left_of_a_domain_is_removed_and_that_of_others_is_not(
+    tmp_path: Path,
+) -> None:
+    names = ("fastrtps_port{}", "fastrtps_port{}_el", "sem.fastrtps_port{}_mutex")
+    ends = {port: {name.format(port) for name in names} for port in (32899, 32900, 33149, 33150)}
+    for name in set().union(*ends.values()):
+        (tmp_path / name).touch()
+    domains.clear_leftovers(102, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == ends[32899] | ends[33150]
+
+
+@pytest.mark.usefixtures("_few")
+def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory() -> None:
+    left = [domains._SHARED_MEMORY / f"fastrtps_port{7649 + 250 * d}" for d in range(101, 105)]
+    for path in left:
+        path.touch()
+    held = [Domain() for _ in range(4)]
+    assert not any(path.exists() for path in left)
+    for domain in held:
+        domain.release()
+
+
 # --- records ---------------------------------------------------------------------------------
 
 MAKING = Making("definition", "code")

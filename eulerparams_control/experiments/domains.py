@@ -4,16 +4,24 @@ Domain d has the UDP ports 7400 + 250 d and up; its first participant takes 7410
 ones every second port after it, and all listen to 7400 + 250 d (RTPS 9.6.1.1).  A domain is free
 if all of these can be bound.  The nodes of a run take them only when they start, so the run also
 holds a name, of the same network namespace as the ports, until it ends.
+
+Fast DDS also has shared memory by the numbers of the ports.  A process that is killed leaves it
+behind, rarely locked for ever: the next participant with that number would hang where it is made.
+So what is left in a domain that nobody uses is removed.
 """
 
 import os
 import socket
+from contextlib import suppress
+from pathlib import Path
 
 from eulerparams_control.errors import ConfigurationError
 
 DOMAINS = range(1, 100)
 """Those whose ports stay below what Linux gives to outgoing connections."""
 
+_PORTS = 250  # of a domain
+_SHARED_MEMORY = Path("/dev/shm")
 _PARTICIPANTS = 12  # of a domain, at most: more nodes than any run has
 _NAME = "\0eulerparams_control_domain_{}"  # abstract: it goes with the process that holds it
 
@@ -30,6 +38,7 @@ class Domain:
             self.number = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
             self._held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             if _bind(self._held, _NAME.format(self.number)) and _is_quiet(self.number):
+                clear_leftovers(self.number)
                 return
             self._held.close()
         raise ConfigurationError(
@@ -42,9 +51,22 @@ class Domain:
         self._held.close()
 
 
+def clear_leftovers(domain: int, folder: Path = _SHARED_MEMORY) -> None:
+    """Remove the ports in shared memory of a domain that nobody uses."""
+    for port in range(_first_port(domain), _first_port(domain + 1)):
+        names = (f"fastrtps_port{port}", f"fastrtps_port{port}_el", f"fastrtps_port{port}_sl")
+        for name in (*names, f"sem.fastrtps_port{port}_mutex"):
+            with suppress(OSError):  # there is none, or it is somebody else's
+                (folder / name).unlink()
+
+
+def _first_port(domain: int) -> int:
+    return 7400 + _PORTS * domain
+
+
 def _is_quiet(domain: int) -> bool:
     """Return whether no participant of a domain runs on this machine."""
-    first = 7400 + 250 * domain
+    first = _first_port(domain)
     ports = [first, *range(first + 10, first + 10 + 2 * _PARTICIPANTS, 2)]
     for port in ports:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
