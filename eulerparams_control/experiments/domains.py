@@ -6,8 +6,8 @@ if all of these can be bound.  The nodes of a run take them only when they start
 holds a name, of the same network namespace as the ports, until it ends.
 
 Fast DDS also has shared memory by the numbers of the ports.  A process that is killed leaves it
-behind, rarely locked for ever: the next participant with that number would hang where it is made.
-So what is left in a domain that nobody uses is removed.
+behind; where it was killed while it made it, the next participant with that number waits for the
+rest for ever.  So what is left in a domain that nobody uses is removed.
 """
 
 import os
