@@ -144,14 +144,21 @@ def stamp(message: Any) -> float:
     return ns_from_ros(message.header.stamp) / 1e9
 
 
-def since_the_restart(messages: list[Any]) -> list[Any]:
-    """Return the messages of the new robot or of answers to it: its stamps begin anew.
+class Newcomer:
+    """Tells the messages of a new robot, or the answers to it, from what is late of the old one.
 
-    One publisher's messages keep their order, so what was late of the old robot comes before.
+    The stamps of the new one begin anew.  Messages may overtake each other by a little, so they are
+    told apart by half the life of the old one.
     """
-    stamps = np.array([stamp(message) for message in messages])
-    restarts = np.flatnonzero(np.diff(stamps) < 0) + 1
-    return messages[restarts[-1] :] if restarts.size else []
+
+    def __init__(self, messages: list[Any]) -> None:
+        self._messages, self._count = messages, len(messages)
+        self._half = stamp(messages[-1]) / 2
+
+    def first(self) -> Any:
+        """Return its first message; None as long as there is none."""
+        new = (m for m in self._messages[self._count :] if stamp(m) < self._half)
+        return next(new, None)
 
 
 def assert_begins_at_rest(command: Any, state: Any, at: float = BEGINS_AT) -> None:
@@ -234,6 +241,7 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
     assert before <= stamp(cell.states[-1])  # nothing was commanded beyond the last state
     assert cell.nodes[name].exit_code is None
     since = len(cell.said(name))
+    commands, states = Newcomer(cell.commands), Newcomer(cell.states)
     cell.start(BRIDGE)
 
     def is_home() -> bool:
@@ -241,9 +249,8 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
 
     cell.graph.until(is_home, "the new robot")
     cell.until_said(name, "holding the measured pose, after a", since)
-    first = cell.graph.until(lambda: since_the_restart(cell.commands)[:1], "its first command")[0]
-    seen = cell.graph.until(lambda: since_the_restart(cell.states)[:1], "its first state")[0]
-    assert_begins_at_rest(first, seen, SINKS)
+    first = cell.graph.until(commands.first, "the first command to it")
+    assert_begins_at_rest(first, cell.graph.until(states.first, "its first state"), SINKS)
     cell.goes_on(cell.commands, count=30)
     assert is_home()  # it is held there
     assert any("commanded" in status.message for status in cell.said(BRIDGE))
