@@ -8,7 +8,6 @@ import itertools
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from tolerances import HELD, LAW_IN_A_NODE
 
 from eulerparams_control.catalogue import load_robot
-from eulerparams_control.experiments.domains import clear_leftovers
+from eulerparams_control.experiments.domains import Domain
 from eulerparams_control.motion import DesiredFrame, Trajectory
 from eulerparams_control.robot import DynamicState, Robot, RobotState, Tool
 
@@ -106,30 +105,9 @@ def assert_may_stay(command: Any, arm: "Arm", within: float = HELD) -> None:
 
 def free_domain() -> int:
     """Return a domain that nobody uses now."""
-    domain, reserved = reserve_domain()
-    reserved.close()
-    return domain
-
-
-def reserve_domain() -> tuple[int, socket.socket]:
-    """Return a domain that nobody uses, and what reserves it among the tests until it is closed.
-
-    The port of the first participant, 7410 + 250 d (RTPS 9.6.1.1), is free; it is taken only
-    when a node starts, and another run of the tests would find it free until then.
-    """
-    for offset in range(len(DOMAINS)):
-        domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
-        reserved = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                reserved.bind(f"\0eulerparams_control_tests_{domain}")
-                probe.bind(("", 7410 + 250 * domain))
-            except OSError:
-                reserved.close()
-                continue
-            clear_leftovers(domain)
-            return domain, reserved
-    raise AssertionError("no ROS domain of the tests is free")
+    domain = Domain(DOMAINS)
+    domain.release()
+    return domain.number
 
 
 def environment(folder: Path, domain: int) -> dict[str, str]:
@@ -201,7 +179,8 @@ class Graph:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.domain, self._reserved = reserve_domain()
+        self._domain = Domain(DOMAINS)
+        self.domain = self._domain.number
         self.processes: list[Process] = []
         self._peer: Peer | None = None
         self._numbers = itertools.count()
@@ -214,7 +193,7 @@ class Graph:
             process.kill()
         if self._peer is not None:
             self._peer.close()
-        self._reserved.close()
+        self._domain.release()
 
     @property
     def peer(self) -> "Peer":

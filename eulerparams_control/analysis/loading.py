@@ -1,7 +1,7 @@
 """From a bag to recordings: all at once, or one part after the other in bounded memory."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from os import PathLike
@@ -103,14 +103,15 @@ class _Reader:
 
     def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
         self._bag, self._options, self._progress = bag, options, progress
-        self._namespace = _namespace(bag, options)
+        arms = namespaces(bag, options.names)
+        self._namespace = _namespace(bag, arms, options.namespace)
         self._topics = topics(bag, self._namespace, options.names)
         self._parameters = _parameters(bag, self._namespace)
         self._said: dict[str, None] = {}  # warnings, an ordered set
         self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
-        others = set(namespaces(bag, options.names)) - {self._namespace}
+        others = set(arms) - {self._namespace}
         self._reports = Reports(options.start, options.end)
         self._parsers = Parsers(
             bag, self._topics, self._robot, self._namespace, others, self._reports
@@ -447,14 +448,14 @@ class _Reader:
         return "; ".join([*found, *self._said])
 
 
-def _namespace(bag: Bag, options: Options) -> str:
-    found = namespaces(bag, options.names)
-    if options.namespace is not None and options.namespace in found:
-        return options.namespace
-    if options.namespace is None and len(found) == 1:
-        return found[0]
+def _namespace(bag: Bag, arms: Sequence[str], wanted: str | None) -> str:
+    """Return the namespace of the arm that is wanted, or of the only one."""
+    if wanted is not None and wanted in arms:
+        return wanted
+    if wanted is None and len(arms) == 1:
+        return arms[0]
     raise BagError(
-        f"{bag.path} has the arms {', '.join(name or '(without a namespace)' for name in found)}; "
+        f"{bag.path} has the arms {', '.join(name or '(without a namespace)' for name in arms)}; "
         "choose one of them with --namespace"
     )
 

@@ -53,8 +53,7 @@ class Reports:
     def add(self, status: Any, sent: int) -> None:
         """Take a DiagnosticStatus that was sent at a time [ns]."""
         remedy = next((value.value for value in status.values if value.key == REMEDY), "")
-        texts = map(_short, (status.name, status.message, remedy))
-        node, message, remedy = texts
+        node, message, remedy = map(_short, (status.name, status.message, remedy))
         report = Report(0.0, node, _level(status.level), message, remedy)
         if message and self._said.get(node) != report and sent < self._until:
             self._said[node] = report

@@ -29,20 +29,24 @@ _NAME = "\0eulerparams_control_domain_{}"  # abstract: it goes with the process 
 class Domain:
     """A domain that nobody else has, until it is released.
 
+    Args:
+        numbers: those that it may have; None is ``DOMAINS``.
+
     Raises:
         ConfigurationError: if none is free.
     """
 
-    def __init__(self) -> None:
-        for offset in range(len(DOMAINS)):
-            self.number = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
+    def __init__(self, numbers: range | None = None) -> None:
+        numbers = numbers or DOMAINS
+        for offset in range(len(numbers)):
+            self.number = numbers[(os.getpid() + offset) % len(numbers)]
             self._held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             if _bind(self._held, _NAME.format(self.number)) and _is_quiet(self.number):
                 clear_leftovers(self.number)
                 return
             self._held.close()
         raise ConfigurationError(
-            f"no ROS domain from {DOMAINS[0]} to {DOMAINS[-1]} is free on this machine; end what "
+            f"no ROS domain from {numbers[0]} to {numbers[-1]} is free on this machine; end what "
             "runs in them"
         )
 
