@@ -23,6 +23,7 @@ from eulerparams_control.experiments.faulty_run import record_faulty, turn
 from eulerparams_control.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.experiments.processes import Nodes
 from eulerparams_control.experiments.records import Making, Record, Run
+from eulerparams_control.faults import FROM_ROBOT
 from eulerparams_control.motion import DesiredFrame
 from eulerparams_control.robot import Robot
 from eulerparams_control.rotations import Array, exp
@@ -254,16 +255,16 @@ def _simulated(log: str) -> float:
 
 
 def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -> float:
-    """Return the last stamp [s]; raise BagError unless each state and its answers are there.
+    """Return the last stamp [s]; raise BagError unless all of the robot and its answers are there.
 
     A run that diverged ends where it did, and its last state may have no answer.
     """
-    answers = CONTROLLERS[settings.controller].answers
-    found = _stamps(bag, ["/joint_states", *(f"/{name}" for name in answers)])
+    answers = [f"/{name}" for name in CONTROLLERS[settings.controller].answers]
+    found = _stamps(bag, [*(f"/{name}" for name in FROM_ROBOT), *answers])
     end = max(found["/joint_states"], default=0) / 1e9 if diverged else settings.duration
     expected = round(end * rate) + 1
     for topic, stamps in found.items():
-        least = expected - (diverged and topic != "/joint_states")
+        least = expected - (diverged and topic in answers)
         if not least <= len(stamps) <= expected:
             kind = IncompleteBagError if len(stamps) < least else BagError
             raise kind(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
