@@ -97,6 +97,7 @@ class Cell:
     def kill(self, name: str) -> None:
         assert self.nodes[name].exit_code is None
         self.nodes.pop(name).kill()
+        self.graph.peer.catch_up()  # what is received from now on was sent after its death
 
     def restart(self, name: str) -> None:
         self.kill(name)
@@ -104,11 +105,16 @@ class Cell:
 
     def move(self) -> None:
         """Let the arm go along the circle, if it does not."""
-        self.graph.until(lambda: self.said(self.controller), "a status of the controller")
-        if "following" not in self.said(self.controller)[-1].message or not self.is_moving:
+        self.graph.peer.catch_up()
+        status = self.until_said(self.controller, "", len(self.said(self.controller)))
+        if "following" not in status.message or not self.is_moving:
             if "reference" in self.nodes:
                 self.kill("reference")
+            since = len(self.said("reference"))
             self.start("reference")
+            # an arm that moves still does not tell that its new motion has begun
+            self.until_said("reference", "sent a motion", since)
+            self.until_said(self.controller, "following", len(self.said(self.controller)))
         self.graph.until(lambda: self.is_moving, "motion")
         for process in self.nodes.values():
             assert process.exit_code is None, process.log
@@ -130,7 +136,8 @@ class Cell:
         return self.graph.until(found, f"{name} saying '{words}'")
 
     def goes_on(self, messages: list[Any], count: int = 20) -> None:
-        """Wait for more of some messages."""
+        """Wait for more of some messages, beside those that wait already."""
+        self.graph.peer.catch_up()
         before = len(messages)
         self.graph.until(lambda: len(messages) >= before + count, "more messages")
 
@@ -211,6 +218,7 @@ def test_without_the_controller_the_robot_brakes_and_its_successor_begins_withou
     since, graph = len(cell.said(BRIDGE)), cell.graph
     cell.kill(cell.controller)
     status = cell.until_said(BRIDGE, f"no command for {COMMAND_TIMEOUT} s: braked", since)
+    graph.peer.catch_up()
     assert status.level == b"\x02"
     assert "see whether the controller is alive" in values(status)["what to do"]
     graph.until(lambda: np.abs(cell.states[-1].velocity).max() < STANDS, "standstill")
@@ -242,6 +250,7 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
     status = cell.until_said(name, "no valid joint_states within", since)
     assert status.level == b"\x02"
     assert "no commands" in status.message
+    cell.graph.peer.catch_up()
     before = stamp(cell.commands[-1])
     assert before <= stamp(cell.states[-1])  # nothing was commanded beyond the last state
     assert cell.nodes[name].exit_code is None
@@ -270,18 +279,24 @@ def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chu
     cell.start("bag_recorder")
     cell.move()
     cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
-    begun = stamp(cell.states[-1])
+
+    def recorded() -> list[float]:
+        bag = Bag(tmp_path / "bag")
+        known = "/joint_states" in bag.topics  # else none has come yet
+        return [stamp(m.message) for m in bag.messages(["/joint_states"])] if known else []
+
+    # the robot learns of its recorder when it does, not when the recorder says that it records
+    begun = cell.graph.until(recorded, "the first states in the bag")[0]
     cell.goes_on(cell.states, count=150)
     cell.kill("bag_recorder")
     killed = stamp(cell.states[-1])
     cell.goes_on(cell.states)
     cell.goes_on(cell.commands)
-    bag = Bag(tmp_path / "bag")
-    assert bag.truncated
-    stamps = [stamp(m.message) for m in bag.messages(["/joint_states"])]
+    assert Bag(tmp_path / "bag").truncated
+    stamps = recorded()
     steps = np.diff(stamps)
     np.testing.assert_allclose(steps, 1 / RATE, rtol=0, atol=1e-9)  # none is missing in between
-    assert stamps[0] <= begun + LOST
+    assert stamps[0] == begun
     assert stamps[-1] >= killed - LOST
     recovered = recover(tmp_path / "bag")
     assert recovered.messages >= len(stamps)
