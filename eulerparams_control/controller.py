@@ -17,6 +17,7 @@ from eulerparams_control.errors import (
     UnsafeCommandError,
     defect,
 )
+from eulerparams_control.messages import FOLLOWING
 from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
 from eulerparams_control.rotations import Array, angle_between
 from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
@@ -26,7 +27,6 @@ from eulerparams_control.supervision.runaway import AT_REST, Runaway
 from eulerparams_control.supervision.states import StateCheck
 
 _HOLDING = "holding the measured pose"
-_FOLLOWING = "following a reference"
 _LEFT_ALONE = "holding the last desired pose: the set-points have stopped"
 
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
@@ -225,7 +225,7 @@ class Controller:
             self._motion.hold(here)
         self._motion.follow(motion, start)
         self._waiting = self._stopped = False
-        self.doing, self.fault, self.remedy = _FOLLOWING, "", ""
+        self.doing, self.fault, self.remedy = FOLLOWING, "", ""
 
     def step(self, t: int, q: Array, dq: Array, now: float | None = None) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.

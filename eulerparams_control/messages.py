@@ -131,6 +131,9 @@ BEGAN = "reference began at [ns]"
 REMEDY = "what to do"
 """Key in /diagnostics of what is to be done about the state."""
 
+FOLLOWING, SLOWED, FROZEN = "following a reference", "slowed down", "the compliant frame is frozen"
+"""Words in the state of a controller: it follows a reference, and what makes the motion wait."""
+
 
 class JointStateReader(_JointReader):
     """Reads the measured state of the active joints from joint_states.

@@ -191,3 +191,23 @@ def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) ->
     page = tmp_path / "page.html"
     write_page(page, [digest], "", "")
     assert "Reports</h2>" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("size", [0, 7])
+@pytest.mark.parametrize(
+    ("message", "warns"),
+    [
+        ("active with euler_parameters: following a reference; slowed down, inside x", True),
+        ("active with xyz: following a reference; no wrench: the compliant frame is frozen", True),
+        ("active with xyz: following a reference; wrench rejected", False),
+        ("active with xyz: holding the measured pose; slowed down, inside x", False),
+    ],
+)
+def test_a_motion_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
+    tmp_path: Path, size: int, message: str, warns: bool
+) -> None:
+    story = [*STORY[:2], (0.25, "clik", WARN, message, ""), STORY[-1], (0.9, *STORY[-1][1:])]
+    story.insert(-1, (0.8, "clik", WARN, message, ""))
+    digest = Digest.of_parts(blocks(write_story(tmp_path, story), size=size))
+    assert digest.warning.count("has to wait, first at 0.250 s") == warns
+    assert ("wait" in digest.warning) == warns

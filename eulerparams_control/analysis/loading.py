@@ -108,6 +108,7 @@ class _Reader:
         self._topics = topics(bag, self._namespace, options.names)
         self._parameters = _parameters(bag, self._namespace)
         self._said: dict[str, None] = {}  # warnings, an ordered set
+        self._delayed = False
         self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
@@ -158,6 +159,15 @@ class _Reader:
 
     def _warn(self, text: str) -> None:
         self._said[text] = None
+
+    def _warn_of_delay(self) -> None:
+        delay = next((report for report in self._told if report.delays), None)
+        if delay is not None and not self._delayed:
+            self._delayed = True
+            self._warn(
+                f"a motion that is slowed down or has to wait, first at {delay.t:.3f} s, is "
+                "compared with what was sent: from then on errors may be too large"
+            )
 
     def _frames(self) -> tuple[str, str]:
         """Return base and tip frame: from the references, else from the parameters."""
@@ -259,6 +269,7 @@ class _Reader:
         if last:
             self._check_the_ends(measured)
         self._told = self._reports.take(measured.sent, t, last)
+        self._warn_of_delay()
         whole = self._recording(measured, taken, own, frames)
         inside = self._within(measured)
         if inside is measured:

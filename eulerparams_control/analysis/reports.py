@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.messages import REMEDY
+from eulerparams_control.messages import FOLLOWING, FROZEN, REMEDY, SLOWED
 from eulerparams_control.rotations import Array
 
 LEVELS = ("ok", "warning", "error", "stale")
@@ -34,6 +34,11 @@ class Report(NamedTuple):
     level: str
     message: str
     remedy: str
+
+    @property
+    def delays(self) -> bool:
+        """Whether the motion that is followed waits, and comes later than it was sent to be."""
+        return FOLLOWING in self.message and (SLOWED in self.message or FROZEN in self.message)
 
 
 class Reports:

@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 
 from eulerparams_control.controller import Controller
 from eulerparams_control.inverse import smallest_singular_value
-from eulerparams_control.messages import BEGAN
+from eulerparams_control.messages import BEGAN, SLOWED
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.control_parameters import ControlParameters
 from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
@@ -117,7 +117,7 @@ def _nearness(controller: Controller) -> str:
     if pace.limit is not Nearness.CLEAR:
         joint = controller.scheme.robot.joints[pace.joint]
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
-    return "slowed down, " + " and ".join(words) if words else ""
+    return f"{SLOWED}, {' and '.join(words)}" if words else ""
 
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:

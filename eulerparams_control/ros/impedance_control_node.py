@@ -10,6 +10,7 @@ from std_srvs.srv import Trigger
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.limits import JointLimits
+from eulerparams_control.messages import FROZEN
 from eulerparams_control.motion import Placement
 from eulerparams_control.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
@@ -165,7 +166,7 @@ class ImpedanceControlNode(ControlNode):
         text = self._input.trouble
         if text != self._note_on_wrench:
             self._note_on_wrench = text
-            self.note(f"{text}: the compliant frame is frozen" if text else "")
+            self.note(f"{text}: {FROZEN}" if text else "")
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
