@@ -84,7 +84,7 @@ class BridgeParameters:
     enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
     protective_speed: float = parameter(
         SPEED_FACTOR,
-        "times its speed limit, a joint makes the robot stop, in torque control with limits",
+        "times its speed limit, a joint makes the robot stop, in torque control or pushed",
         bounds=(1.0, 1000.0),
     )
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the base frame", unit="m/s^2")
@@ -177,6 +177,7 @@ class BridgeNode(Node):
     def __init__(self) -> None:
         super().__init__("pybullet_bridge")
         self.done = False
+        self.error: SimulationError | None = None
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, BridgeParameters, prefixes=(_ENVIRONMENT,))
         environment = declare_environment(self)
@@ -261,10 +262,12 @@ class BridgeNode(Node):
         silence = time.monotonic() - self._tally.last
         if silence > self._params.lockstep_timeout:
             rejected = self._conduct.rejected
-            raise SimulationError(
-                f"no command for the state stamped {self._state.t:.3f} s within "
-                f"{self._params.lockstep_timeout:g} s; is the controller alive and active?"
-                + (f" The last command was rejected: {rejected}" if rejected else "")
+            self._fail(
+                SimulationError(
+                    f"no command for the state stamped {self._state.t:.3f} s within "
+                    f"{self._params.lockstep_timeout:g} s; is the controller alive and active?"
+                    + (f" The last command was rejected: {rejected}" if rejected else "")
+                )
             )
 
     def _keep_up(self) -> None:
@@ -286,15 +289,16 @@ class BridgeNode(Node):
             self._step()
 
     def _step(self) -> None:
+        if self.done:
+            return
         if self._push.is_over(self._now()):
             self._simulator.set_external_wrench(None)
             self._conduct.count("external_wrench timed out")
         try:
             self._simulator.step()
         except SimulationError as error:
-            self._health.set(diagnostics.ERROR, str(error))
-            self.done = True  # it cannot be brought to rest
-            raise
+            self._fail(error)  # it cannot be brought to rest
+            return
         self._state = self._simulator.read()
         self._publish_state()
         if self._simulator.violation:
@@ -394,6 +398,11 @@ class BridgeNode(Node):
     def _now(self) -> float:
         """Return the time by which messages age [s]: steady, or simulated in lock-step."""
         return self._state.t if self._is_lockstep else time.monotonic()
+
+    def _fail(self, error: SimulationError) -> None:
+        """End the node; :func:`run` says the error, for rclpy shouts what a callback raises."""
+        self._health.set(diagnostics.ERROR, str(error))
+        self.error, self.done = error, True
 
     def _halt(self) -> None:
         self._simulator.brake()

@@ -124,7 +124,7 @@ class Conduct:
         self.count("protective stops")
         self.brake(
             f"protective stop: {violation}; braked, commands are refused until it stands",
-            "find out why the controller did this",
+            "find out what made it do this: the controller, or a push",
         )
 
     def stand(self) -> None:
@@ -133,7 +133,7 @@ class Conduct:
         self._say(
             ERROR,
             f"stands after a protective stop: {self._violation}",
-            "find out why the controller did this; the next command is taken",
+            "find out what made it do this: the controller, or a push; the next command is taken",
         )
 
     def contest(self, names: Sequence[str]) -> None:

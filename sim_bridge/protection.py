@@ -68,13 +68,14 @@ class Protection:
         slow = max(dq) <= self._slowest and min(dq) >= -self._slowest
         if slow and all(map(le, q, self._upper)) and all(map(le, self._lower, q)):
             return ""
-        return self._too_fast(dq) or self._too_far(q)
+        return self.too_fast(dq) or self._too_far(q)
 
-    def _too_fast(self, dq: Sequence[float]) -> str:
+    def too_fast(self, dq: Sequence[float]) -> str:
+        """Return which joint is too fast, dq (n) [rad/s or m/s]; "" if none is."""
         for name, speed, bound, limit in zip(
             self._joints, dq, self._speed, self._limits.velocity, strict=True
         ):
-            if abs(speed) > bound:
+            if not abs(speed) <= bound:  # or is not a number
                 return (
                     f"joint '{name}' moves at {speed:.3g} rad/s, more than {self._factor:g} times "
                     f"its limit {limit:.3g}"

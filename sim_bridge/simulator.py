@@ -77,7 +77,7 @@ class Simulator:
         contacts: the solids.
         clipped: what of the last command had to be cut to a limit; None if nothing.
         violation: which joint went beyond what its limits allow in the last step, in torque
-            control with limits; "" if none.  The caller is to brake.
+            control or pushed, with limits; "" if none.  The caller is to brake.
 
     Raises:
         ConfigurationError: if a friction or the disturbance is neither one number nor n.
@@ -235,13 +235,16 @@ class Simulator:
         Raises:
             SimulationError: if the state is not finite any more; ``reset`` mends it.
         """
+        self.violation = ""
         if self._reference is not None:
             self._servo(*self._reference)
         self._advance()
         self._count += 1
         if self._is_stiff and self._effort is not None:
             self._soften()
+        overwhelmed = self._resist() if self._external is not None else ""
         self._sense()
+        self.violation = overwhelmed or self.violation
 
     def close(self) -> None:
         """End the simulation."""
@@ -298,6 +301,21 @@ class Simulator:
         M = self.engine.inertia(self._q)
         dq_after = soften(self._friction, M, self._dt, self._dq, dq)
         self.engine.place(q + self._dt * (dq_after - dq), dq_after)
+
+    def _resist(self) -> str:
+        """Let go of a push that is stronger than motors and brakes, and lock the joints.
+
+        They stay where they were before the step: one such step can lead far beyond the limits,
+        and some of them out of all numbers.  Returns which joint was too fast; "" if none was.
+        """
+        if not self.parameters.enforce_limits:
+            return ""
+        fast = self._protection.too_fast(self.engine.sample().dq)
+        if fast:
+            self._external = None
+            self.engine.place(self._q)
+            fast += ", pushed by more than it bears: locked, and the push let go"
+        return fast
 
     def _sense(self) -> None:
         """Let the sensors measure.

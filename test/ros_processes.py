@@ -29,7 +29,7 @@ from eulerparams_control.robot import DynamicState, Robot, RobotState, Tool
 ROOT = Path(__file__).resolve().parents[1]
 
 # A guard against hanging, not a measure: what is waited for takes a second or two.
-PATIENCE = float(os.environ.get("PATIENCE", "60"))
+PATIENCE = float(os.environ.get("PATIENCE", "200"))
 
 # A service that has not answered for so long [s] has lost the request, and is asked again.
 ASK_AGAIN = 1.0

@@ -35,7 +35,7 @@ RECORDER = [sys.executable, "-m", "eulerparams_control.bags.recorder"]
 TURNS = itertools.count()
 
 # A guard against hanging, not a measure: what is waited for takes about a second.
-PATIENCE = 100.0
+PATIENCE = 200.0
 
 # A node that does what it is told: one JSON string of Python a line, one answer each.
 PUPPET = """

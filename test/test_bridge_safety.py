@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import HOME, UR5, Graph, Process, environment, values
+from ros_processes import HOME, MODEL, UR5, Graph, Process, environment, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.errors import InvalidMessageError
@@ -566,6 +566,25 @@ def test_in_lockstep_a_push_ends_at_its_stamp_and_the_timeout(graph: Graph) -> N
         if abs(msg.wrench.force.x - 10.0) < FELT
     }
     assert felt == set(range(11, 31))
+
+
+@pytest.mark.parametrize("control", ["position", "torque"])
+def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is_taken(
+    graph: Graph, control: str
+) -> None:
+    bench = Bench(graph, rate=200.0, control=control)
+    pushes = bench.peer.publisher(WrenchStamped, "external_wrench")
+    graph.until(pushes.get_subscription_count, "the subscriber of external_wrench")
+    command = {"effort": [0.0] * 6} if control == "torque" else REST
+    graph.until(lambda: bench.send(**command) or len(bench.states) > 20, "a robot at work")
+    pushes.publish(push(1e5))
+    status = bench.status("pushed by more than it bears")
+    assert status.level == b"\x02"
+    assert "a push" in values(status)["what to do"]
+    assert bench.count("protective stops", 1) == 1
+    assert bench.status("commanded", lambda: bench.send(**command)).level == b"\x00"
+    fastest = max(np.abs(state.velocity[:6]).max() for state in bench.states)
+    assert fastest < 4.0 * MODEL.limits.velocity.max()
 
 
 def test_a_push_ends_once_and_a_new_one_starts_the_time_anew() -> None:

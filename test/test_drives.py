@@ -60,6 +60,7 @@ def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_fi
     assert any(line.startswith(f"error: {words}") for line in process.stderr.splitlines())
     assert any("[ERROR]" in line and words in line for line in process.log.splitlines())
     assert "Traceback" not in process.log
+    assert "FATAL" not in process.log  # rclpy would tell where in the code
 
     def reported() -> bool:
         return any(s.level == b"\x02" and words in s.message for d in health for s in d.status)

@@ -466,6 +466,21 @@ def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(
     assert [o.experiment.name for o in watch.outcomes] == ["e2", "e1"]
 
 
+def test_a_run_that_is_repeated_still_says_why_it_was_made_again(
+    tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whys = ["its definition changed", ""]  # what is known of a run that has begun is no more
+
+    def run(_variant: str, _stop: threading.Event) -> None:
+        if whys:
+            raise IncompleteBagError("460 stamps")
+
+    runs_by(monkeypatch, run)
+    monkeypatch.setattr(schedule, "known_run", lambda *_: (None, whys.pop(0)))
+    Schedule([task(tmp_path, "e1", "a")], 1, watch).run()
+    assert watch.said[-1] == "e1 a 2.0 s, again: its definition changed"
+
+
 def test_a_run_that_is_incomplete_by_itself_too_ends_its_experiment(
     tmp_path: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
 from eulerparams_control.limits import JointLimits
+from eulerparams_control.robot import Robot
 from eulerparams_control.urdf import COULOMB_SPEED
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.protection import POSITION_MARGIN, Protection
@@ -321,8 +322,8 @@ def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back() -> N
 def test_the_brakes_have_no_more_than_the_effort_limit() -> None:
     sim = simulator("ur5", control="position")
     sim.reset()
-    sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 100.0])  # the wrist has 28 Nm
-    state = run(sim, 50)
+    sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 32.0])  # the wrist has 28 Nm
+    state = run(sim, 10)
     assert abs(state.tau[5]) == pytest.approx(28.0)
     assert np.abs(state.dq[5]) > 1.0
 
@@ -757,6 +758,45 @@ def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_wi
         sim.brake()
         assert sim.violation == ""
         run(sim, 1000)
+        assert sim.is_standing
+
+
+@pytest.mark.parametrize("strength", [1e3, 1e5])
+@pytest.mark.parametrize(
+    ("control", "enforced"),
+    [("position", True), ("braked", True), ("torque", True), ("torque", False)],
+)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_push_that_is_stronger_than_the_arm_is_let_go_before_the_arm_is_anywhere_else(
+    name: str, control: str, strength: float, enforced: bool
+) -> None:
+    options = {"control": control} if control != "braked" else {}
+    sim = simulator(name, rate=200.0, enforce_limits=enforced, **options)
+    sim.reset()
+    home, n = np.array(robot(name).home), len(robot(name).joints)
+    if control == "position":
+        sim.command_position(home, np.zeros(n))
+    elif control == "torque":
+        sim.command_effort(sim.read().tau)
+    arm = robot(name)
+    bound = 4 * Robot(arm.urdf, arm.base_frame, arm.tip_frame).limits.velocity
+    found, fastest = [], 0.0
+    for _ in range(40):
+        sim.set_external_wrench([0.0, 0.0, 0.0, *[strength] * 3])
+        sim.step()
+        found.append(sim.violation)
+        fastest = max(fastest, float((np.abs(sim.read().dq) / bound).max()))
+        if sim.violation or fastest > 1:
+            break
+    assert any("pushed by more than it bears" in text for text in found) == enforced
+    assert (fastest <= 1) == enforced
+    if enforced:
+        assert found[-1].startswith("joint '")
+        assert np.abs(sim.read().dq).max() == 0.0
+        run(sim, 3)
+        assert sim.violation == "" or control == "torque"  # the push has gone
+        sim.brake()
+        run(sim, 200)
         assert sim.is_standing
 
 

@@ -96,6 +96,7 @@ class Schedule:
         self._looking: dict[Future[Outcome], Task] = {}
         self._starved: list[tuple[Task, str]] = []  # to be run once more
         self._repeated: set[tuple[str, str]] = set()
+        self._whys: dict[tuple[str, str], str] = {}  # runs are made again
         self._outcomes: dict[str, Outcome] = {}
 
     def run(self) -> list[Outcome]:
@@ -135,6 +136,7 @@ class Schedule:
         if known is not None and not self._again:
             self._watcher.ended(name, variant, "was run before", duration)
             return known
+        why = self._whys.setdefault((name, variant), why)  # a run that is repeated knows no more
         self._watcher.started(name, variant, duration)
         show = partial(self._watcher.simulated, name, variant)
         run = run_variant(experiment, variant, task.folder, show, self._stop)

@@ -33,6 +33,8 @@ class Runnable(Protocol):
 
     done: bool  # ends the loop when true
 
+    error: EulerParamsError | None  # optional: why it is done, if it failed
+
     def at_rest(self) -> bool:
         """Optional: bring what moves to rest; called again and again until it returns true."""
 
@@ -87,6 +89,8 @@ def _spin(node: Node, stopped: list[int]) -> None:
     try:
         while not stopped and not node.done:
             executor.spin_once(timeout_sec=_POLL_SECONDS)
+        if error := getattr(node, "error", None):
+            raise error
     finally:
         _bring_to_rest(node, lambda: executor.spin_once(timeout_sec=_POLL_SECONDS))
 
