@@ -23,6 +23,9 @@ almost half a turn or meets a stiff wall.  What is faster is out of control; a r
 beside it would choose less.
 """
 
+UNSTOPPABLE = 10.0
+"""So many times faster than is too fast, in one step: an arm that its brakes do not stop."""
+
 STANDSTILL = 1e-3
 """A joint that is slower stands [rad/s or m/s]; brakes leave 1e-7."""
 
@@ -70,12 +73,14 @@ class Protection:
             return ""
         return self.too_fast(dq) or self._too_far(q)
 
-    def too_fast(self, dq: Sequence[float]) -> str:
-        """Return which joint is too fast, dq (n) [rad/s or m/s]; "" if none is."""
+    def too_fast(self, dq: Sequence[float], times: float = 1.0) -> str:
+        """Return which joint is too fast, so many times, dq (n) [rad/s or m/s]; "" if none is."""
+        if max(dq) <= times * self._slowest and min(dq) >= -times * self._slowest:
+            return ""
         for name, speed, bound, limit in zip(
             self._joints, dq, self._speed, self._limits.velocity, strict=True
         ):
-            if not abs(speed) <= bound:  # or is not a number
+            if abs(speed) > times * bound:
                 return (
                     f"joint '{name}' moves at {speed:.3g} rad/s, more than {self._factor:g} times "
                     f"its limit {limit:.3g}"

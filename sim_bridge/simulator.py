@@ -30,7 +30,7 @@ from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
 from sim_bridge.load import Load
 from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
-from sim_bridge.protection import STANDSTILL, Protection
+from sim_bridge.protection import STANDSTILL, UNSTOPPABLE, Protection
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
@@ -242,9 +242,7 @@ class Simulator:
         self._count += 1
         if self._is_stiff and self._effort is not None:
             self._soften()
-        overwhelmed = self._resist() if self._external is not None else ""
         self._sense()
-        self.violation = overwhelmed or self.violation
 
     def close(self) -> None:
         """End the simulation."""
@@ -302,20 +300,21 @@ class Simulator:
         dq_after = soften(self._friction, M, self._dt, self._dq, dq)
         self.engine.place(q + self._dt * (dq_after - dq), dq_after)
 
-    def _resist(self) -> str:
-        """Let go of a push that is stronger than motors and brakes, and lock the joints.
+    def _resist(self, dq: Sequence[float]) -> str:
+        """Lock the joints where they were if the last step was beyond what brakes can stop.
 
-        They stay where they were before the step: one such step can lead far beyond the limits,
-        and some of them out of all numbers.  Returns which joint was too fast; "" if none was.
+        One such step leads far beyond the limits, and some of them out of all numbers.  A push
+        that is stronger than motors and brakes is let go.  Returns why, "" if nothing was done.
         """
         if not self.parameters.enforce_limits:
             return ""
-        fast = self._protection.too_fast(self.engine.sample().dq)
-        if fast:
-            self._external = None
-            self.engine.place(self._q)
-            fast += ", pushed by more than it bears: locked, and the push let go"
-        return fast
+        pushed = self._external is not None
+        fast = self._protection.too_fast(dq, 1.0 if pushed else UNSTOPPABLE)
+        if not fast:
+            return ""
+        self.engine.place(self._q)
+        self._external = None
+        return fast + (", pushed by more than it bears; the push is let go" if pushed else "; locked")
 
     def _sense(self) -> None:
         """Let the sensors measure.
@@ -324,10 +323,13 @@ class Simulator:
         them; the weight and the inertia of the load come on top.
         """
         sample = self.engine.sample()
+        if locked := self._resist(sample.dq):
+            sample = self.engine.sample()
         self._check(sample)
         self._q, self._dq = np.array(sample.q), np.array(sample.dq)
         if self._is_protected and self._effort is not None:
             self.violation = self._protection.violation(sample.q, sample.dq)
+        self.violation = locked or self.violation
         tau = np.array(sample.motors) if self._effort is None else self._effort
         wrench = self._bias - np.array(sample.reaction)
         if self._needs_motion:

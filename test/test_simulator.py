@@ -800,6 +800,21 @@ def test_a_push_that_is_stronger_than_the_arm_is_let_go_before_the_arm_is_anywhe
         assert sim.is_standing
 
 
+def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was() -> None:
+    sim = simulator("ur10", control="torque", rate=100.0)
+    sim.reset()
+    before = sim.read().q
+    sim.command_effort([0.0] * 5 + [56.0])  # on a link of 2e-4 kg m^2
+    sim.step()
+    assert sim.violation.startswith("joint 'wrist_3_joint' moves at")
+    assert sim.violation.endswith("; locked")
+    np.testing.assert_array_equal(sim.read().q, before)
+    np.testing.assert_array_equal(sim.read().dq, 0.0)
+    sim.brake()
+    run(sim, 10)
+    np.testing.assert_allclose(sim.read().q, before, rtol=0, atol=1e-5)
+
+
 # --- refusals ------------------------------------------------------------------------
 
 BAD = {
