@@ -314,7 +314,8 @@ class Simulator:
             return ""
         self.engine.place(self._q)
         self._external = None
-        return fast + (", pushed by more than it bears; the push is let go" if pushed else "; locked")
+        why = ", pushed by more than it bears; the push is let go" if pushed else "; locked"
+        return fast + why
 
     def _sense(self) -> None:
         """Let the sensors measure.
