@@ -84,7 +84,7 @@ class BridgeParameters:
     enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
     protective_speed: float = parameter(
         SPEED_FACTOR,
-        "times its speed limit, a joint makes the robot stop, in torque control or pushed",
+        "times its speed limit, a joint makes the robot stop, in torque control with limits",
         bounds=(1.0, 1000.0),
     )
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the base frame", unit="m/s^2")
@@ -302,6 +302,8 @@ class BridgeNode(Node):
         self._state = self._simulator.read()
         self._publish_state()
         if self._simulator.violation:
+            if not self._simulator.is_pushed:
+                self._push.forget()
             self._conduct.stop(self._simulator.violation)
         elif self._conduct.is_stopping and self._simulator.is_standing:
             self._conduct.stand()

@@ -41,6 +41,9 @@ class Health(Protocol):
         """Warn for some seconds, where else all is well."""
 
 
+_FIND_OUT = "find out what made it do this: the controller, a push or a contact"
+
+
 class Conduct:
     """The state of a robot towards its controller, as /diagnostics shows it.
 
@@ -124,7 +127,7 @@ class Conduct:
         self.count("protective stops")
         self.brake(
             f"protective stop: {violation}; braked, commands are refused until it stands",
-            "find out what made it do this: the controller, or a push",
+            _FIND_OUT,
         )
 
     def stand(self) -> None:
@@ -133,7 +136,7 @@ class Conduct:
         self._say(
             ERROR,
             f"stands after a protective stop: {self._violation}",
-            "find out what made it do this: the controller, or a push; the next command is taken",
+            f"{_FIND_OUT}; the next command is taken",
         )
 
     def contest(self, names: Sequence[str]) -> None:

@@ -44,8 +44,9 @@ class SimulatorParameters:
         gravity: in the world frame, m/s^2; 3.
         servo_bandwidth: of the joint servo, rad/s; at most ``rate``.
         enforce_limits: clip commands to the limits of the URDF, and stop joints there.
-        protective_speed: with limits, and in torque control or pushed, a joint that is so many
-            times as fast as its speed limit is a reason to stop; at least 1.
+        protective_speed: with limits, and in torque control, a joint that is so many times as
+            fast as its speed limit is a reason to stop; at least 1.  Ten times that, and in any
+            control, it is locked.
         tool_mass: of the tool beyond the sensor, kg.
         tool_com: its centre of mass in the sensor frame, m; 3.
         tool_inertia: xx, xy, xz, yy, yz, zz about that, sensor axes, kg m^2; 6.

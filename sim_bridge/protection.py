@@ -1,4 +1,4 @@
-"""The protective stop: what no joint of a robot in torque control may do."""
+"""The protective stop: what no joint may do, and what no brakes could stop."""
 
 from collections.abc import Sequence
 from operator import le
@@ -24,7 +24,10 @@ beside it would choose less.
 """
 
 UNSTOPPABLE = 10.0
-"""So many times faster than is too fast, in one step: an arm that its brakes do not stop."""
+"""So many times as fast as is too fast, an arm turns wildly, and soon leaves all numbers."""
+
+# Nothing is unstoppable that is slower than so many times this [rad/s or m/s].
+_FAST = 1.0
 
 STANDSTILL = 1e-3
 """A joint that is slower stands [rad/s or m/s]; brakes leave 1e-7."""
@@ -49,6 +52,7 @@ class Protection:
         self._factor = speed_factor
         self._speed: list[float] = (speed_factor * limits.velocity).tolist()
         self._slowest = min(self._speed)
+        self._unstoppable: list[float] = [UNSTOPPABLE * max(_FAST, v) for v in self._speed]
         self.reset()
 
     def reset(self) -> None:
@@ -71,16 +75,20 @@ class Protection:
         slow = max(dq) <= self._slowest and min(dq) >= -self._slowest
         if slow and all(map(le, q, self._upper)) and all(map(le, self._lower, q)):
             return ""
-        return self.too_fast(dq) or self._too_far(q)
+        return self._too_fast(dq) or self._too_far(q)
 
-    def too_fast(self, dq: Sequence[float], times: float = 1.0) -> str:
-        """Return which joint is too fast, so many times, dq (n) [rad/s or m/s]; "" if none is."""
-        if max(dq) <= times * self._slowest and min(dq) >= -times * self._slowest:
-            return ""
+    def unstoppable(self, dq: Sequence[float]) -> str:
+        """Return which joint no brakes could stop, at dq (n) [rad/s or m/s]; "" if none is so."""
+        for name, speed, bound in zip(self._joints, dq, self._unstoppable, strict=True):
+            if abs(speed) > bound:
+                return f"joint '{name}' would move at {speed:.3g} rad/s, which no brakes could stop"
+        return ""
+
+    def _too_fast(self, dq: Sequence[float]) -> str:
         for name, speed, bound, limit in zip(
             self._joints, dq, self._speed, self._limits.velocity, strict=True
         ):
-            if abs(speed) > times * bound:
+            if abs(speed) > bound:
                 return (
                     f"joint '{name}' moves at {speed:.3g} rad/s, more than {self._factor:g} times "
                     f"its limit {limit:.3g}"

@@ -48,6 +48,10 @@ class Push:
         self._end = begin + self._timeout
         return wrench
 
+    def forget(self) -> None:
+        """Wait for the end of no push."""
+        self._end = math.inf
+
     def is_over(self, now: float) -> bool:
         """Return whether the push ends at ``now`` [s]; true once for each push."""
         if now < self._end - _ROUNDING:

@@ -30,7 +30,7 @@ from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
 from sim_bridge.load import Load
 from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
-from sim_bridge.protection import STANDSTILL, UNSTOPPABLE, Protection
+from sim_bridge.protection import STANDSTILL, Protection
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
@@ -76,8 +76,9 @@ class Simulator:
         engine: what moves the robot; where there are solids, another one after each reset.
         contacts: the solids.
         clipped: what of the last command had to be cut to a limit; None if nothing.
-        violation: which joint went beyond what its limits allow in the last step, in torque
-            control or pushed, with limits; "" if none.  The caller is to brake.
+        violation: which joint went beyond what its limits allow in the last step, with limits:
+            in torque control, and in any beyond what brakes could stop; "" if none.  The caller
+            is to brake.
 
     Raises:
         ConfigurationError: if a friction or the disturbance is neither one number nor n.
@@ -144,6 +145,7 @@ class Simulator:
         self._external = None
         self.clipped: Clipped | None = None
         self.violation = ""
+        self._may_lock = True
         self._protection.reset()
         self._count = 0
         self.engine.place(q)
@@ -208,6 +210,11 @@ class Simulator:
 
     def _find_clipped(self, quantity: str, asked: Array, given: Array) -> Clipped | None:
         return find_clipped(self.robot.joints, self._prismatic, quantity, asked, given)
+
+    @property
+    def is_pushed(self) -> bool:
+        """Whether an external wrench acts on the tool."""
+        return self._external is not None
 
     @property
     def is_standing(self) -> bool:
@@ -300,22 +307,21 @@ class Simulator:
         dq_after = soften(self._friction, M, self._dt, self._dq, dq)
         self.engine.place(q + self._dt * (dq_after - dq), dq_after)
 
-    def _resist(self, dq: Sequence[float]) -> str:
-        """Lock the joints where they were if the last step was beyond what brakes can stop.
+    def _lock(self, dq: Sequence[float]) -> str:
+        """Lock the joints where they were before a step after which no brakes could stop them.
 
-        One such step leads far beyond the limits, and some of them out of all numbers.  A push
-        that is stronger than motors and brakes is let go.  Returns why, "" if nothing was done.
+        A push on the tool is let go.  Where there is none to let go they are locked once only:
+        what still drives them after that leads where it leads.  Returns why; "" if they are free.
         """
-        if not self.parameters.enforce_limits:
+        if not self.parameters.enforce_limits or not (wild := self._protection.unstoppable(dq)):
+            self._may_lock = True
             return ""
-        pushed = self._external is not None
-        fast = self._protection.too_fast(dq, 1.0 if pushed else UNSTOPPABLE)
-        if not fast:
+        if self._external is None and not self._may_lock:
             return ""
+        self._may_lock = False
         self.engine.place(self._q)
-        self._external = None
-        why = ", pushed by more than it bears; the push is let go" if pushed else "; locked"
-        return fast + why
+        pushed, self._external = self._external is not None, None
+        return f"{wild}: locked where it was" + pushed * ", and the push let go"
 
     def _sense(self) -> None:
         """Let the sensors measure.
@@ -324,7 +330,8 @@ class Simulator:
         them; the weight and the inertia of the load come on top.
         """
         sample = self.engine.sample()
-        if locked := self._resist(sample.dq):
+        locked = self._lock(sample.dq)
+        if locked:
             sample = self.engine.sample()
         self._check(sample)
         self._q, self._dq = np.array(sample.q), np.array(sample.dq)

@@ -39,10 +39,15 @@ NEW = [STORY[0], STORY[2], STORY[3], STORY[5], STORY[6]]
 
 
 def write_story(
-    folder: Path, story: Sequence[Saying], namespace: str = "", late: str = ""
+    folder: Path,
+    story: Sequence[Saying],
+    namespace: str = "",
+    late: str = "",
+    lasting: float = 0.0,
 ) -> Path:
     """Write a run in which nodes said something, one of them came late; return its folder."""
-    plain = write_run(folder / "plain", [0.01 * k for k in range(STATES)])
+    measured = [0.01 * k for k in range(STATES)]
+    plain = write_run(folder / "plain", measured, lasting=lasting)
     sayings = []
     for t, name, level, message, remedy in story:
         values = [KeyValue(key="what to do", value=remedy)] if remedy else []
@@ -193,21 +198,53 @@ def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) ->
     assert "Reports</h2>" not in page.read_text(encoding="utf-8")
 
 
+SLOW = "active with euler_parameters: following a reference; slowed down, inside x"
+
+
 @pytest.mark.parametrize("size", [0, 7])
+@pytest.mark.parametrize("trajectory", [True, False])
 @pytest.mark.parametrize(
-    ("message", "warns"),
+    ("message", "delays"),
     [
-        ("active with euler_parameters: following a reference; slowed down, inside x", True),
+        (SLOW, True),
         ("active with xyz: following a reference; no wrench: the compliant frame is frozen", True),
-        ("active with xyz: following a reference; wrench rejected", False),
+        ("active with xyz: following a reference; inside the limit of x", False),
         ("active with xyz: holding the measured pose; slowed down, inside x", False),
     ],
 )
-def test_a_motion_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
-    tmp_path: Path, size: int, message: str, warns: bool
+def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
+    tmp_path: Path, size: int, message: str, delays: bool, trajectory: bool
 ) -> None:
     story = [*STORY[:2], (0.25, "clik", WARN, message, ""), STORY[-1], (0.9, *STORY[-1][1:])]
     story.insert(-1, (0.8, "clik", WARN, message, ""))
-    digest = Digest.of_parts(blocks(write_story(tmp_path, story), size=size))
-    assert digest.warning.count("has to wait, first at 0.250 s") == warns
-    assert ("wait" in digest.warning) == warns
+    path = write_story(tmp_path, story, lasting=0.5 if trajectory else 0.0)
+    for start in (0.0, 0.5):  # it is late from then on
+        digest = Digest.of_parts(blocks(path, Options(start=start), size=size))
+        warns = delays and trajectory
+        assert digest.warning.count("has to wait, first at 0.250 s") == warns
+        assert ("wait" in digest.warning) == warns
+
+
+def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> None:
+    path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, SLOW, "")], lasting=0.5)
+    assert "wait" not in Recording.load(path).warning
+
+
+def test_of_an_arm_beside_one_without_a_namespace_what_its_nodes_say_is_told(
+    tmp_path: Path,
+) -> None:
+    plain = write_run(tmp_path / "plain", [0.0] * 30)
+    with BagWriter(tmp_path / "both") as bag:
+        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
+        for side in ("", "/left"):
+            for name, info in Bag(plain).topics.items():
+                bag.add_topic(Topic(side + name, info.type))
+            for m in Bag(plain).read_raw():
+                bag.write(side + m.topic, m.data, m.log_time, m.publish_time)
+        for name in ("left/clik", "clik"):
+            status = DiagnosticStatus(name=name, level=OK, message="here")
+            data = bytes(serialize_message(DiagnosticArray(status=[status])))
+            bag.write("/diagnostics", data, START, START)
+    for side, name in (("", "clik"), ("/left", "left/clik")):
+        run = Recording.load(tmp_path / "both", namespace=side)
+        assert [report.node for report in run.reports] == [name]

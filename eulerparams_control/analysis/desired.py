@@ -58,12 +58,16 @@ class DesiredFrames:
     Args:
         lasting: [s] for which a set-point goes on without a successor.
         held: pose at a stamp, that the controller holds until the first reference begins.
+
+    Attributes:
+        knows_trajectories: whether any motion that began was one, no set-point.
     """
 
     def __init__(self, lasting: float, held: Callable[[int], DesiredFrame]) -> None:
         self._lasting = lasting
         self._held = held
         self._motion: _Motion | None = None
+        self.knows_trajectories = False
 
     def follow(
         self, references: References, ticks: Stamps, sent: Stamps, at: Stamps | None = None
@@ -133,6 +137,7 @@ class DesiredFrames:
             here = slice(int(begins[k]), int(ends[place]))
             trajectory = references.trajectories.get(k)
             frame = references.frames.take(np.array([k]))
+            self.knows_trajectories |= trajectory is not None
             if trajectory is not None and self._motion is not None:
                 last = self._motion.at(stamps[here][:1], self._lasting).frame(0)
                 trajectory = trajectory.from_frame(last)

@@ -108,7 +108,6 @@ class _Reader:
         self._topics = topics(bag, self._namespace, options.names)
         self._parameters = _parameters(bag, self._namespace)
         self._said: dict[str, None] = {}  # warnings, an ordered set
-        self._delayed = False
         self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
@@ -161,12 +160,11 @@ class _Reader:
         self._said[text] = None
 
     def _warn_of_delay(self) -> None:
-        delay = next((report for report in self._told if report.delays), None)
-        if delay is not None and not self._delayed:
-            self._delayed = True
+        """Say from when on a trajectory is later than it was sent to be; set-points are not."""
+        if self._reports.delayed < math.inf and self._desired.knows_trajectories:
             self._warn(
-                f"a motion that is slowed down or has to wait, first at {delay.t:.3f} s, is "
-                "compared with what was sent: from then on errors may be too large"
+                f"a motion that is slowed down or has to wait, first at {self._reports.delayed:.3f}"
+                " s, is compared with what was sent: from then on errors may be too large"
             )
 
     def _frames(self) -> tuple[str, str]:

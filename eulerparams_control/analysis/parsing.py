@@ -146,9 +146,14 @@ class Parsers:
                 of = f"/{status.name.lstrip('/')}".rpartition("/")[0]
                 if of == self._namespace:
                     self._note(status, sent)
-                if not any(of == other or of.startswith(f"{other}/") for other in self._others):
+                if not any(self._is_of(other, of) for other in self._others):
                     self._reports.add(status, sent)
         return [], invalid
+
+    @staticmethod
+    def _is_of(arm: str, namespace: str) -> bool:
+        """Whether what is in a namespace is of an arm; one without has only what is in none."""
+        return namespace == arm or (arm != "" and namespace.startswith(f"{arm}/"))
 
     def _note(self, status: Any, sent: int) -> None:
         for value in status.values:

@@ -92,7 +92,8 @@ class ControlReport:
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
         pace = controller.pace
-        saying = controller.doing, controller.fault, pace.singularity, pace.limit
+        near = pace.singularity, pace.limit, pace.now < 1
+        saying = controller.doing, controller.fault, *near
         if saying == self._said:
             return
         self._said = saying
@@ -117,7 +118,7 @@ def _nearness(controller: Controller) -> str:
     if pace.limit is not Nearness.CLEAR:
         joint = controller.scheme.robot.joints[pace.joint]
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
-    return f"{SLOWED}, {' and '.join(words)}" if words else ""
+    return f"{SLOWED}, " * (pace.now < 1) + " and ".join(words)
 
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
