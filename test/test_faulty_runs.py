@@ -4,6 +4,7 @@ import json
 import math
 import re
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.experiments import faulty_run
 from eulerparams_control.experiments.controllers import CONTROLLERS
 from eulerparams_control.experiments.definition import load_experiment
 from eulerparams_control.experiments.faulty import remaps, topics_of
@@ -365,6 +367,39 @@ WITH_KILLS: dict[str, Any] = {
         {"metric": "distance_to_goal", "below": 5.0},
     ],
 }
+
+
+class Nodes:
+    """What a robot says that its controller finds late, or never; and who lives."""
+
+    def __init__(self, late: float, *alive: str) -> None:
+        self.processes = dict.fromkeys(("pybullet_bridge", "fault_injector", "reference", *alive))
+        self._said = "commanded\n"
+        self._late = late
+
+    def start_again(self, _node: str) -> None:
+        self._begun = time.monotonic()
+
+    def wait_for(self, *_: Any, **__: Any) -> None: ...
+
+    def check(self) -> None: ...
+
+    @property
+    def is_found(self) -> bool:
+        return time.monotonic() >= self._begun + self._late
+
+    def log(self, _node: str) -> str:
+        return self._said * (2 if hasattr(self, "_begun") and self.is_found else 1)
+
+
+@pytest.mark.parametrize("late", [0.3, math.inf])
+def test_a_robot_that_is_started_again_is_at_work_when_its_controller_has_found_it(
+    monkeypatch: pytest.MonkeyPatch, late: float
+) -> None:
+    monkeypatch.setattr(faulty_run, "_FIND_TIMEOUT", 1.0)
+    nodes: Any = Nodes(late, "clik")
+    faulty_run._start_again("pybullet_bridge", nodes, Any)  # type: ignore[arg-type]
+    assert nodes.is_found == (late < math.inf)
 
 
 @pytest.fixture(scope="module")

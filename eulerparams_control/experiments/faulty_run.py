@@ -18,10 +18,13 @@ from eulerparams_control.experiments.processes import Nodes, Stopped
 from eulerparams_control.experiments.records import Record
 from eulerparams_control.faults import Fault, Kill
 
-RECORDER = "bag_recorder"
+RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
 
-WORKING = {RECORDER: "recording ", "reference": "sent a motion", "pybullet_bridge": " control, "}
+WORKING = {RECORDER: "recording ", "reference": "sent a motion", BRIDGE: " control, "}
 """What a node says when it is at work."""
+
+_COMMANDED = "commanded"  # what the robot says when its controller has found it
+_FIND_TIMEOUT = 15.0  # [s] for that; a fault may keep them apart
 
 _ACTIVE = "active with"  # what a controller says
 
@@ -49,7 +52,7 @@ def record_faulty(
     with Nodes(record.path.parent, stop) as nodes:
         others = remaps(controller)
         output: dict[str, Any] = {"output": str(record.bag), "topics": recorded(controller)}
-        start = (RECORDER, INJECTOR, *controller.executables, "pybullet_bridge", "reference")
+        start = (RECORDER, INJECTOR, *controller.executables, BRIDGE, "reference")
         for name in start:
             nodes.start(name, {**parameters, RECORDER: output}[name], remaps=others.get(name, {}))
         nodes.wait_for(RECORDER, "recording ", _START_TIMEOUT)
@@ -57,7 +60,7 @@ def record_faulty(
         nodes.wait_for(INJECTOR, "the time of the faults begins", _START_TIMEOUT)
         parts = _Parts(record, nodes, output)
         _follow(settings, nodes, parts, progress)
-        alive = [name for name in start if name in nodes.processes and name != "pybullet_bridge"]
+        alive = [name for name in start if name in nodes.processes and name != BRIDGE]
         nodes.stop(*sorted(alive, key=lambda name: name == RECORDER))
     parts.join()
     _check_moved(record.bag, controller.command)
@@ -102,12 +105,25 @@ def _follow(
 def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:
     """Start a node that was killed, and wait until it is at work."""
     words = WORKING.get(node, _ACTIVE)
-    said = nodes.log(node).count(words)
+    said, commanded = (nodes.log(node).count(text) for text in (words, _COMMANDED))
     if node == RECORDER:
         parts.add()
     else:
         nodes.start_again(node)
     nodes.wait_for(node, words, _START_TIMEOUT, times=said + 1)
+    if node == BRIDGE and nodes.processes.keys() - {*WORKING, INJECTOR}:
+        _await_controller(nodes, commanded)
+
+
+def _await_controller(nodes: Nodes, commanded: int) -> None:
+    """Wait until a new robot is commanded: after a kill nodes may find each other late.
+
+    What is sent before that is a motion of the old robot.
+    """
+    deadline = time.monotonic() + _FIND_TIMEOUT
+    while nodes.log(BRIDGE).count(_COMMANDED) <= commanded and time.monotonic() < deadline:
+        nodes.check()
+        time.sleep(_POLL)
 
 
 def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
