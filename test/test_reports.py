@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,6 +18,9 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.messages import SLOWED
+from eulerparams_control.ros import control_report
+from eulerparams_control.supervision.pace import Nearness
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATES = 100  # of a run, one every 10 ms
@@ -223,6 +228,23 @@ def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
         warns = delays and trajectory
         assert digest.warning.count("has to wait, first at 0.250 s") == warns
         assert ("wait" in digest.warning) == warns
+
+
+@pytest.mark.parametrize(
+    ("pace", "singularity", "words"),
+    [
+        (1.0, Nearness.CLEAR, ""),
+        (0.9, Nearness.CLEAR, ""),  # it gets up to speed again
+        (1.0, Nearness.LEAVING, "leaving a kinematic singularity"),
+        (0.9, Nearness.INSIDE, f"{SLOWED}, inside a kinematic singularity"),
+    ],
+)
+def test_a_motion_is_said_to_be_slowed_down_where_it_is(
+    pace: float, singularity: Nearness, words: str
+) -> None:
+    at = SimpleNamespace(now=pace, singularity=singularity, limit=Nearness.CLEAR)
+    controller: Any = SimpleNamespace(pace=at)
+    assert control_report._nearness(controller) == words
 
 
 def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ Times count from the first message on ``reference``.  What faults there are, and
 says ``eulerparams_control.faults``; ``kill`` ends a node of the run, without a word: the
 controller, ``reference``, ``pybullet_bridge`` or ``bag_recorder``.  A ``reference`` that is
 started again sends its motion again, as a user would.  The run waits until a node that is started
-again is at work; faults of messages go on meanwhile.
+again is at work, a robot until it is commanded; faults of messages go on meanwhile.
 
 The bag has joint_states as the robot sent them, the commands as the controller sent them and as
 the robot got them (``faulty/...``), references as they were sent, and /diagnostics.

@@ -118,7 +118,8 @@ def _nearness(controller: Controller) -> str:
     if pace.limit is not Nearness.CLEAR:
         joint = controller.scheme.robot.joints[pace.joint]
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
-    return f"{SLOWED}, " * (pace.now < 1) + " and ".join(words)
+    slowed = f"{SLOWED}, " if words and pace.now < 1 else ""
+    return slowed + " and ".join(words)
 
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
