@@ -374,8 +374,7 @@ class Nodes:
 
     def __init__(self, late: float, *alive: str) -> None:
         self.processes = dict.fromkeys(("pybullet_bridge", "fault_injector", "reference", *alive))
-        self._said = "commanded\n"
-        self._late = late
+        self._late, self._begun = late, math.inf
 
     def start_again(self, _node: str) -> None:
         self._begun = time.monotonic()
@@ -389,7 +388,7 @@ class Nodes:
         return time.monotonic() >= self._begun + self._late
 
     def log(self, _node: str) -> str:
-        return self._said * (2 if hasattr(self, "_begun") and self.is_found else 1)
+        return "commanded\n" * (1 + self.is_found)
 
 
 @pytest.mark.parametrize("late", [0.3, math.inf])

@@ -72,6 +72,24 @@ def write_story(
     return folder / "run"
 
 
+def write_arms(folder: Path, arms: Sequence[str], nodes: Sequence[str]) -> Path:
+    """Write a run of several arms, by their namespaces, in which each node said that it is here."""
+    plain = write_run(folder / "plain", [0.0] * 30)
+    with BagWriter(folder / "arms") as bag:
+        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
+        for arm in arms:
+            for name, info in Bag(plain).topics.items():
+                bag.add_topic(Topic(arm + name, info.type))
+        for m in Bag(plain).read_raw():
+            for arm in arms:
+                bag.write(arm + m.topic, m.data, m.log_time, m.publish_time)
+        for name in nodes:
+            status = DiagnosticStatus(name=name, level=OK, message="here")
+            data = bytes(serialize_message(DiagnosticArray(status=[status])))
+            bag.write("/diagnostics", data, START, START)
+    return folder / "arms"
+
+
 def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
     levels = {OK: "ok", WARN: "warning", ERROR: "error"}
     return [(pytest.approx(t), name, levels[level], *words) for t, name, level, *words in story]
@@ -121,24 +139,13 @@ def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_pat
 
 
 def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path: Path) -> None:
-    plain = write_run(tmp_path / "plain", [0.0] * 30)
-    with BagWriter(tmp_path / "both") as bag:
-        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
-        for side in ("/left", "/right"):
-            for name, info in Bag(plain).topics.items():
-                bag.add_topic(Topic(side + name, info.type))
-        for m in Bag(plain).read_raw():
-            for side in ("/left", "/right"):
-                bag.write(side + m.topic, m.data, m.log_time, m.publish_time)
-        for name in ("left/clik", "/left/tool/camera", "right/clik", "fault_injector"):
-            status = DiagnosticStatus(name=name, level=OK, message="here")
-            data = bytes(serialize_message(DiagnosticArray(status=[status])))
-            bag.write("/diagnostics", data, START, START)
+    nodes = ("left/clik", "/left/tool/camera", "right/clik", "fault_injector")
+    both = write_arms(tmp_path, ("/left", "/right"), nodes)
     for side, names in (
         ("/left", ["/left/tool/camera", "fault_injector", "left/clik"]),
         ("/right", ["fault_injector", "right/clik"]),
     ):
-        run = Recording.load(tmp_path / "both", namespace=side)
+        run = Recording.load(both, namespace=side)
         assert sorted(report.node for report in run.reports) == names
 
 
@@ -255,18 +262,7 @@ def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> Non
 def test_of_an_arm_beside_one_without_a_namespace_what_its_nodes_say_is_told(
     tmp_path: Path,
 ) -> None:
-    plain = write_run(tmp_path / "plain", [0.0] * 30)
-    with BagWriter(tmp_path / "both") as bag:
-        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
-        for side in ("", "/left"):
-            for name, info in Bag(plain).topics.items():
-                bag.add_topic(Topic(side + name, info.type))
-            for m in Bag(plain).read_raw():
-                bag.write(side + m.topic, m.data, m.log_time, m.publish_time)
-        for name in ("left/clik", "clik"):
-            status = DiagnosticStatus(name=name, level=OK, message="here")
-            data = bytes(serialize_message(DiagnosticArray(status=[status])))
-            bag.write("/diagnostics", data, START, START)
+    both = write_arms(tmp_path, ("", "/left"), ("left/clik", "clik"))
     for side, name in (("", "clik"), ("/left", "left/clik")):
-        run = Recording.load(tmp_path / "both", namespace=side)
+        run = Recording.load(both, namespace=side)
         assert [report.node for report in run.reports] == [name]

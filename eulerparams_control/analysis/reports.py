@@ -46,6 +46,9 @@ class Reports:
 
     Args:
         start, end: [s] of the run that is looked at.
+
+    Attributes:
+        delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
     """
 
     def __init__(self, start: float = 0.0, end: float = math.inf) -> None:
@@ -54,7 +57,7 @@ class Reports:
         self._new: list[tuple[int, Report]] = []
         self._before: dict[str, Report] = {}  # the last of each node before the start
         self._until = math.inf  # [ns]
-        self._delayed = math.inf
+        self.delayed = math.inf
 
     def add(self, status: Any, sent: int) -> None:
         """Take a DiagnosticStatus that was sent at a time [ns]."""
@@ -64,11 +67,6 @@ class Reports:
         if message and self._said.get(node) != report and sent < self._until:
             self._said[node] = report
             self._new.append((sent, report))
-
-    @property
-    def delayed(self) -> float:
-        """The first time [s] that a motion came later than it was sent to be; inf if none did."""
-        return self._delayed
 
     def drop_after(self, sent: int) -> None:
         """Forget what was sent at that time [ns] or later, also what is added yet."""
@@ -91,7 +89,7 @@ class Reports:
         self._new = [] if last else [one for one in self._new if one[0] > sent[-1]]
         told = sorted(report._replace(t=_time(at, sent, t)) for at, report in now)
         delays = (report.t for report in told if report.delays and report.t <= t[-1])
-        self._delayed = min(self._delayed, *delays, math.inf)
+        self.delayed = min(self.delayed, *delays, math.inf)
         self._before |= {report.node: report for report in told if report.t < self._start}
         if t[-1] < self._start:
             return []
