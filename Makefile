@@ -38,7 +38,7 @@ faults: $(READY)
 
 soak: $(READY)
 	@rm -rf $(OUT)/soak
-	@$(PYTHON) -m eulerparams_control.soak.main --out $(OUT)/soak $(ARGS)
+	@$(PYTHON) -m eulerparams_control.lab.soak.main --out $(OUT)/soak $(ARGS)
 
 two-hosts: $(READY)
 	@tools/two_hosts --out $(OUT)/two_hosts $(ARGS)

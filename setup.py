@@ -11,14 +11,14 @@ EXECUTABLES = {
     "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
     "impedance_control": "eulerparams_control.ros.impedance_control_node",
     "reference": "eulerparams_control.ros.reference_node",
-    "identify_tool": "eulerparams_control.ros.identify_tool_node",
-    "fault_injector": "eulerparams_control.ros.fault_injector_node",
+    "identify_tool": "eulerparams_control.tool.identify_tool_node",
+    "fault_injector": "eulerparams_control.lab.faults.fault_injector_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "bag_recorder": "eulerparams_control.bags.recorder",
-    "experiment": "eulerparams_control.experiments.main",
+    "experiment": "eulerparams_control.lab.experiments.main",
     "analyze": "eulerparams_control.analysis.main",
-    "fault_campaign": "eulerparams_control.campaign.main",
-    "failure_map": "eulerparams_control.maps.main",
+    "fault_campaign": "eulerparams_control.lab.campaign.main",
+    "failure_map": "eulerparams_control.lab.maps.main",
 }
 
 

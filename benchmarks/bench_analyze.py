@@ -27,10 +27,11 @@ from std_msgs.msg import String
 
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.robot import Robot
-from eulerparams_control.ros.conversions import motion_to_ros
+from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 START = 1_700_000_000_000_000_000
 FRAME = "trajectory_msgs/msg/MultiDOFJointTrajectory"

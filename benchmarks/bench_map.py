@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 
-from eulerparams_control.maps.definition import load_map
-from eulerparams_control.maps.engine import Engine, engine
-from eulerparams_control.maps.sweep import batches_of
+from eulerparams_control.lab.maps.definition import load_map
+from eulerparams_control.lab.maps.engine import Engine, engine
+from eulerparams_control.lab.maps.sweep import batches_of
 
 ROUNDS = 4
 SAMPLES = 24

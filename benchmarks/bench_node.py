@@ -22,9 +22,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.processes import Nodes
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.robot.catalogue import load_robot
 
 MESSAGES, WARM_UP, PERIOD = 4000, 1000, 1e-3
 NODES = {name: c.command for name, c in CONTROLLERS.items() if c.executables == (name,)}

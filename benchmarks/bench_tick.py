@@ -4,22 +4,23 @@ import numpy as np
 import pinocchio as pin
 from timing import side_by_side
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.compliance import ComplianceLaw
-from eulerparams_control.controller import Controller, ControllerOptions
-from eulerparams_control.impedance import Impedance
-from eulerparams_control.motion import Circle, SetPoint
-from eulerparams_control.orientation import ORIENTATIONS, representation
-from eulerparams_control.robot import Robot
-from eulerparams_control.schemes.clik import Clik, ClikLaw
-from eulerparams_control.schemes.dynamic import (
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.compliant_frame import ComplianceLaw
+from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
     InverseDynamics,
     ResolvedAcceleration,
 )
-from eulerparams_control.schemes.impedance import ImpedanceControl, ImpedanceLaw
-from eulerparams_control.wrench import SensedWrench
+from eulerparams_control.laws.impedance_control import ImpedanceControl, ImpedanceLaw
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.trajectories import Circle
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 
 def clik(robot: Robot, orientation: str) -> Clik:

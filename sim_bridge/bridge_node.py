@@ -22,15 +22,17 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
-from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
+from sim_bridge.command_source import Senders
+from sim_bridge.command_statistics import Tally
 from sim_bridge.commands import Command, Commands
 from sim_bridge.conduct import Conduct
 from sim_bridge.environment import Environment, nest, read_environment
@@ -39,10 +41,8 @@ from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.parameters import CONTROLS, NO_SHAPE, TOOL_SHAPES, SimulatorParameters
 from sim_bridge.protection import SPEED_FACTOR
 from sim_bridge.pushes import Push
-from sim_bridge.senders import Senders
 from sim_bridge.simulator import Simulator, SimulatorState
-from sim_bridge.stamps import StampOrder
-from sim_bridge.tally import Tally
+from sim_bridge.stamp_filter import StampOrder
 
 MODES = ("realtime", "lockstep")
 

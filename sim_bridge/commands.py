@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import CommandReader
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import CommandReader
 
 Command = tuple[Array, ...]
 """q and dq (n,) [rad, rad/s] in position control, tau (n,) [Nm] in torque control."""

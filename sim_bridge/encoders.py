@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 
 class Encoders:

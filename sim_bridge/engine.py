@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pybullet
 
-from eulerparams_control.catalogue import RobotDescription
 from eulerparams_control.errors import RobotError, SimulationError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import SensorMotion
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, Placed, simulation_urdf, solid_urdf

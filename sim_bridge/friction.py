@@ -15,9 +15,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eulerparams_control.friction import JointFriction
-from eulerparams_control.rotations import Array
-from eulerparams_control.urdf import COULOMB_SPEED
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 # Instead of 2: some hundred configurations find three quarters of the steepest rate at least.
 _STABLE = 1.5

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 from sim_bridge.environment import Solid, Thing, read_environment
 from sim_bridge.environment.keys import NO_TURN, rotation, unit_quaternion
 from sim_bridge.protection import SPEED_FACTOR

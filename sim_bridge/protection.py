@@ -5,7 +5,7 @@ from operator import le
 
 import numpy as np
 
-from eulerparams_control.limits import JointLimits
+from eulerparams_control.laws.limits import JointLimits
 
 POSITION_MARGIN = 1e-4
 """So far beyond a position limit is too far [rad or m].

@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import ns_from_ros, wrench_from_ros
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 
 STRONGEST = 1e5
 """Nothing pushes an arm so strongly [N, Nm]: it is a mistake."""

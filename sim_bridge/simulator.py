@@ -16,21 +16,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eulerparams_control.catalogue import RobotDescription
 from eulerparams_control.errors import ConfigurationError, SimulationError
-from eulerparams_control.friction import JointFriction
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.rotations import Array
-from eulerparams_control.urdf import MOVING, UrdfTree, joint_friction, joint_limits
-from sim_bridge.clipping import Clipped, are_same, clip, find_clipped
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.catalogue import RobotDescription
+from eulerparams_control.robot.urdf import MOVING, UrdfTree, joint_friction, joint_limits
 from sim_bridge.contacts import Contacts
 from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
 from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
-from sim_bridge.load import Load
 from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
 from sim_bridge.protection import STANDSTILL, Protection
+from sim_bridge.saturation import Clipped, are_same, clip, find_clipped
+from sim_bridge.tool_load import Load
 from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]

@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.catalogue import RobotDescription
 from eulerparams_control.errors import RobotError
-from eulerparams_control.rotations import Array, R_axis
-from eulerparams_control.urdf import MOVING, UrdfTree, attribute
+from eulerparams_control.laws.rotations import Array, R_axis
+from eulerparams_control.robot.catalogue import RobotDescription
+from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute
 
 SENSOR_LINK = "_force_torque_sensor"
 """The massless link at the sensor frame; the fixed joint above it measures."""

@@ -3,9 +3,9 @@
 import sys
 from typing import Any
 
+from eulerparams_control.laws.clik import Clik
+from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.ros import clik_node, dynamic_control_node
-from eulerparams_control.schemes.clik import Clik
-from eulerparams_control.schemes.dynamic import DynamicControl
 
 NODES = {
     "clik": (clik_node.ClikNode, clik_node.main, Clik),

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from eulerparams_control.laws.clik import Clik
+from eulerparams_control.laws.dynamic_control import DynamicControl
+from eulerparams_control.laws.scheme import JointCommand, Tick
 from eulerparams_control.ros import clik_node, dynamic_control_node
-from eulerparams_control.schemes.base import JointCommand, Tick
-from eulerparams_control.schemes.clik import Clik
-from eulerparams_control.schemes.dynamic import DynamicControl
 
 NODES = {
     "clik": (clik_node.main, Clik),

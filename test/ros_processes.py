@@ -21,10 +21,11 @@ import yaml
 from numpy.typing import NDArray
 from tolerances import HELD, LAW_IN_A_NODE
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.experiments.domains import Domain
-from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.robot import DynamicState, Robot, RobotState, Tool
+from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState, Tool
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -46,9 +47,9 @@ MODULES = {
     "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
     "impedance_control": "eulerparams_control.ros.impedance_control_node",
     "reference": "eulerparams_control.ros.reference_node",
-    "identify_tool": "eulerparams_control.ros.identify_tool_node",
+    "identify_tool": "eulerparams_control.tool.identify_tool_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
-    "experiment": "eulerparams_control.experiments.main",
+    "experiment": "eulerparams_control.lab.experiments.main",
     # a controller with a defect that shows when it moves
     "clik broken in law": "broken_node clik law",
     "clik broken in timer": "broken_node clik timer",
@@ -76,7 +77,7 @@ def pose(q: Any) -> tuple[Array, Array]:
 
 def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
     """Return a reference to the tip of the arm."""
-    from eulerparams_control.ros.conversions import motion_to_ros
+    from eulerparams_control.messages.to_ros import motion_to_ros
 
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
 
@@ -544,7 +545,7 @@ class Arm:
 
     def frame(self) -> DesiredFrame:
         """Return the compliant frame that answers the present state."""
-        from eulerparams_control.messages import ns_from_ros
+        from eulerparams_control.messages.from_ros import ns_from_ros
 
         def there() -> bool:
             return bool(self.frames) and ns_from_ros(self.frames[-1].header.stamp) == self.t
@@ -554,7 +555,7 @@ class Arm:
 
     def frames_of(self, stamps: Sequence[int]) -> list[DesiredFrame]:
         """Return the compliant frames that answer the states stamped so [ns]."""
-        from eulerparams_control.messages import ns_from_ros
+        from eulerparams_control.messages.from_ros import ns_from_ros
 
         def found() -> dict[int, Any]:
             by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
@@ -564,7 +565,7 @@ class Arm:
         return [self._frame(by_stamp[stamp]) for stamp in stamps]
 
     def _frame(self, msg: Any) -> DesiredFrame:
-        from eulerparams_control.messages import motion_from_ros
+        from eulerparams_control.messages.from_ros import motion_from_ros
 
         point, _ = motion_from_ros(msg, self.robot.base_frame, self.robot.tip_frame, 0.0)
         (frame,) = point.frames

@@ -31,11 +31,11 @@ from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.robot import RobotState
-from eulerparams_control.rotations import angle_between
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import RobotState
 
 NAME = "impedance_control"
 K_P, K_E, DEPTH = 2000.0, 2000.0, 0.01  # [N/m], [N/m], [m]

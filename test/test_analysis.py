@@ -15,25 +15,25 @@ from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.format import number, quantity
 from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.analysis.headline import describe, fill, placeholders
 from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.scale import axis, symmetric_axis
-from eulerparams_control.analysis.sentence import describe, fill, placeholders
 from eulerparams_control.analysis.series import Series
-from eulerparams_control.analysis.text import number, quantity
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.resources import config_names
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import exp
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 EXACT = 1e-9  # relative: a few operations on doubles
 MEASURED = [0.0, 0.3, -0.5, 0.2]

@@ -22,7 +22,7 @@ from eulerparams_control.analysis.main import main
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame
 
 Q = [0.8 * math.sin(0.03 * k) for k in range(500)]
 NODE = {"orientation": "euler_parameters", "k_Po": 10.0, "damping_eps": 0.5}

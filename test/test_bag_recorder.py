@@ -272,7 +272,7 @@ def test_what_has_arrived_is_stored_before_the_recorder_ends(
     options = ["-p", f"output:={tmp_path}/bag", "-p", "topics:=[/arm/joint_states]"]
     recorder = start(sys.executable, "-c", PUPPET, "idle", "arm", "--ros-args", *options)
     recorder.do(
-        "from eulerparams_control.bags.recorder_node import BagRecorder\n"
+        "from eulerparams_control.bags.ros.recorder_node import BagRecorder\n"
         "recorder = BagRecorder()  # no executor has it\n"
         "matched = lambda: any(s.get_publisher_count() for s in recorder._recorded.values())\n"
         "wait_until(lambda: recorder._tick() or matched())"

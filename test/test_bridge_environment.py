@@ -11,8 +11,8 @@ from geometry_msgs.msg import WrenchStamped
 from ros_processes import ROOT, Graph
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator
 

@@ -13,12 +13,12 @@ from ros_processes import HOME, MODEL, UR5, Graph, Process, environment, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.messages.from_ros import ns_from_ros
+from sim_bridge.command_source import UNNUMBERED, Senders
+from sim_bridge.command_statistics import Tally
 from sim_bridge.conduct import Conduct
 from sim_bridge.pushes import Push
-from sim_bridge.senders import UNNUMBERED, Senders
-from sim_bridge.stamps import StampOrder
-from sim_bridge.tally import Tally
+from sim_bridge.stamp_filter import StampOrder
 
 # A braked joint is slower [rad/s]; brakes leave 1e-7.
 STANDS = 1e-3

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from ros_processes import HOME, MODEL, Process, environment
 
-from eulerparams_control.campaign import schedule
-from eulerparams_control.campaign.main import main
-from eulerparams_control.campaign.oracles import Oracle, judge
-from eulerparams_control.campaign.outcome import STARVED, Outcome, look
-from eulerparams_control.campaign.plan import (
+from eulerparams_control.lab.campaign import schedule
+from eulerparams_control.lab.campaign.main import main
+from eulerparams_control.lab.campaign.operator import BEGINNING, User
+from eulerparams_control.lab.campaign.oracles import Oracle, judge
+from eulerparams_control.lab.campaign.outcome import STARVED, Outcome, look
+from eulerparams_control.lab.campaign.plan import (
     CONTROLLERS,
     LOCKSTEP,
     MOTIONS,
@@ -27,7 +28,7 @@ from eulerparams_control.campaign.plan import (
     make_plan,
     shaken,
 )
-from eulerparams_control.campaign.record import (
+from eulerparams_control.lab.campaign.record import (
     ERROR,
     KILLED,
     OK,
@@ -39,9 +40,8 @@ from eulerparams_control.campaign.record import (
     State,
     Truth,
 )
-from eulerparams_control.campaign.schedule import plans, plans_of_both, run
-from eulerparams_control.campaign.user import BEGINNING, User
-from eulerparams_control.faults import Fault
+from eulerparams_control.lab.campaign.schedule import plans, plans_of_both, run
+from eulerparams_control.lab.faults import Fault
 
 RATE = 250.0
 MAX_EFFORT_RATE = 1e4
@@ -376,7 +376,7 @@ def domain():
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_sequence_in_lock_step_repeats_to_the_bit(controller, domain):
-    from eulerparams_control.ros.campaign.lockstep import run_lockstep
+    from eulerparams_control.lab.campaign.ros.lockstep import run_lockstep
 
     plan = make_plan(KILLED_SEED[controller], controller)
     one, again = (run_lockstep(plan, domain) for _ in range(2))
@@ -439,7 +439,7 @@ def instead(monkeypatch):
 
     def replace_run(function: Callable[[Any], Outcome]) -> None:
         monkeypatch.setattr(
-            "eulerparams_control.campaign.main.run_all",
+            "eulerparams_control.lab.campaign.main.run_all",
             lambda todo, _jobs: map(function, reversed(todo)),
         )
 
@@ -522,7 +522,7 @@ def processes_with(text: str) -> list[str]:
 
 
 def test_a_campaign_that_is_told_to_end_ends_its_workers_and_their_nodes(tmp_path, graph):
-    command = [sys.executable, "-m", "eulerparams_control.campaign.main", "--mode", REALTIME]
+    command = [sys.executable, "-m", "eulerparams_control.lab.campaign.main", "--mode", REALTIME]
     env = environment(tmp_path, graph.domain) | {"TMPDIR": str(tmp_path)}
     campaign = Process([*command, "--out", str(tmp_path / "out")], tmp_path, "campaign", env)
     graph.processes.append(campaign)

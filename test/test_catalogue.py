@@ -12,10 +12,10 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from eulerparams_control import catalogue
-from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
-from eulerparams_control.urdf import UrdfTree, joint_limits
+from eulerparams_control.robot import catalogue
+from eulerparams_control.robot.catalogue import RobotDescription, load_robot
+from eulerparams_control.robot.urdf import UrdfTree, joint_limits
 
 # The smallest singular value of the Jacobian of a home: a good one of an arm of 1 m has
 # 0.2 to 0.4; below 0.1 damping or speed limits begin to show.
@@ -249,7 +249,7 @@ def test_a_broken_file_is_refused_with_its_path(text: str, reason: str, tmp_path
 
 def test_loading_a_robot_needs_neither_pybullet_nor_its_data() -> None:
     code = (
-        "import sys; from eulerparams_control.catalogue import load_robot; load_robot('ur5');"
+        "import sys; from eulerparams_control.robot.catalogue import load_robot; load_robot('ur5');"
         "sys.exit(bool({'pybullet', 'pybullet_data', 'rclpy'} & set(sys.modules)))"
     )
     root = Path(__file__).parents[1]

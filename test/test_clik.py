@@ -20,28 +20,29 @@ from tolerances import (
     T1_SPEED,
 )
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     FollowingError,
     RobotError,
     SingularityError,
 )
-from eulerparams_control.inverse import DampedInverse
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.motion import Circle, DesiredFrame, way_points
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     EulerSequence,
     OrientationOptions,
     SignRule,
     representation,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import angle_between
-from eulerparams_control.schemes.clik import Clik, ClikLaw
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Circle, way_points
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 DT = 1e-3  # [s]
 K = 10.0  # [1/s]

@@ -10,7 +10,7 @@ from synthetic_runs import write_run
 
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.experiments.runner import IncompleteBagError, _check_complete
+from eulerparams_control.lab.experiments.runner import IncompleteBagError, _check_complete
 
 RATE, COUNT = 100.0, 30
 END = (COUNT - 1) / RATE

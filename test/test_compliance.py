@@ -57,24 +57,30 @@ from tolerances import (
     V_INCREASE,
 )
 
-from eulerparams_control.compliance import (
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.compliant_frame import (
     MAX_RATE,
     TRANSLATIONAL_FRAMES,
     ComplianceLaw,
     CompliantFrame,
 )
-from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.impedance_matrices import (
+    Impedance,
+    damping_of_ratio,
+    symmetric_matrix,
+)
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
     EulerSequence,
     OrientationOptions,
     representation,
 )
-from eulerparams_control.orientation.relative_quaternion import RelativeQuaternionRepresentation
-from eulerparams_control.rotations import EulerParameters
+from eulerparams_control.laws.orientation.relative_quaternion import (
+    RelativeQuaternionRepresentation,
+)
+from eulerparams_control.laws.rotations import EulerParameters
+from eulerparams_control.motion.frames import DesiredFrame
 
 COUNT = 12
 DT = 1e-3  # [s]

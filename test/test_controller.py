@@ -9,11 +9,17 @@ import pytest
 from samples import about, by_angles, generator, near_pole, poles, rodrigues, uniform
 from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import InvalidMessageError, SingularityError
-from eulerparams_control.motion import DesiredFrame, SetPoint, Trajectory, way_points
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.laws.dynamic_control import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
     SIGNS,
@@ -22,16 +28,12 @@ from eulerparams_control.orientation import (
     SignRule,
     representation,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.schemes.base import JointCommand, Scheme, Tick
-from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw
-from eulerparams_control.schemes.dynamic import (
-    DynamicControl,
-    EffortLimits,
-    InverseDynamics,
-    ResolvedAcceleration,
-)
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory, way_points
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]

@@ -13,9 +13,9 @@ from ros_processes import (
     values,
 )
 
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.supervision.runaway import AT_REST
+from eulerparams_control.control.runaway import AT_REST
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.motion.frames import DesiredFrame
 
 NODES = ["clik", "dynamic_control"]
 

@@ -28,34 +28,35 @@ from tolerances import (
     THROUGH_A_CHANGE_MM,
 )
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     FollowingError,
     RobotError,
     SingularityError,
 )
-from eulerparams_control.friction import JointFriction
-from eulerparams_control.inverse import DampedInverse, smallest_singular_value
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.motion import DesiredFrame, way_points
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.dynamic_control import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     EulerSequence,
     OrientationOptions,
     SignRule,
     representation,
 )
-from eulerparams_control.robot import Robot, Tool
-from eulerparams_control.rotations import angle_between
-from eulerparams_control.schemes.dynamic import (
-    DynamicControl,
-    EffortLimits,
-    InverseDynamics,
-    ResolvedAcceleration,
-)
-from eulerparams_control.urdf import COULOMB_SPEED
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import way_points
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, Tool
+from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 DT = 1e-3  # [s]
 MS = 1_000_000  # [ns]

@@ -31,11 +31,12 @@ from std_msgs.msg import Float64MultiArray
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.motion import Circle, DesiredFrame
-from eulerparams_control.ros.conversions import motion_to_ros
-from eulerparams_control.rotations import angle_between
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Circle
 
 DT = 0.001  # [s] of a tick
 

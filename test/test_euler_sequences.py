@@ -23,9 +23,9 @@ from samples import (
 from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ILL_CONDITIONED, RELATIVE, UNBOUNDED
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.orientation import SEQUENCES, EulerSequence
-from eulerparams_control.orientation.sequences import wrap
-from eulerparams_control.rotations import S
+from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
+from eulerparams_control.laws.orientation.sequences import wrap
+from eulerparams_control.laws.rotations import S
 
 COUNT = 50
 X, Y, Z = np.eye(3)

@@ -22,28 +22,28 @@ from synthetic_runs import write_run
 from tolerances import REST
 
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import (
     BagError,
     ConfigurationError,
     EulerParamsError,
     UnknownNameError,
 )
-from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.criteria import judge, write_summary
-from eulerparams_control.experiments.definition import Criterion, load_experiment
-from eulerparams_control.experiments.equations import equation
-from eulerparams_control.experiments.processes import Nodes
-from eulerparams_control.experiments.runner import (
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.criteria import judge, write_summary
+from eulerparams_control.lab.experiments.definition import Criterion, load_experiment
+from eulerparams_control.lab.experiments.equations import equation
+from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.experiments.runner import (
     check_names,
     has_diverged,
     node_parameters,
     run_variant,
 )
-from eulerparams_control.messages import ns_from_ros
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.resources import config_names
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import exp
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 DURATION = 0.4  # [s]
 STEPS = 401  # at 1 kHz, both ends
@@ -640,7 +640,7 @@ def run(folder: Path, *arguments: str) -> Process:
     """Start the executable ``experiment``; SIGINT reaches it however the tests were started."""
     code = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from eulerparams_control.experiments.main import main; sys.exit(main())"
+        "from eulerparams_control.lab.experiments.main import main; sys.exit(main())"
     )
     env = environment(folder, 0)
     command = [sys.executable, "-c", code, *arguments, "--out", str(folder / "out")]

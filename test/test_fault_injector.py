@@ -10,7 +10,9 @@ from ros_processes import ROOT, Graph, Process
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-ros_processes.MODULES.setdefault("fault_injector", "eulerparams_control.ros.fault_injector_node")
+ros_processes.MODULES.setdefault(
+    "fault_injector", "eulerparams_control.lab.faults.fault_injector_node"
+)
 
 ALWAYS = "at: 0.0, for: .inf"
 TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}

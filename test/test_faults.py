@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.faults import (
+from eulerparams_control.lab.faults import (
     Fault,
     FaultStream,
     Kill,
@@ -29,7 +29,7 @@ from eulerparams_control.faults import (
     parse_faults,
     random_faults,
 )
-from eulerparams_control.faults.fields import numbers
+from eulerparams_control.lab.faults.fields import numbers
 
 CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
 SECOND = 1_000_000_000

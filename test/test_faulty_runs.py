@@ -20,21 +20,21 @@ from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.experiments import faulty_run
-from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.experiments.faulty import remaps, topics_of
-from eulerparams_control.experiments.faulty_run import deeds, turn
-from eulerparams_control.experiments.model import Variant
-from eulerparams_control.experiments.paper import paper_experiments
-from eulerparams_control.experiments.processes import Stopped
-from eulerparams_control.experiments.records import Making
-from eulerparams_control.experiments.runner import node_parameters
-from eulerparams_control.experiments.sources import code_of_runs, digest
-from eulerparams_control.faults import Drop, Fault, Kill, parse_faults
+from eulerparams_control.lab.experiments import faulty_run
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.faulty import remaps, topics_of
+from eulerparams_control.lab.experiments.faulty_run import deeds, turn
+from eulerparams_control.lab.experiments.fingerprint import code_of_runs, digest
+from eulerparams_control.lab.experiments.model import Variant
+from eulerparams_control.lab.experiments.paper import paper_experiments
+from eulerparams_control.lab.experiments.processes import Stopped
+from eulerparams_control.lab.experiments.run_cache import Making
+from eulerparams_control.lab.experiments.runner import node_parameters
+from eulerparams_control.lab.faults import Drop, Fault, Kill, parse_faults
 from eulerparams_control.resources import config_names
+from eulerparams_control.robot.catalogue import load_robot
 
 # Relative: a few operations on doubles.
 EXACT = 1e-9

@@ -35,7 +35,7 @@ from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import load_yaml
 from eulerparams_control.bags.schema import message_definition
 from eulerparams_control.errors import BagError
-from eulerparams_control.motion import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 DEFINITION = message_definition(JOINT_STATE)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from test_fuzz_parameters import SCALARS, VALUES, WORDS, examples
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.maps.definition import load_map
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.maps.definition import load_map
 from eulerparams_control.resources import config_folder, config_names
 
 

@@ -46,7 +46,7 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import (
+from eulerparams_control.messages.from_ros import (
     LARGEST,
     CommandReader,
     JointStateReader,
@@ -54,7 +54,8 @@ from eulerparams_control.messages import (
     pose_from_ros,
     wrench_from_ros,
 )
-from eulerparams_control.motion import MAX_POINTS, DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import MAX_POINTS
 
 LONGEST_REFUSAL = 5000  # characters
 

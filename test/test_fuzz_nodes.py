@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from test_fuzz_messages import TEXT, joint_states, poses, wrenches
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.ros.conversions import pose_to_ros, stamp_to_ros
+from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 
 storms = settings(max_examples=12, suppress_health_check=list(HealthCheck))
 

@@ -20,17 +20,17 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from ros_processes import MODULES, Graph, free_domain
 
-from eulerparams_control.bags.recorder_node import RecorderParameters
+from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.motion import Trajectory
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.ros.clik_node import ClikParameters
 from eulerparams_control.ros.dynamic_control_node import DynamicParameters
-from eulerparams_control.ros.identify_tool_node import IdentifyToolParameters
 from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
-from eulerparams_control.way_points import FORMATS, parse_way_points
+from eulerparams_control.tool.identify_tool_node import IdentifyToolParameters
 from sim_bridge.bridge_node import BridgeParameters
 
 RCLError = rclpy_implementation.RCLError

@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from samples import generator
 from synthetic_runs import URDF
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import EulerParamsError, RobotError
-from eulerparams_control.robot import Robot
-from eulerparams_control.urdf import UrdfTree
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.robot.urdf import UrdfTree
 
 LIMIT = '<limit lower="-4" upper="4" velocity="3" effort="10"/>'
 LONGEST_REFUSAL = 2000  # characters: one line that can be read

@@ -19,9 +19,9 @@ from samples import generator
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from eulerparams_control.robot import Robot
-from eulerparams_control.ros.conversions import stamp_to_ros, wrench_to_ros
-from eulerparams_control.rotations import cross
+from eulerparams_control.laws.rotations import cross
+from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.robot.robot import Robot
 
 CONFIG = ROOT / "config"
 

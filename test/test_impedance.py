@@ -8,7 +8,11 @@ from samples import generator, positive_definite, uniform, unit_vectors, vectors
 from tolerances import ALGEBRAIC, AXES_OF_4_DIGITS, DISTINCT, MODES
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.impedance import Impedance, damping_of_ratio, symmetric_matrix
+from eulerparams_control.laws.impedance_matrices import (
+    Impedance,
+    damping_of_ratio,
+    symmetric_matrix,
+)
 
 I = np.eye(3)
 COUNT = 50

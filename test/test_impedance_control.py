@@ -30,28 +30,30 @@ from tolerances import (
     V_3_SAMPLED,
 )
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.compliance import ComplianceLaw
-from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import FollowingError, RobotError, UnknownNameError
-from eulerparams_control.impedance import Impedance
-from eulerparams_control.motion import DesiredFrame, Placement, SetPoint, Trajectory
-from eulerparams_control.orientation import (
-    ORIENTATIONS,
-    EulerSequence,
-    OrientationOptions,
-    representation,
-)
-from eulerparams_control.robot import Robot, Tool
-from eulerparams_control.schemes.dynamic import (
+from eulerparams_control.laws.compliant_frame import ComplianceLaw
+from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
     InverseDynamics,
     ResolvedAcceleration,
 )
-from eulerparams_control.schemes.impedance import ImpedanceControl, ImpedanceLaw, NoMotionLoop
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
-from eulerparams_control.wrench import SensedWrench, WrenchChain, WrenchOptions
+from eulerparams_control.laws.impedance_control import ImpedanceControl, ImpedanceLaw, NoMotionLoop
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.orientation import (
+    ORIENTATIONS,
+    EulerSequence,
+    OrientationOptions,
+    representation,
+)
+from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame, Placement
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, Tool
 from sim_bridge.simulator import Simulator, SimulatorParameters
 
 DT = 1e-3  # [s]

@@ -26,9 +26,10 @@ from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.residuals import rotational_residual, translational_residual
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
-from eulerparams_control.impedance import Impedance
-from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.rotations import Array, EulerParameters, R_angle_axis, exp
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, exp
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 EXACT = 1e-9  # relative: a few operations on doubles
 DOWN = math.pi / 2

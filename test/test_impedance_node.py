@@ -41,12 +41,13 @@ from test_nodes import broken_references, broken_states, last_of
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.motion import Circle, DesiredFrame, Trajectory
-from eulerparams_control.robot import Robot, Tool
-from eulerparams_control.ros.conversions import motion_to_ros
-from eulerparams_control.rotations import EulerParameters, S, angle_between
+from eulerparams_control.laws.rotations import EulerParameters, S, angle_between
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Circle, Trajectory
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, Tool
 
 NAME = "impedance_control"
 UR5_FRAMES = UR5.urdf, UR5.base_frame, UR5.tip_frame

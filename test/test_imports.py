@@ -1,4 +1,4 @@
-"""Only the ROS layer imports ROS: laws, robot, simulator and analysis work without it."""
+"""The rooms of the tree: who may import ROS, and in which direction the arrows go."""
 
 import ast
 import subprocess
@@ -9,17 +9,31 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted([*ROOT.glob("eulerparams_control/**/*.py"), *ROOT.glob("sim_bridge/**/*.py")])
-ROS = {
-    *("rclpy", "rcl_interfaces", "builtin_interfaces", "rosgraph_msgs", "lifecycle_msgs"),
-    *("sensor_msgs", "geometry_msgs", "trajectory_msgs", "std_msgs", "std_srvs"),
-    *("diagnostic_msgs", "ament_index_python"),
+MESSAGES = {
+    *("builtin_interfaces", "rosgraph_msgs", "lifecycle_msgs", "rcl_interfaces", "sensor_msgs"),
+    *("geometry_msgs", "trajectory_msgs", "std_msgs", "std_srvs", "diagnostic_msgs"),
 }
-ROS_LAYER = "eulerparams_control.ros"
-ROS_MODULES = {
-    "eulerparams_control.bags.recorder_node",
-    "eulerparams_control.bags.recorder_parameters",
-    "sim_bridge.bridge_node",
-}
+ROS = {"rclpy", "ament_index_python", *MESSAGES}
+
+# The floors, from the ground up: a module imports what is on its own floor or below.
+FLOORS = (
+    ("errors", "resources", "command_line"),
+    ("laws.rotations", "laws.rotations_batch"),
+    ("motion.frames", "motion.trajectories", "motion.desired_motion"),
+    ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
+    ("robot.urdf", "robot.urdf_xml", "robot.urdf_inertial"),
+    ("laws.limits", "laws.inverse", "laws.friction", "robot"),
+    ("laws",),
+    ("control",),
+    ("messages",),
+    ("ros", "bags"),
+    ("tool",),
+    ("sim_bridge",),
+    ("analysis",),
+    ("lab",),
+)
+FOR_A_ROBOT = {"laws", "motion", "robot", "control", "parameters", "messages"}
+NOT_FOR_A_ROBOT = {"bags", "analysis", "lab"}
 BLOCK = """
 import importlib, sys
 class Block:
@@ -38,12 +52,15 @@ def module_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+MODULES = {module_of(path): path for path in SOURCES}
+
+
 def may_import_ros(module):
-    return module == ROS_LAYER or module.startswith(ROS_LAYER + ".") or module in ROS_MODULES
+    return module.endswith("_node") or "ros" in module.split(".")
 
 
 def imports(path, at_module_level=False):
-    """Return the names that a file imports; inside functions too unless told otherwise."""
+    """Return the modules that a file imports; inside functions too unless told otherwise."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     nodes = tree.body if at_module_level else ast.walk(tree)
     names = set()
@@ -51,33 +68,75 @@ def imports(path, at_module_level=False):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module)
+            inside = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= (inside & MODULES.keys()) or {node.module}
     return names
 
 
+ARROWS = {name: imports(path) & MODULES.keys() - {name} for name, path in MODULES.items()}
+
+
+def short(module):
+    return module.removeprefix("eulerparams_control.")
+
+
+def floor_of(module):
+    """Return the floor that names most of a module; 0 for the package itself."""
+    name = short(module)
+    if name == "eulerparams_control":
+        return 0
+    places = [
+        (len(prefix), floor)
+        for floor, prefixes in enumerate(FLOORS)
+        for prefix in prefixes
+        if name == prefix or name.startswith(prefix + ".")
+    ]
+    assert places, f"{module} is on no floor"
+    return max(places)[1]
+
+
+def room_of(module):
+    return short(module).partition(".")[0]
+
+
 @pytest.mark.parametrize("path", SOURCES, ids=module_of)
-def test_only_the_ros_layer_imports_ros(path):
+def test_only_nodes_import_ros_and_only_they_and_messages_import_messages(path):
+    module = module_of(path)
     found = {name for name in imports(path) if name.partition(".")[0] in ROS}
-    assert may_import_ros(module_of(path)) or not found
+    if room_of(module) == "messages":
+        found = {name for name in found if name.partition(".")[0] not in MESSAGES}
+    assert may_import_ros(module) or not found
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_of)
 def test_only_the_ros_layer_imports_the_ros_layer(path):
     found = {name for name in imports(path, at_module_level=True) if may_import_ros(name)}
-    assert may_import_ros(module_of(path)) or not found
+    assert may_import_ros(module_of(path)) or not found & MODULES.keys()
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_what_a_robot_needs_imports_nothing_of_bags_analysis_or_lab(module):
+    if room_of(module) in FOR_A_ROBOT:
+        assert {to for to in ARROWS[module] if room_of(to) in NOT_FOR_A_ROBOT} == set()
+
+
+def test_few_modules_lie_flat():
+    flat = sorted(path.name for path in (ROOT / "eulerparams_control").glob("*.py"))
+    assert flat == ["__init__.py", "command_line.py", "errors.py", "resources.py"]
 
 
 def test_only_robot_imports_pinocchio_and_only_the_engine_imports_pybullet():
-    users = {name: {module_of(p) for p in SOURCES if name in imports(p)}
+    users = {name: {module for module, path in MODULES.items() if name in imports(path)}
              for name in ("pinocchio", "pybullet")}  # fmt: skip
     assert users == {
-        "pinocchio": {"eulerparams_control.robot"},
+        "pinocchio": {"eulerparams_control.robot.robot"},
         "pybullet": {"sim_bridge.engine"},
     }
 
 
 def test_all_that_is_not_the_ros_layer_imports_where_there_is_no_ros():
-    modules = [m for m in map(module_of, SOURCES) if not may_import_ros(m)]
+    modules = [m for m in MODULES if not may_import_ros(m) and room_of(m) != "messages"]
+    modules += ["eulerparams_control.messages.from_ros"]
     code = BLOCK.format(ros=ROS, modules=modules)
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False

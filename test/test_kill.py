@@ -17,7 +17,7 @@ from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.bags import Bag, recover
-from eulerparams_control.messages import BEGAN, ns_from_ros
+from eulerparams_control.messages.from_ros import BEGAN, ns_from_ros
 
 ros_processes.MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
 

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.experiments.criteria import judge
-from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.experiments.library import Result, library_names, run_library
-from eulerparams_control.experiments.library._errata import errata
-from eulerparams_control.experiments.library._samples import (
+from eulerparams_control.lab.experiments.criteria import judge
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.library import Result, library_names, run_library
+from eulerparams_control.lab.experiments.library._errata import errata
+from eulerparams_control.lab.experiments.library._samples import (
     accelerated,
     derivatives,
     rotations,
     vectors,
 )
-from eulerparams_control.experiments.library.e1 import DIFFERENCES, TWICE, residuals
-from eulerparams_control.experiments.model import Criterion, Experiment
-from eulerparams_control.experiments.predictions import FORMS, Predicted
-from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.rotations import S
+from eulerparams_control.lab.experiments.library.e1 import DIFFERENCES, TWICE, residuals
+from eulerparams_control.lab.experiments.model import Criterion, Experiment
+from eulerparams_control.lab.experiments.predictions import FORMS, Predicted
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import S
 
 # Seen in the prototype, to the digits that were written down.
 SEEN = {

@@ -7,11 +7,11 @@ import pytest
 from samples import generator
 from tolerances import ALGEBRAIC, LIMIT_ROUNDING, RELATIVE
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.inverse import DampedInverse, smallest_singular_value
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 DT = 0.01  # [s]
 LIMITS = JointLimits(

@@ -9,12 +9,12 @@ import pytest
 
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag
-from eulerparams_control.experiments.controllers import CONTROLLERS
-from eulerparams_control.experiments.definition import Variant
-from eulerparams_control.experiments.processes import Nodes
-from eulerparams_control.experiments.runner import node_parameters
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.rotations import Array
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.definition import Variant
+from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.experiments.runner import node_parameters
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import ns_from_ros
 
 AGREES = 1e-9
 

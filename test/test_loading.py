@@ -25,9 +25,11 @@ from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.messages import BEGAN
-from eulerparams_control.motion import DesiredFrame, DesiredMotion, SetPoint, Trajectory
-from eulerparams_control.rotations import exp
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.messages.from_ros import BEGAN
+from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 LONG = [0.5 * math.sin(0.05 * k) for k in range(400)]
 NODE = {"orientation": "euler_parameters", "k_Po": 10.0, "quaternion_sign": "continuous"}

@@ -17,27 +17,27 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.maps import MapKind, Variant, arm_map
-from eulerparams_control.maps import definition as definition_module
-from eulerparams_control.maps.arm_map import ArmMap
-from eulerparams_control.maps.arm_picture import difference
-from eulerparams_control.maps.base import Table, of_variant, run_batch
-from eulerparams_control.maps.definition import load_map
-from eulerparams_control.maps.deflection_map import DeflectionMap
-from eulerparams_control.maps.engine import Batches, Engine, engine
-from eulerparams_control.maps.error_map import ErrorMap
-from eulerparams_control.maps.gain_map import GainMap
-from eulerparams_control.maps.main import main
-from eulerparams_control.maps.orientation_map import OrientationMap
-from eulerparams_control.maps.run import DIVERGED, FAST, FINE, UNSETTLED, Outcome, failure
-from eulerparams_control.maps.sampling import away, directions, passing, with_tool_axis
-from eulerparams_control.maps.stiffness_map import StiffnessMap
-from eulerparams_control.maps.sweep import batches_of, sweep
-from eulerparams_control.orientation import EulerSequence
+from eulerparams_control.lab.maps import MapKind, Variant, arm_map
+from eulerparams_control.lab.maps import definition as definition_module
+from eulerparams_control.lab.maps.arm_map import ArmMap
+from eulerparams_control.lab.maps.arm_picture import difference
+from eulerparams_control.lab.maps.base import Table, of_variant, run_batch
+from eulerparams_control.lab.maps.definition import load_map
+from eulerparams_control.lab.maps.deflection_map import DeflectionMap
+from eulerparams_control.lab.maps.engine import Batches, Engine, engine
+from eulerparams_control.lab.maps.error_map import ErrorMap
+from eulerparams_control.lab.maps.gain_map import GainMap
+from eulerparams_control.lab.maps.main import main
+from eulerparams_control.lab.maps.orientation_map import OrientationMap
+from eulerparams_control.lab.maps.run import DIVERGED, FAST, FINE, UNSETTLED, Outcome, failure
+from eulerparams_control.lab.maps.sampling import away, directions, passing, with_tool_axis
+from eulerparams_control.lab.maps.stiffness_map import StiffnessMap
+from eulerparams_control.lab.maps.sweep import batches_of, sweep
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.resources import config_names
-from eulerparams_control.rotations import angle_between, exp
+from eulerparams_control.robot.catalogue import load_robot
 
 XYZ = Variant("XYZ", "euler_angles", "XYZ")
 ZYZ = Variant("ZYZ", "euler_angles", "ZYZ")
@@ -326,12 +326,12 @@ def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
 @pytest.mark.parametrize(
     ("name", "counts"),
     [
-        ("eulerparams_control/maps/tip.py", True),
-        ("eulerparams_control/maps/turning.py", True),
-        ("eulerparams_control/orientation/euler_angles.py", True),
-        ("eulerparams_control/rotations.py", True),
-        ("eulerparams_control/maps/arm_picture.py", False),
-        ("eulerparams_control/maps/page.py", False),
+        ("eulerparams_control/lab/maps/tip.py", True),
+        ("eulerparams_control/lab/maps/turning.py", True),
+        ("eulerparams_control/laws/orientation/euler_angles.py", True),
+        ("eulerparams_control/laws/rotations.py", True),
+        ("eulerparams_control/lab/maps/arm_picture.py", False),
+        ("eulerparams_control/lab/maps/page.py", False),
     ],
 )
 def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(

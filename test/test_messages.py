@@ -17,7 +17,8 @@ from tolerances import NANOSECOND, RELATIVE, THROUGH_A_QUATERNION
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import (
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.messages.from_ros import (
     LARGEST,
     CommandReader,
     JointStateReader,
@@ -28,8 +29,7 @@ from eulerparams_control.messages import (
     vector_from_ros,
     wrench_from_ros,
 )
-from eulerparams_control.motion import DesiredFrame, SetPoint, Trajectory
-from eulerparams_control.ros.conversions import (
+from eulerparams_control.messages.to_ros import (
     duration_to_ros,
     error_to_ros,
     motion_to_ros,
@@ -39,7 +39,9 @@ from eulerparams_control.ros.conversions import (
     vector_to_ros,
     wrench_to_ros,
 )
-from eulerparams_control.rotations import angle_between
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 JOINTS = ("shoulder", "elbow", "wrist")
 STAMP = Time(sec=3, nanosec=250_000_000)

@@ -25,15 +25,10 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
-from eulerparams_control.motion import (
-    Circle,
-    DesiredFrame,
-    DesiredMotion,
-    SetPoint,
-    Trajectory,
-    way_points,
-)
-from eulerparams_control.rotations import angle_between
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
 
 X = np.eye(3)[0]
 S_IN_NS = 1_000_000_000

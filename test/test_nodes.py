@@ -46,14 +46,15 @@ from tolerances import (
 )
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-from eulerparams_control.messages import motion_from_ros, ns_from_ros
-from eulerparams_control.motion import DesiredFrame, Trajectory
-from eulerparams_control.robot import RobotState
+from eulerparams_control.laws.rotations import EulerParameters, angle_between
+from eulerparams_control.laws.scheme import JointCommand
+from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
+from eulerparams_control.messages.to_ros import pose_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.robot import RobotState
 from eulerparams_control.ros.commands import HORIZON, CommandPublisher
-from eulerparams_control.ros.conversions import pose_to_ros
 from eulerparams_control.ros.qos import QOS
-from eulerparams_control.rotations import EulerParameters, angle_between
-from eulerparams_control.schemes.base import JointCommand
 
 CONFIG = ROOT / "config"
 CONTROLLERS = ("clik", "dynamic_control")

@@ -37,7 +37,7 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
     SIGNS,
@@ -47,7 +47,7 @@ from eulerparams_control.orientation import (
     SignRule,
     representation,
 )
-from eulerparams_control.rotations import EulerParameters, mutual
+from eulerparams_control.laws.rotations import EulerParameters, mutual
 
 COUNT = 40
 K = 2.0  # k_Po [1/s]

@@ -18,6 +18,7 @@ from synthetic_runs import URDF, write_run
 
 from eulerparams_control.analysis import figures, page_assets
 from eulerparams_control.analysis.digest import Curve, Digest
+from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.page import figures_json, write_page
 from eulerparams_control.analysis.page_assets import SCRIPTS, script, viewer
 from eulerparams_control.analysis.plots import Figure
@@ -31,10 +32,9 @@ from eulerparams_control.analysis.quantities import (
 )
 from eulerparams_control.analysis.quantity import Prediction, Quantity
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.sentence import describe
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.experiments.criteria import Verdict
-from eulerparams_control.robot import Robot
+from eulerparams_control.lab.experiments.criteria import Verdict
+from eulerparams_control.robot.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
 FORCES = "Contact force, base axes"

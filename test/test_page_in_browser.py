@@ -20,9 +20,9 @@ from synthetic_runs import write_run
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import EulerParameters
+from eulerparams_control.laws.rotations import EulerParameters
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 EVIL = "<img src=x onerror=window.hacked=1>"
 ARM = load_robot("ur5")

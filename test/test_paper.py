@@ -10,25 +10,25 @@ import pytest
 from rich.console import Console
 
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.experiments import main as executable
-from eulerparams_control.experiments.charts import Chart, ChartOf, Line
-from eulerparams_control.experiments.criteria import Verdict, write_summary
-from eulerparams_control.experiments.definition import load_experiment
-from eulerparams_control.experiments.display import Display
-from eulerparams_control.experiments.drawing import chart_svg
-from eulerparams_control.experiments.equations import equation
-from eulerparams_control.experiments.looking import look
-from eulerparams_control.experiments.model import Experiment
-from eulerparams_control.experiments.outcome import FIGURE, REPORT, Outcome, groups
-from eulerparams_control.experiments.paper import (
+from eulerparams_control.lab.experiments import main as executable
+from eulerparams_control.lab.experiments.charts import Chart, ChartOf, Line
+from eulerparams_control.lab.experiments.criteria import Verdict, write_summary
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.equations import equation
+from eulerparams_control.lab.experiments.evaluate import look
+from eulerparams_control.lab.experiments.figure import chart_svg
+from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.paper import (
     headline,
     number_of,
     paper_experiments,
     paper_table,
     write_paper_summary,
 )
-from eulerparams_control.experiments.paper_page import write_paper_page
-from eulerparams_control.experiments.schedule import Schedule
+from eulerparams_control.lab.experiments.paper_page import write_paper_page
+from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, groups
+from eulerparams_control.lab.experiments.schedule import Schedule
 
 EVIL = "<script>alert('x')</script> & \"more\""
 

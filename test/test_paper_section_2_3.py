@@ -18,15 +18,15 @@ from tolerances import (
     V_INCREASE,
 )
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
     SignRule,
     representation,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import EulerParameters, exp, log, mutual_R
+from eulerparams_control.laws.rotations import EulerParameters, exp, log, mutual_R
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 DT = 1e-3  # [s]
 K = 10.0  # k_Po [1/s]

@@ -42,11 +42,11 @@ from std_msgs.msg import String
 from tolerances import GUARD_ROUNDING, SIMULATED_POSE
 
 from eulerparams_control.bags import Bag
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.schemes.inverse_kinematics import inverse_kinematics
-from eulerparams_control.supervision.pace import LEAST
-from eulerparams_control.supervision.runaway import AT_REST
+from eulerparams_control.control.runaway import AT_REST
+from eulerparams_control.control.speed_scaling import LEAST
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.motion.frames import DesiredFrame
 
 ALL = ("clik", "dynamic_control", "impedance_control")
 EFFORTS = ALL[1:]
@@ -56,7 +56,7 @@ MODULES |= {
     for node in ALL[:2]
     for how in ("nan", "huge")
 }
-MODULES["fault_injector"] = "eulerparams_control.ros.fault_injector_node"
+MODULES["fault_injector"] = "eulerparams_control.lab.faults.fault_injector_node"
 
 MS = 1_000_000  # [ns]
 DT = 0.001  # [s] of a tick

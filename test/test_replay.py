@@ -24,10 +24,10 @@ from eulerparams_control.analysis.packing import packed, packed_reals
 from eulerparams_control.analysis.page import as_json
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.replay import ARROW, replay
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import RobotError
 from eulerparams_control.resources import config_names
-from eulerparams_control.robot import Robot
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 MOST = 100_000  # triangles
 ROBOT_BYTES = 2_000_000

@@ -18,9 +18,9 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.messages import SLOWED
+from eulerparams_control.control.speed_scaling import Nearness
+from eulerparams_control.messages.from_ros import SLOWED
 from eulerparams_control.ros import control_report
-from eulerparams_control.supervision.pace import Nearness
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATES = 100  # of a run, one every 10 ms

@@ -46,7 +46,7 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
     EulerSequence,

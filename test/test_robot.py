@@ -9,9 +9,9 @@ import pytest
 from samples import about, derivative, generator, rodrigues
 from tolerances import ALGEBRAIC, DIFFERENCES, DYNAMICS, KINEMATICS
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import RobotError
-from eulerparams_control.robot import Robot, RobotState, Tool
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
 CATALOGUE = ("kuka_iiwa", "panda", "ur10", "ur5")
 SAMPLES = 25

@@ -25,7 +25,7 @@ from tolerances import (
     SHARE_OF_PAIRS,
 )
 
-from eulerparams_control.rotations import (
+from eulerparams_control.laws.rotations import (
     SMALL_ANGLE,
     SMALL_JACOBIAN_ANGLE,
     EulerParameters,

@@ -16,18 +16,18 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.experiments import domains, records, runner, schedule, sources
-from eulerparams_control.experiments import main as executable
-from eulerparams_control.experiments.display import Display
-from eulerparams_control.experiments.domains import Domain
-from eulerparams_control.experiments.model import Experiment, Variant
-from eulerparams_control.experiments.outcome import Outcome
-from eulerparams_control.experiments.processes import Stopped
-from eulerparams_control.experiments.records import Making, Record, Run
-from eulerparams_control.experiments.runner import IncompleteBagError
-from eulerparams_control.experiments.schedule import Schedule, Task
+from eulerparams_control.lab.experiments import domains, fingerprint, run_cache, runner, schedule
+from eulerparams_control.lab.experiments import main as executable
+from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.lab.experiments.model import Experiment, Variant
+from eulerparams_control.lab.experiments.processes import Stopped
+from eulerparams_control.lab.experiments.result import Outcome
+from eulerparams_control.lab.experiments.run_cache import Making, Record, Run
+from eulerparams_control.lab.experiments.runner import IncompleteBagError
+from eulerparams_control.lab.experiments.schedule import Schedule, Task
+from eulerparams_control.robot.catalogue import load_robot
 
 PATIENCE = 30.0  # [s] a guard against hanging, not a measure
 
@@ -57,7 +57,7 @@ def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back() -> Non
 @pytest.mark.usefixtures("_few")
 def test_a_domain_that_another_process_has_is_left_alone() -> None:
     code = (
-        "import sys; from eulerparams_control.experiments import domains; "
+        "import sys; from eulerparams_control.lab.experiments import domains; "
         "domains.DOMAINS = range(101, 104); held = [domains.Domain() for _ in range(3)]; "
         "print('held', flush=True); sys.stdin.read()"
     )
@@ -109,7 +109,7 @@ def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory() -> None:
         domain.release()
 
 
-# --- records ---------------------------------------------------------------------------------
+# --- run cache ---------------------------------------------------------------------------------
 
 MAKING = Making("definition", "code")
 
@@ -237,7 +237,7 @@ def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_en
 ) -> None:
     code = (
         "import sys; from pathlib import Path; "
-        "from eulerparams_control.experiments.records import locked\n"
+        "from eulerparams_control.lab.experiments.run_cache import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(
@@ -262,7 +262,7 @@ def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_en
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     words = r"cannot write to .*/file/e2: Not a directory"
-    with pytest.raises(ConfigurationError, match=words), records.locked(tmp_path / "file/e2"):
+    with pytest.raises(ConfigurationError, match=words), run_cache.locked(tmp_path / "file/e2"):
         pass
 
 
@@ -320,7 +320,7 @@ def test_a_making_depends_on_the_whole_description_of_the_robot(
 ) -> None:
     before = Making.of(Variant({}, 5.0), {})
     robot = replace(load_robot("ur5"), **changes)
-    monkeypatch.setattr(records, "load_robot", lambda _: robot)
+    monkeypatch.setattr(run_cache, "load_robot", lambda _: robot)
     assert Making.of(Variant({}, 5.0), {}).differs(before) == "its definition"
 
 
@@ -328,10 +328,10 @@ def test_a_making_depends_on_the_whole_description_of_the_robot(
 def test_a_making_depends_on_the_versions_of_the_libraries(
     monkeypatch: pytest.MonkeyPatch, library: str
 ) -> None:
-    before = sources.version([])
-    of = sources.version_of
-    monkeypatch.setattr(sources, "version_of", lambda n: "0" if n == library else of(n))
-    assert sources.version([]) != before
+    before = fingerprint.version([])
+    of = fingerprint.version_of
+    monkeypatch.setattr(fingerprint, "version_of", lambda n: "0" if n == library else of(n))
+    assert fingerprint.version([]) != before
 
 
 def test_what_was_looked_at_depends_on_the_assets_of_its_page(
@@ -339,11 +339,11 @@ def test_what_was_looked_at_depends_on_the_assets_of_its_page(
 ) -> None:
     assets = tmp_path / "eulerparams_control/analysis/assets"
     assets.mkdir(parents=True)
-    monkeypatch.setattr(sources, "_ROOT", tmp_path)
-    versions = {sources.code.__wrapped__()}
+    monkeypatch.setattr(fingerprint, "_ROOT", tmp_path)
+    versions = {fingerprint.code.__wrapped__()}
     for name in ("page.css", "run.js"):
         (assets / name).write_text(name)
-        versions.add(sources.code.__wrapped__())
+        versions.add(fingerprint.code.__wrapped__())
     assert len(versions) == 3
 
 

@@ -9,14 +9,14 @@ from samples import about, generator, pairs_apart, rodrigues, uniform, unit_vect
 from tolerances import ALGEBRAIC, ESCAPE_RATE, LONG_WAY_DEG, TRAVEL_DEG
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     SEPARATE,
     SIGNS,
     OrientationOptions,
     SignRule,
     representation,
 )
-from eulerparams_control.rotations import EulerParameters, angle_between, exp, mutual, mutual_R
+from eulerparams_control.laws.rotations import EulerParameters, angle_between, exp, mutual, mutual_R
 
 Z = np.eye(3)[2]
 DELTA = 0.2

@@ -18,11 +18,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eulerparams_control.catalogue import RobotDescription, load_robot
 from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.robot import Robot
-from eulerparams_control.urdf import COULOMB_SPEED
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.robot.catalogue import RobotDescription, load_robot
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.robot.urdf import COULOMB_SPEED
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.protection import POSITION_MARGIN, Protection
 from sim_bridge.simulator import Simulator, SimulatorState

@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from ros_processes import ROOT
 
-from eulerparams_control.soak.cause import OVERRUN, REFUSED, UNSEEN, WITHHELD, Causes
-from eulerparams_control.soak.histogram import Histogram
-from eulerparams_control.soak.ledger import PATIENCE, Ledger, Missed
-from eulerparams_control.soak.main import main
-from eulerparams_control.soak.page import write_page
-from eulerparams_control.soak.plan import Plan
-from eulerparams_control.soak.record import Life, Page, Record, Unanswered
-from eulerparams_control.soak.summary import write_summary
-from eulerparams_control.soak.usage import Usage, usage_of, waited_of
-from eulerparams_control.soak.verdict import judge
+from eulerparams_control.lab.soak.cause import OVERRUN, REFUSED, UNSEEN, WITHHELD, Causes
+from eulerparams_control.lab.soak.histogram import Histogram
+from eulerparams_control.lab.soak.ledger import PATIENCE, Ledger, Missed
+from eulerparams_control.lab.soak.main import main
+from eulerparams_control.lab.soak.page import write_page
+from eulerparams_control.lab.soak.plan import Plan
+from eulerparams_control.lab.soak.record import Life, Page, Record, Unanswered
+from eulerparams_control.lab.soak.summary import write_summary
+from eulerparams_control.lab.soak.usage import Usage, usage_of, waited_of
+from eulerparams_control.lab.soak.verdict import judge
 
 # A percentile of the histogram is right within this part of it: half of a bin is 0.5 %.
 BIN = 0.006
@@ -270,7 +270,7 @@ def test_results_of_a_former_soak_are_not_overwritten(
 
 
 def test_a_short_soak_sees_all_nodes_their_round_trips_and_their_memory(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "eulerparams_control.soak.main"]
+    command = [sys.executable, "-m", "eulerparams_control.lab.soak.main"]
     options = ["--seconds", "25", "--controller", "clik", "--rate", "100", "--out", str(tmp_path)]
     path = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(":")
     done = subprocess.run(

@@ -10,7 +10,11 @@ from samples import generator
 from test_controller import HOME, MS, STILL, T_0, UR5, clik, dynamic_control, moved, pose_of
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 
-from eulerparams_control.controller import Controller, ControllerOptions
+from eulerparams_control.control import clock
+from eulerparams_control.control.command_limiter import CommandGuard
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.latency import Latency
+from eulerparams_control.control.speed_scaling import LEAST, Nearness, Pace
 from eulerparams_control.errors import (
     ConfigurationError,
     InvalidMessageError,
@@ -18,13 +22,11 @@ from eulerparams_control.errors import (
     UnknownNameError,
     UnsafeCommandError,
 )
-from eulerparams_control.limits import POSITION_RATE, JointLimits
-from eulerparams_control.motion import DesiredFrame, SetPoint, way_points
-from eulerparams_control.schemes.base import JointCommand
-from eulerparams_control.supervision import clock
-from eulerparams_control.supervision.guard import CommandGuard
-from eulerparams_control.supervision.latency import Latency
-from eulerparams_control.supervision.pace import LEAST, Nearness, Pace
+from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
+from eulerparams_control.laws.scheme import JointCommand
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import way_points
 
 LIMITS = JointLimits(
     np.array([-1.0, -2.0, -np.inf]),

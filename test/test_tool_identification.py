@@ -12,15 +12,15 @@ from samples import about, generator, rodrigues, uniform, unit_vectors, vectors
 from tolerances import ALGEBRAIC
 
 from eulerparams_control.errors import IdentificationError
-from eulerparams_control.rotations import angle_between
-from eulerparams_control.tool_identification import (
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.motion.way_points import parse_way_points
+from eulerparams_control.tool.identification import (
     GRAVITY,
     LEAST_SPREAD,
     Identification,
     identify,
     spread,
 )
-from eulerparams_control.way_points import parse_way_points
 
 # Of a sample of the sensor, N and Nm, and how many samples are averaged: 1 s at 1 kHz.
 NOISE = np.repeat([0.1, 0.005], 3)

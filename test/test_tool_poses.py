@@ -9,7 +9,7 @@ from samples import generator
 from tolerances import ALGEBRAIC
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.tool_poses import Pose, PoseCollector, PoseOptions
+from eulerparams_control.tool.poses import Pose, PoseCollector, PoseOptions
 
 MS = 1_000_000  # [ns]
 OPTIONS = PoseOptions(settle_time=0.1, averaging_time=0.2, max_speed=0.02)

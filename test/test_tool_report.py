@@ -12,13 +12,13 @@ from ros_processes import UR5, Array
 from samples import about, generator
 from tolerances import ALGEBRAIC, KINEMATICS
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import RobotError, UnknownNameError
-from eulerparams_control.sensor_mount import Carried, SensorMount, carried
-from eulerparams_control.tool_identification import Identification
-from eulerparams_control.tool_poses import Pose
-from eulerparams_control.tool_report import ToolReport
-from eulerparams_control.urdf import UrdfTree
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.urdf import UrdfTree
+from eulerparams_control.tool.identification import Identification
+from eulerparams_control.tool.mount import Carried, SensorMount, carried
+from eulerparams_control.tool.poses import Pose
+from eulerparams_control.tool.report import ToolReport
 from sim_bridge.urdf import Body, simulation_urdf
 
 LINK = '<link name="{}"/>'

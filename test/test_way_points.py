@@ -8,8 +8,8 @@ from samples import about, by_angles, generator, rodrigues
 from tolerances import ALGEBRAIC, THROUGH_POINTS
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.orientation import SEQUENCES
-from eulerparams_control.way_points import FORMATS, parse_way_points
+from eulerparams_control.laws.orientation import SEQUENCES
+from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ANGLE = 1.9

@@ -14,17 +14,17 @@ import pytest
 from samples import generator, moving, positive_definite, rodrigues, uniform, unit_vectors, vectors
 from tolerances import ALGEBRAIC, CUT_OFF, DISTINCT, MOMENTUM
 
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.motion import Placement
-from eulerparams_control.robot import Robot, RobotState, Tool
-from eulerparams_control.wrench import (
+from eulerparams_control.laws.wrench import (
     RestingWrench,
     SensedWrench,
     WrenchChain,
     WrenchOptions,
     at_point,
 )
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
 COUNT = 40
 DT = 1e-3  # [s]

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.export_table import columns
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.wide import columns
 from eulerparams_control.errors import UnknownNameError
 
 if TYPE_CHECKING:

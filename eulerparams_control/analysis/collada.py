@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.rotations import Array, R_angle_axis
+from eulerparams_control.laws.rotations import Array, R_angle_axis
 
 
 class Part(NamedTuple):

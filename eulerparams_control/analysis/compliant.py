@@ -11,9 +11,14 @@ from functools import cached_property
 import numpy as np
 
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.motion import AT_ORIGIN, Placement
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import quaternions, rotation_vectors, transposed, turn_back
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import (
+    quaternions,
+    rotation_vectors,
+    transposed,
+    turn_back,
+)
+from eulerparams_control.motion.frames import AT_ORIGIN, Placement
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 _GROUP = "Contact and compliance by component"
 _NOTHING = np.zeros(0), np.zeros((0, 3))

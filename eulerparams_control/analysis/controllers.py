@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
     SignRule,

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 
 def decimate(t: Array, y: Array, bins: int) -> tuple[Array, Array]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames, moved
-from eulerparams_control.motion import DesiredFrame, Trajectory
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 Stamps = NDArray[np.int64]
 

@@ -28,9 +28,9 @@ from eulerparams_control.analysis.poles import (
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
-from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.robot import Robot
 
 BINS = 700
 """Of a curve: more than a screen has pixels for."""

@@ -19,7 +19,7 @@ from eulerparams_control.analysis.meshes import (
 )
 from eulerparams_control.analysis.packing import packed
 from eulerparams_control.errors import RobotError
-from eulerparams_control.urdf import UrdfTree, attribute
+from eulerparams_control.robot.urdf import UrdfTree, attribute
 
 _STEPS = 65535  # of a quantised coordinate
 

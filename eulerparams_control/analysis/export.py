@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from eulerparams_control.analysis.export_table import columns, names
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.wide import columns, names
 from eulerparams_control.errors import ConfigurationError
 
 FORMATS = ("csv", "parquet")

@@ -44,7 +44,7 @@ from eulerparams_control.analysis.shades import (
     top_margin,
 )
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 _POINTS = 600_000  # of the whole page, which keeps them below 7 MB
 _MOST_BINS = 700  # of a line: more than a screen has pixels for

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.motion import AT_ORIGIN, DesiredFrame, Placement
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import exps
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import exps
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 
 
 @dataclass(frozen=True)

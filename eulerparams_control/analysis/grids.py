@@ -22,7 +22,7 @@ from eulerparams_control.analysis.plots import (
 from eulerparams_control.analysis.quantity import JointQuantity, VectorQuantity
 from eulerparams_control.analysis.scale import axis, spans, symmetric_axis
 from eulerparams_control.analysis.shades import bands
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 _HEIGHT = 220  # [px]
 _AXES = ("x", "y", "z")

@@ -12,8 +12,8 @@ from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.impedances import centre_of_compliance, impedance_node
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.wrenches import Wrenches
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import turn_back
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import turn_back
 
 
 class ImpedanceRun(NamedTuple):

@@ -6,9 +6,9 @@ from typing import Any
 
 from eulerparams_control.analysis.controllers import node_of
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
-from eulerparams_control.impedance import Impedance, impedance_of
-from eulerparams_control.motion import Placement
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.robot.robot import Robot
 
 IMPEDANCE_NODE = "impedance_control"
 

@@ -13,28 +13,28 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.controllers import options_of
+from eulerparams_control.analysis.decode import Rows, joined
 from eulerparams_control.analysis.desired import DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.impedances import impedance_node
 from eulerparams_control.analysis.parsing import Parsers
-from eulerparams_control.analysis.queues import LATEST, Ends, Queue
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.rows import Rows, joined
 from eulerparams_control.analysis.series import Efforts, Series
+from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
-from eulerparams_control.motion import DesiredFrame
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
     OrientationRepresentation,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import sample
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import sample
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import Robot
 
 EARTH = (0.0, 0.0, -9.81)
 """Gravity [m/s^2] where no controller was told its own."""

@@ -16,9 +16,9 @@ from eulerparams_control.analysis.impedances import (
     rotational_impedance,
 )
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.orientation import OrientationRepresentation
-from eulerparams_control.orientation.base import Lyapunov
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.orientation.base import Lyapunov
+from eulerparams_control.laws.rotations import Array
 
 if TYPE_CHECKING:
     from eulerparams_control.analysis.recording import Recording

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.collada import read_collada
-from eulerparams_control.catalogue import load_robot
 from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_names
-from eulerparams_control.rotations import Array
+from eulerparams_control.robot.catalogue import load_robot
 
 try:
     import coal  # type: ignore[import-not-found,import-untyped,unused-ignore]

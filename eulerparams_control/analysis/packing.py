@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 _LARGEST = float(np.finfo(np.float32).max)
 _NAMES = {"float32": "f4", "uint16": "u2", "uint32": "u4", "int16": "i2"}

@@ -15,17 +15,17 @@ from plotly.offline import get_plotlyjs
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.figures import panels, picture
+from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.page_assets import script, style, viewer
 from eulerparams_control.analysis.page_sections import body, header
 from eulerparams_control.analysis.plots import Figure, time_range
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.replay import replay
-from eulerparams_control.analysis.sentence import describe
 from eulerparams_control.analysis.table import rows
 from eulerparams_control.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from eulerparams_control.experiments.criteria import Verdict
+    from eulerparams_control.lab.experiments.criteria import Verdict
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"

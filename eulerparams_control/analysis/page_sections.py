@@ -22,7 +22,7 @@ from eulerparams_control.analysis.replay_view import replay_section
 from eulerparams_control.analysis.table import Row
 
 if TYPE_CHECKING:
-    from eulerparams_control.experiments.criteria import Verdict
+    from eulerparams_control.lab.experiments.criteria import Verdict
 
 _UNITS = "deg|mm/s|mm|rad/s|Nm/rad|Nm|N/m|N|1/s|s"
 _NUMBER = re.compile(rf"(\d\S*(?: (?:{_UNITS})\b)?)")

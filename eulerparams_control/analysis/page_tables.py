@@ -7,13 +7,13 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.labels import colour, dash, labels
 from eulerparams_control.analysis.table import MISSING, Row
-from eulerparams_control.analysis.text import quantity
-from eulerparams_control.messages import REMEDY
+from eulerparams_control.messages.from_ros import REMEDY
 
 if TYPE_CHECKING:
-    from eulerparams_control.experiments.criteria import Verdict
+    from eulerparams_control.lab.experiments.criteria import Verdict
 
 _DIGITS = '<button type="button" class="digits" aria-pressed="false">all digits</button>'
 _REPORTS = '<p class="note">What the nodes said on /diagnostics, each time that it changed.</p>'

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis import rows
+from eulerparams_control.analysis import decode
+from eulerparams_control.analysis.decode import Rows
 from eulerparams_control.analysis.desired import NO_START
-from eulerparams_control.analysis.queues import LATEST, Parse
 from eulerparams_control.analysis.reports import Reports
-from eulerparams_control.analysis.rows import Rows
+from eulerparams_control.analysis.topic_buffer import LATEST, Parse
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
-from eulerparams_control.messages import BEGAN
-from eulerparams_control.motion import Trajectory
-from eulerparams_control.robot import Robot
+from eulerparams_control.messages.from_ros import BEGAN
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.robot import Robot
 
 _MOVING = ("joint_states", "joint_reference")  # of which a velocity may be missing
 
@@ -59,11 +59,11 @@ class Parsers:
         base, tip = self._robot.base_frame, self._robot.tip_frame
         moving, pulling = ("position", "velocity"), ("effort",)
         of_group: dict[str, Callable[[Group], list[NDArray[Any]]]] = {
-            "joint_states": lambda group: list(rows.joint_rows(group, joints, moving)),
-            "joint_reference": lambda group: list(rows.joint_rows(group, joints, moving)),
-            "joint_effort": lambda group: list(rows.joint_rows(group, joints, pulling)),
-            "wrench": rows.wrench_rows,
-            "compliant_frame": lambda group: list(rows.frame_rows(group, base, tip)),
+            "joint_states": lambda group: list(decode.joint_rows(group, joints, moving)),
+            "joint_reference": lambda group: list(decode.joint_rows(group, joints, moving)),
+            "joint_effort": lambda group: list(decode.joint_rows(group, joints, pulling)),
+            "wrench": decode.wrench_rows,
+            "compliant_frame": lambda group: list(decode.frame_rows(group, base, tip)),
         }
         parsers = {
             name: self._parser(name, of)
@@ -90,8 +90,8 @@ class Parsers:
                     values = of(group)
                 except InvalidMessageError:
                     continue
-                good = rows.finite(values[:1] if name in _MOVING else values)
-                all_rows = Rows(rows.stamps(group), sent[group.index], tuple(values))
+                good = decode.finite(values[:1] if name in _MOVING else values)
+                all_rows = Rows(decode.stamps(group), sent[group.index], tuple(values))
                 found.append(all_rows if good.all() else all_rows.take(good))
                 valid += int(good.sum())
             return found, len(messages) - valid
@@ -104,13 +104,13 @@ class Parsers:
         found, valid = [], 0
         sent = np.array([message.publish_time or message.log_time for message in messages])
         for group in self._groups("reference", messages):
-            if rows.is_set_point(group) and not _later(group).any():
+            if decode.is_set_point(group) and not _later(group).any():
                 try:
-                    values = rows.frame_rows(group, base, tip)
+                    values = decode.frame_rows(group, base, tip)
                 except InvalidMessageError:
                     continue
-                good = rows.finite(values)
-                starts = np.where(rows.stamps(group) > 0, rows.stamps(group), NO_START)
+                good = decode.finite(values)
+                starts = np.where(decode.stamps(group) > 0, decode.stamps(group), NO_START)
                 found.append(Rows(starts, sent[group.index], tuple(values)).take(good))
                 valid += int(good.sum())
                 continue
@@ -123,7 +123,7 @@ class Parsers:
     def _one_reference(self, message: RawMessage, sent: int) -> list[Rows]:
         try:
             decoded = self._bag.decode(message)
-            start, frame, trajectory = rows.motion(
+            start, frame, trajectory = decode.motion(
                 decoded, self._robot.base_frame, self._robot.tip_frame
             )
         except (InvalidMessageError, BagError):

@@ -11,8 +11,8 @@ from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.labels import line
 from eulerparams_control.analysis.packing import packed_reals
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.robot import Robot
 
 GREY = "rgba(128, 128, 128, 0.9)"
 PREDICTION_DASHES = ("dash", "dashdot", "dot")

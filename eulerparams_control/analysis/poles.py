@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 NEAR = math.radians(5)
 """Angle [rad] to the pole below which a plot is shaded."""

@@ -19,8 +19,8 @@ from eulerparams_control.analysis.representation_quantities import (
     RATES,
     TIP,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.robot import Robot
 
 _EMPTY = np.zeros(0)
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.robot import Robot
 
 
 class Quantity(NamedTuple):

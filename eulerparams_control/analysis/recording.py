@@ -25,14 +25,14 @@ from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.errors import BagError
-from eulerparams_control.orientation import (
+from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
     OrientationRepresentation,
     representation,
 )
-from eulerparams_control.robot import Robot
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.robot.robot import Robot
 
 
 @dataclass(frozen=True)

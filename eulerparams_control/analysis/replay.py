@@ -12,7 +12,7 @@ from eulerparams_control.analysis.drawn_robot import Data, DrawnRobot, drawn_rob
 from eulerparams_control.analysis.labels import colour, labels
 from eulerparams_control.analysis.packing import packed_reals
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.rotations import Array, EulerParameters
+from eulerparams_control.laws.rotations import Array, EulerParameters
 
 ARROW = 0.1
 """[m] length of an arrow for the rounded force, or moment, that the page names."""

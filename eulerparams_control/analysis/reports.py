@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.messages import FOLLOWING, FROZEN, REMEDY, SLOWED
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import FOLLOWING, FROZEN, REMEDY, SLOWED
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""

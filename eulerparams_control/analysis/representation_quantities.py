@@ -4,8 +4,8 @@ import numpy as np
 
 from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.orientation import OrientationRepresentation
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.rotations import Array
 
 _NOTHING = np.zeros(0), np.zeros((0, 3))
 _ERRORS = "Orientation error in every representation"

@@ -6,9 +6,9 @@ import numpy as np
 
 from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.impedance import Impedance
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import turn_back
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import turn_back
 
 
 class _Displacement(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 _SPAN = 50.0  # peak of the largest run over what is usual in the smallest, for a log axis
 _HIGHEST = 1e12  # beyond, in whatever unit, is a run that diverged

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.robot import Robot, RobotState
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import angles_between
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import angles_between
+from eulerparams_control.robot.robot import Robot, RobotState
 
 
 class Efforts(NamedTuple):

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.format import number
 from eulerparams_control.analysis.plots import GREY
 from eulerparams_control.analysis.poles import NEAR, Approach, Interval, merged
-from eulerparams_control.analysis.text import number
 
 REPRESENTATION = "rgba(204, 121, 167, 0.22)"
 KINEMATIC = "rgba(230, 159, 0, 0.20)"

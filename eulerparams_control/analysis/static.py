@@ -45,7 +45,7 @@ from eulerparams_control.analysis.static_image import (
     write,
 )
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 __all__ = ["quantity_figure", "svg", "write_figures"]
 

@@ -18,7 +18,7 @@ from eulerparams_control.analysis.quantity import (
     VectorQuantity,
 )
 from eulerparams_control.analysis.scale import axis, signed_axis, spans, symmetric_axis
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 

@@ -9,10 +9,10 @@ from rich.table import Table
 from rich.text import Text
 
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.format import number
 from eulerparams_control.analysis.labels import labels, sequences
 from eulerparams_control.analysis.metrics import get_metric
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.text import number
 from eulerparams_control.errors import BagError
 
 MISSING = "-"

@@ -8,11 +8,11 @@ import numpy as np
 from eulerparams_control.analysis.impedances import IMPEDANCE_NODE, impedance_node
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
-from eulerparams_control.motion import Placement
-from eulerparams_control.robot import Robot, Tool
-from eulerparams_control.rotations import Array
-from eulerparams_control.stacked import turn, turn_back
-from eulerparams_control.wrench import WrenchOptions
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import turn, turn_back
+from eulerparams_control.laws.wrench import WrenchOptions
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.robot.robot import Robot, Tool
 
 _FELT = 1e-6  # [N], [Nm] below which it is rounding
 

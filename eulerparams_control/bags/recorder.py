@@ -17,7 +17,7 @@ def main(args: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if args is None else args
     if arguments[:1] == [_RECOVER]:
         return _recover_all(arguments[1:])
-    from eulerparams_control.bags.recorder_node import run_recorder  # recovery needs no ROS
+    from eulerparams_control.bags.ros.recorder_node import run_recorder  # recovery needs no ROS
 
     return run_recorder(args)
 

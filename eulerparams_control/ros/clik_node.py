@@ -3,16 +3,16 @@
 import sys
 from dataclasses import dataclass
 
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.control_parameters import ControlParameters
 from eulerparams_control.ros.parameters import parameter
 from eulerparams_control.ros.qos import QOS_STREAM
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.schemes.base import Scheme
-from eulerparams_control.schemes.clik import FEEDBACKS, Clik, ClikLaw
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
-from eulerparams_control.motion import Trajectory
-from eulerparams_control.ros.conversions import duration_to_ros, motion_to_ros
+from eulerparams_control.laws.scheme import JointCommand
+from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
+from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
-from eulerparams_control.schemes.base import JointCommand
 
 # How far ahead [s] the point of a joint_trajectory is.
 HORIZON = 0.02

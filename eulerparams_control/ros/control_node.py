@@ -22,17 +22,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.controller import REPORT_IT, Controller
+from eulerparams_control.control.clock import steady
+from eulerparams_control.control.controller import REPORT_IT, Controller
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
     InvalidMessageError,
     defect,
 )
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.messages import JointStateReader, motion_from_ros, ns_from_ros
-from eulerparams_control.orientation import SEPARATE
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import SEPARATE
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import Scheme, Tick
+from eulerparams_control.messages.from_ros import JointStateReader, motion_from_ros, ns_from_ros
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import Commands
 from eulerparams_control.ros.control_parameters import LATEST, ControlParameters
@@ -40,9 +43,6 @@ from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
-from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.base import Scheme, Tick
-from eulerparams_control.supervision.clock import steady
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eulerparams_control.controller import ControllerOptions
-from eulerparams_control.inverse import DampedInverse
-from eulerparams_control.orientation import (
+from eulerparams_control.control.controller import ControllerOptions
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEPARATE,
     SEQUENCES,
@@ -18,9 +18,9 @@ from eulerparams_control.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.parameters import parameter
-from eulerparams_control.rotations import Array
 
 LATEST = "latest"
 PAIRINGS = (LATEST, "stamp")

@@ -8,15 +8,15 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from eulerparams_control.controller import Controller
-from eulerparams_control.inverse import smallest_singular_value
-from eulerparams_control.messages import BEGAN, SLOWED
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.speed_scaling import Nearness
+from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.scheme import Tick
+from eulerparams_control.messages.from_ros import BEGAN, SLOWED
+from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.control_parameters import ControlParameters
-from eulerparams_control.ros.conversions import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.ros.meter import Meter
-from eulerparams_control.schemes.base import Tick
-from eulerparams_control.supervision.pace import Nearness
 
 Values = dict[str, str | int | float]
 

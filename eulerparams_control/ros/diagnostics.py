@@ -8,9 +8,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import kind_of
-from eulerparams_control.messages import REMEDY
-from eulerparams_control.supervision.clock import steady
+from eulerparams_control.messages.from_ros import REMEDY
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

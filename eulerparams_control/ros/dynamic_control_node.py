@@ -7,24 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.friction import JointFriction
-from eulerparams_control.impedance import symmetric_matrix
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.laws.dynamic_control import (
+    DynamicControl,
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.impedance_matrices import symmetric_matrix
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.robot.robot import Robot, Tool
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.control_parameters import ControlParameters
 from eulerparams_control.ros.parameters import parameter
 from eulerparams_control.ros.qos import QOS_STREAM
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.rotations import Array
-from eulerparams_control.schemes.base import Scheme
-from eulerparams_control.schemes.dynamic import (
-    DynamicControl,
-    EffortLimits,
-    InverseDynamics,
-    ResolvedAcceleration,
-)
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,15 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
-from eulerparams_control.limits import JointLimits
-from eulerparams_control.messages import FROZEN
-from eulerparams_control.motion import Placement
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.dynamic_control import DynamicControl
+from eulerparams_control.laws.impedance_control import ImpedanceControl, MotionLoop, NoMotionLoop
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.laws.scheme import Scheme, Tick
+from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
+from eulerparams_control.messages.from_ros import FROZEN
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
@@ -20,11 +25,6 @@ from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.wrench_input import WrenchInput
-from eulerparams_control.rotations import Array, angle_between
-from eulerparams_control.schemes.base import Scheme, Tick
-from eulerparams_control.schemes.dynamic import DynamicControl
-from eulerparams_control.schemes.impedance import ImpedanceControl, MotionLoop, NoMotionLoop
-from eulerparams_control.wrench import RestingWrench, WrenchChain, WrenchOptions
 
 # So many wrenches decide whether the arm touches something.
 _FEW = 10

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.compliance import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.impedance import Impedance, impedance_of
-from eulerparams_control.motion import Placement
-from eulerparams_control.robot import Robot, Tool
+from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
+from eulerparams_control.laws.impedance_control import ImpedanceLaw
+from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
+from eulerparams_control.laws.wrench import WrenchOptions
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.robot.robot import Robot, Tool
 from eulerparams_control.ros.control_parameters import LATEST, PAIRINGS
 from eulerparams_control.ros.dynamic_control_node import DynamicParameters, require_size
 from eulerparams_control.ros.parameters import parameter
-from eulerparams_control.schemes.impedance import ImpedanceLaw
-from eulerparams_control.wrench import WrenchOptions
 
 # A push [1/s] along each axis has to fade at least as fast.
 _LEAST_DAMPING = 0.5

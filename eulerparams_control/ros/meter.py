@@ -3,7 +3,7 @@
 from collections import deque
 from statistics import quantiles
 
-from eulerparams_control.supervision.clock import steady
+from eulerparams_control.control.clock import steady
 
 # Of so many answers the latencies are remembered.
 _REMEMBERED = 2000

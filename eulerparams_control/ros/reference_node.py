@@ -15,16 +15,17 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
-from eulerparams_control.messages import JointStateReader, pose_from_ros
-from eulerparams_control.motion import Circle, DesiredFrame, Trajectory, way_points
-from eulerparams_control.robot import Robot
+from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.messages.from_ros import JointStateReader, pose_from_ros
+from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
+from eulerparams_control.motion.way_points import FORMATS, parse_way_points
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.conversions import motion_to_ros
 from eulerparams_control.ros.parameters import declare, parameter
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.rotations import Array, angle_between
-from eulerparams_control.way_points import FORMATS, parse_way_points
 
 # To read so many points takes a controller some 50 ms, in which it commands nothing.
 _MANY = 1000

@@ -5,12 +5,12 @@ import math
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages import ns_from_ros, wrench_from_ros
-from eulerparams_control.motion import Placement
+from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
+from eulerparams_control.motion.frames import Placement
 from eulerparams_control.ros.control_parameters import LATEST
-from eulerparams_control.supervision.clock import steady
-from eulerparams_control.wrench import SensedWrench
 
 
 class WrenchInput:

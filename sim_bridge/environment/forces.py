@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.rotations import Array, cross
+from eulerparams_control.laws.rotations import Array, cross
 from sim_bridge.environment.base import Thing
 
 

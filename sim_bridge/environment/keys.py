@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.rotations import Array, EulerParameters
+from eulerparams_control.laws.rotations import Array, EulerParameters
 
 ORIGIN = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 from sim_bridge.environment.forces import Force, SensorMotion, at_point
 from sim_bridge.environment.keys import ORIGIN, number, vector, word
 

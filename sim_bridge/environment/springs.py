@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.rotations import Array, cross, log
+from eulerparams_control.laws.rotations import Array, cross, log
 from sim_bridge.environment.forces import Force, SensorMotion, at_point
 from sim_bridge.environment.keys import NO_TURN, ORIGIN, quaternion, rotation, vector
 

@@ -10,10 +10,10 @@ import numpy as np
 import rclpy
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.motion import Circle, Trajectory
-from eulerparams_control.robot import Robot
-from eulerparams_control.ros.conversions import motion_to_ros
+from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.motion.trajectories import Circle, Trajectory
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS
 
 RATE = 50.0  # [Hz]

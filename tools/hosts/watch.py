@@ -20,9 +20,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.catalogue import load_robot
-from eulerparams_control.messages import ns_from_ros
-from eulerparams_control.robot import Robot
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_STREAM
 
 _SENT, _RECEIVED = "source_timestamp", "received_timestamp"

@@ -13,13 +13,13 @@ recorded raises BagError.  Options that many have:
 """
 
 from eulerparams_control.analysis.metrics import (
-    compliance,
+    compliant_frame,
     contact,
     efforts,
     errors,
     motion,
+    raw_messages,
     stability,
-    wire,
 )
 from eulerparams_control.analysis.metrics.base import (
     METRICS,
@@ -32,7 +32,7 @@ from eulerparams_control.analysis.metrics.base import (
 __all__ = [
     "METRICS",
     "Metric",
-    "compliance",
+    "compliant_frame",
     "contact",
     "efforts",
     "errors",
@@ -40,6 +40,6 @@ __all__ = [
     "measure",
     "motion",
     "quotient",
+    "raw_messages",
     "stability",
-    "wire",
 ]

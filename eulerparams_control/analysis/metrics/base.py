@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 
 class Metric(NamedTuple):

@@ -16,7 +16,7 @@ from eulerparams_control.analysis.metrics.vectors import Axis, along, known, mea
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.wrenches import Wrenches
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 FRAMES = ("base", "desired")
 

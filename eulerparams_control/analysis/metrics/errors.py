@@ -13,7 +13,7 @@ from eulerparams_control.analysis.metrics.base import metric, quotient, series_o
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 
 def _known(t: Array, error: Array, after: float, before: float) -> tuple[Array, Array]:

@@ -8,8 +8,8 @@ import numpy as np
 from eulerparams_control.analysis.metrics.base import metric, quotient, series_of, within
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.orientation import EulerSequence
-from eulerparams_control.rotations import angle_between
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import angle_between
 
 
 @metric("rad/s")

@@ -8,7 +8,7 @@ from eulerparams_control.analysis.lyapunov import LyapunovSeries
 from eulerparams_control.analysis.metrics.base import metric, quotient, series_of
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 
 def _lyapunov(recording: Recording) -> LyapunovSeries:

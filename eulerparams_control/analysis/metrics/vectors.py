@@ -7,7 +7,7 @@ import numpy as np
 
 from eulerparams_control.analysis.metrics.base import within
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.rotations import Array
+from eulerparams_control.laws.rotations import Array
 
 type Axis = Sequence[float]
 """Three numbers, of any length but 0; none at all means no axis."""

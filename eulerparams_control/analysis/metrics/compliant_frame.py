@@ -1,0 +1,224 @@
+"""Compliance: where the compliant frame is relative to the desired one, and why.
+
+Options as in ``contact``; displacement and turn are in the axes of the desired frame.  What is
+compared with a force or a moment is that at the centre of compliance, which may be off the tip.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.impedance_run import ImpedanceRun
+from eulerparams_control.analysis.impedances import (
+    IMPEDANCE_NODE,
+    impedance_node,
+    rotational_impedance,
+    translational_impedance,
+)
+from eulerparams_control.analysis.metrics.base import metric, quotient, within
+from eulerparams_control.analysis.metrics.stability import growth
+from eulerparams_control.analysis.metrics.vectors import Axis, along, known, mean_at_end
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.residuals import rotational_residual, translational_residual
+from eulerparams_control.errors import BagError
+from eulerparams_control.laws.rotations import Array
+
+
+def _compliant(recording: Recording) -> CompliantMotion:
+    if recording.compliant is None:
+        raise BagError(f"{recording.path} has no compliant_frame")
+    return recording.compliant
+
+
+def _turn(recording: Recording) -> tuple[Array, Array]:
+    """Return instants (N,) [s] and the rotation vector (N, 3) [rad] of R_d' R_c."""
+    compliant = _compliant(recording)
+    return compliant.t, compliant.rho_cd_d
+
+
+def _displacement(recording: Recording) -> tuple[Array, Array]:
+    """Return instants (N,) [s] and R_d' (p_c - p_d) (N, 3) [m]."""
+    compliant = _compliant(recording)
+    return compliant.t, compliant.p_cd_d
+
+
+@metric("deg")
+def final_turn(
+    recording: Recording, axis: Axis = (), window: float = 0.0, before: float = math.inf
+) -> float:
+    """Turn of the compliant frame at the end.
+
+    The angle of R_d' R_c.
+
+    With an axis, in the desired frame, the component of its rotation vector.
+    """
+    return math.degrees(along(mean_at_end(*_turn(recording), window, before), axis))
+
+
+@metric("deg")
+def peak_turn(
+    recording: Recording, axis: Axis = (), after: float = 0.0, before: float = math.inf
+) -> float:
+    """Largest turn of the compliant frame.
+
+    The angle of R_d' R_c.
+
+    With an axis, in the desired frame, the component of its rotation vector.
+    """
+    _, rho = known(*_turn(recording), after, before)
+    return math.degrees(np.abs(along(rho, axis)).max())
+
+
+@metric("mm")
+def final_displacement(
+    recording: Recording, axis: Axis = (), window: float = 0.0, before: float = math.inf
+) -> float:
+    """Displacement of the compliant frame at the end.
+
+    From the desired origin, at the tip.
+
+    With an axis, in the desired frame, its component.
+    """
+    return 1e3 * float(along(mean_at_end(*_displacement(recording), window, before), axis))
+
+
+@metric("mm")
+def peak_displacement(
+    recording: Recording, axis: Axis = (), after: float = 0.0, before: float = math.inf
+) -> float:
+    """Largest displacement of the compliant frame.
+
+    From the desired origin, at the tip.
+
+    With an axis, in the desired frame, its component.
+    """
+    _, p = known(*_displacement(recording), after, before)
+    return 1e3 * float(np.abs(along(p, axis)).max())
+
+
+@metric("deg")
+def moment_axis_angle(
+    recording: Recording, window: float = 0.0, before: float = math.inf
+) -> float:
+    """Angle between the axes of turn and moment at the end.
+
+    Of the rotation vector of R_d' R_c and mu^d: 0 by (65) about an axis of K_o.
+    """
+    run = _impedance(recording)
+    rho = mean_at_end(run.motion.t, run.motion.rho_cd_d, window, before)
+    mu = mean_at_end(run.motion.t, run.mu_d, window, before)
+    if not (rho.any() and mu.any()):
+        raise BagError(f"{recording.path}: no turn or no moment, so that its axis is not known")
+    across = float(np.linalg.norm(np.cross(rho, mu)))
+    return math.degrees(math.atan2(across, float(rho @ mu)))
+
+
+@metric("Nm/rad")
+def apparent_stiffness(
+    recording: Recording, window: float = 0.0, before: float = math.inf
+) -> float:
+    """Moment over turn at the end.
+
+    The stiffness that the environment feels about the axis of the moment:
+    mu' mu / (mu' rho) with the rotation vector rho of R_d' R_c, all in the desired frame.
+    """
+    run = _impedance(recording)
+    rho = mean_at_end(run.motion.t, run.motion.rho_cd_d, window, before)
+    mu = mean_at_end(run.motion.t, run.mu_d, window, before)
+    return quotient(float(mu @ mu), float(mu @ rho))
+
+
+@metric("N/m")
+def apparent_translational_stiffness(
+    recording: Recording, window: float = 0.0, before: float = math.inf
+) -> float:
+    """Force over displacement at the end.
+
+    The stiffness that the environment feels along the force: f' f / (f' p) with p = p_c - p_d.
+    """
+    run = _impedance(recording)
+    p = mean_at_end(run.motion.t, run.motion.p_cd_d, window, before)
+    f = mean_at_end(run.motion.t, run.f_d, window, before)
+    return quotient(float(f @ f), float(f @ p))
+
+
+@metric("1/s")
+def escape_rate(recording: Recording, low: float, high: float) -> float:
+    """Rate at which a turn of 180 deg is left.
+
+    That of 180 deg less the turn of the compliant frame, where this first passes from ``low`` to
+    ``high`` [deg]: about an axis of K_o the equilibrium Q3 (67) is unstable (70), (71).
+    """
+    compliant = _compliant(recording)
+    turn = np.degrees(np.linalg.norm(compliant.rho_cd_d, axis=1))
+    known = np.isfinite(turn)
+    try:
+        return growth(compliant.t[known], 180.0 - turn[known], low, high)
+    except BagError as error:
+        raise BagError(f"{recording.path}: 180 deg less the turn {error}") from error
+
+
+@metric("mm")
+def guided_distance(recording: Recording, axis: Axis = (), before: float = math.inf) -> float:
+    """Distance of the compliant frame from its start at the end.
+
+    With an axis, in the base frame, its component.
+    """
+    compliant = _compliant(recording)
+    p_c = compliant.p_c[within(compliant.t, 0.0, before)]
+    return 1e3 * float(along(p_c[-1] - p_c[0], axis))
+
+
+@metric("mm/s")
+def final_compliant_speed(recording: Recording, before: float = math.inf) -> float:
+    """Speed of the compliant frame at the end."""
+    compliant = _compliant(recording)
+    return 1e3 * float(compliant.speed[within(compliant.t, 0.0, before)][-1])
+
+
+@metric("N")
+def force_residual(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
+    """Largest contact force that (52) does not account for.
+
+    Of f - (M_p ddx + D_p dx + K_p x) with the accelerations of the compliant frame
+    that was recorded; without dead band and low-pass it is rounding.
+    """
+    run, node = _impedance(recording), _node(recording)
+    frame = str(node.get("translational_frame", "base"))
+    left = translational_residual(run.motion, run.f, translational_impedance(node), frame)
+    return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
+
+
+@metric("Nm")
+def moment_residual(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
+    """Largest contact moment that (59) does not account for.
+
+    Of mu^d - (M_o dx + D_o x + K_o' eps), eq. (60), of Euler parameters, with the
+    accelerations of the compliant frame that was recorded; without dead band and low-pass it is
+    rounding, however the desired frame turns.
+    """
+    run, node = _impedance(recording), _node(recording)
+    if node.get("orientation") != "euler_parameters":
+        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {node['orientation']}")
+    left = rotational_residual(run.motion, run.mu, rotational_impedance(node))
+    return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
+
+
+def _impedance(recording: Recording) -> ImpedanceRun:
+    """Return what an impedance relates; raises BagError unless the wrench is known."""
+    run = recording.impedance
+    if run is None:
+        raise BagError(f"{recording.path} has no compliant_frame")
+    if recording.wrench is None:
+        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    return run
+
+
+def _node(recording: Recording) -> Mapping[str, Any]:
+    node = impedance_node(recording.parameters)
+    if node is None:
+        raise BagError(f"{recording.path}: no parameters of {IMPEDANCE_NODE} were recorded")
+    return node

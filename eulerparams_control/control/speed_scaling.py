@@ -1,0 +1,135 @@
+"""The pace: how a motion slows down towards kinematic singularities and joint limits.
+
+The desired motion goes on along its path, but later: at the pace s its time runs s times as
+fast.  Nothing is stopped where the damped inverse and the limits suffice.
+
+    towards a singularity    s = sigma_min / threshold, where sigma_min of J is below it
+    away from one            twice that
+    towards a limit          the joint is to be no faster than POSITION_RATE times its distance
+
+Notation: ``sigma`` smallest singular value of J, ``s`` pace, ``ds`` [1/s] its rate.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+
+from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
+from eulerparams_control.laws.rotations import Array
+
+LEAST = 0.1
+"""The slowest pace: a motion that comes to a halt would never lead out again."""
+
+# The pace changes by no more than this [1/s].
+_RATE = 5.0
+
+# The arm is looked at again after this time [s]: it goes not far meanwhile.
+_LOOK = 0.005
+
+# Inside a singularity sigma is below this part of the threshold; a change of it by less than the
+# other part, relative to the threshold, is none.
+_INSIDE, _SAME = 0.25, 1e-6
+
+# A joint slower than this [rad/s, m/s] approaches nothing; within this distance [rad, m] of its
+# limit it is there, and within the other one it is near.
+_SLOW, _AT_LIMIT, _NEAR_LIMIT = 1e-3, 0.01, 0.1
+
+
+class Nearness(IntEnum):
+    """How the arm is to a singularity or a limit."""
+
+    CLEAR = 0
+    APPROACHING = 1
+    INSIDE = 2
+    LEAVING = 3
+
+
+class Pace:
+    """The pace of the desired motion.
+
+    Args:
+        limits: of the joints; None slows nothing down.
+        threshold: singular value below which the motion slows down; 0 never.
+
+    Attributes:
+        now: s, from ``LEAST`` to 1.
+        rate: ds [1/s].
+        singularity: how near the arm is to a kinematic singularity.
+        limit: how near it is to a limit of a joint, and ``joint``: the index of which.
+    """
+
+    def __init__(self, limits: JointLimits | None, threshold: float = 0.05) -> None:
+        self.limits, self.threshold = limits, threshold
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, at full pace."""
+        self.now, self.rate = 1.0, 0.0
+        self.singularity = self.limit = Nearness.CLEAR
+        self.joint = 0
+        self._sigma: float | None = None
+        self._wanted, self._since = 1.0, _LOOK
+
+    def update(self, dt: float, q: Array, dq: Array, J: Array) -> None:
+        """Choose the pace for the next step.
+
+        Args:
+            dt: [s] of the step.
+            q, dq: (n,) positions and velocities at which the loop is closed.
+            J: (6, n) there.
+        """
+        self._since += dt
+        if self._since >= _LOOK:
+            self._since = 0.0
+            self._look_at_singularity(J)
+            self._wanted = min(self._by_singularity(), self._by_limits(q, dq))
+        if self._wanted == self.now:
+            self.rate = 0.0
+        elif dt > 0:
+            step = min(max(self._wanted - self.now, -_RATE * dt), _RATE * dt)
+            self.now, self.rate = self.now + step, step / dt
+
+    def _look_at_singularity(self, J: Array) -> None:
+        """Say how near the singularity is, and whether it comes nearer."""
+        sigma, before = smallest_singular_value(J), self._sigma
+        self._sigma = sigma
+        if sigma >= self.threshold:
+            self.singularity = Nearness.CLEAR
+        elif sigma < _INSIDE * self.threshold:
+            self.singularity = Nearness.INSIDE
+        elif before is None or sigma < before - _SAME * self.threshold:
+            self.singularity = Nearness.APPROACHING
+        elif sigma > before + _SAME * self.threshold:
+            self.singularity = Nearness.LEAVING
+        elif self.singularity is Nearness.CLEAR:
+            self.singularity = Nearness.APPROACHING
+
+    def _by_singularity(self) -> float:
+        if self.singularity is Nearness.CLEAR or self._sigma is None:
+            return 1.0
+        ratio = self._sigma / self.threshold
+        return min(1.0, max(LEAST, 2 * ratio if self.singularity is Nearness.LEAVING else ratio))
+
+    def _by_limits(self, q: Array, dq: Array) -> float:
+        """Return the pace at which no joint is faster than it may be so near to its limit."""
+        self.limit = Nearness.CLEAR
+        if self.limits is None:
+            return 1.0
+        distance = np.where(dq > 0, self.limits.upper - q, q - self.limits.lower)
+        speed = np.abs(dq)
+        ratio = POSITION_RATE * np.maximum(distance, 0.0) / np.maximum(speed, _SLOW)
+        joint = int(ratio.argmin())
+        if speed[joint] > _SLOW and ratio[joint] < 1:
+            self.limit, self.joint = Nearness.APPROACHING, joint
+        least = np.minimum(self.limits.upper - q, q - self.limits.lower)
+        nearest = int(least.argmin())
+        if least[nearest] < _AT_LIMIT:
+            self.limit, self.joint = Nearness.INSIDE, nearest
+        elif self.limit is Nearness.CLEAR and least[nearest] < _NEAR_LIMIT:
+            leaves = distance[nearest] > least[nearest] and speed[nearest] > _SLOW
+            self.limit = Nearness.LEAVING if leaves else Nearness.CLEAR
+            self.joint = nearest
+        if speed[joint] <= _SLOW:
+            return 1.0
+        return min(1.0, max(LEAST, self.now * float(ratio[joint])))

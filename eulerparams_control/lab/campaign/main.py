@@ -1,0 +1,114 @@
+"""The executable ``fault_campaign``: random faults by the hundred, and what came of them."""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from eulerparams_control.command_line import make_console, say, whole_number
+from eulerparams_control.errors import ConfigurationError, EulerParamsError
+from eulerparams_control.lab.campaign.display import Display, headline, oracle_table
+from eulerparams_control.lab.campaign.outcome import Outcome
+from eulerparams_control.lab.campaign.page import write_page, write_summary
+from eulerparams_control.lab.campaign.plan import CONTROLLERS, LOCKSTEP, MODES, Plan
+from eulerparams_control.lab.campaign.schedule import plans, plans_of_both, run_all
+
+BOTH = "both"
+SEQUENCES = 300
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run ``fault_campaign [--sequences N] [--seed S] [--controller C] [--mode M] [--out DIR]``.
+
+    Returns:
+        the exit code: 0 if nothing was found, 1 if something was, 2 if a sequence could not be
+        run or after an error, 130 after an interrupt.
+    """
+    options = _parse(args)
+    console = make_console()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the workers, as Ctrl-C does
+    try:
+        outcomes = _run(_plans(options), options.jobs, console)
+        page = _write(outcomes, options.out)
+    except EulerParamsError as error:
+        say(console, f"error: {error}", "red")
+        return 2
+    except KeyboardInterrupt:
+        say(console, "stopped; nothing was written", "red")
+        return 130
+    console.print(oracle_table(outcomes))
+    say(console, headline(outcomes), "bold")
+    say(console, f"The page: {page.resolve()}")
+    if any(outcome.violations for outcome in outcomes):
+        return 1
+    return 2 if any(outcome.error for outcome in outcomes) else 0
+
+
+def _parse(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="fault_campaign",
+        description="Random faults on the topics and nodes around the three controllers: does "
+        "what they command stay safe, and do they recover? A sequence is made of its seed and its "
+        "controller; in lock-step it repeats to the bit.",
+        epilog="Ends with 1 if something was found, and with 2 if a sequence could not be run.",
+    )
+    parser.add_argument(
+        "--sequences",
+        type=whole_number(1),
+        help=f"how many; default {SEQUENCES}, with --seed one each",
+    )
+    parser.add_argument("--seed", type=whole_number(), help="the first one; default 0")
+    parser.add_argument("--controller", choices=CONTROLLERS, help="only this one")
+    parser.add_argument(
+        "--mode",
+        choices=(*MODES, BOTH),
+        help=f"default {BOTH}, most of them in {LOCKSTEP}; with --seed {LOCKSTEP}",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/faults"), help="folder of the results"
+    )
+    cores = len(os.sched_getaffinity(0))
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=cores, help="sequences at the same time"
+    )
+    return parser.parse_args(args)
+
+
+def _plans(options: argparse.Namespace) -> list[Plan]:
+    """Return the sequences that were asked for."""
+    one = options.seed is not None
+    controllers = (options.controller,) if options.controller else CONTROLLERS
+    count = options.sequences or (len(controllers) if one else SEQUENCES)
+    mode = options.mode or (LOCKSTEP if one else BOTH)
+    if mode == BOTH:
+        return plans_of_both(count, options.seed or 0, controllers)
+    return plans(count, options.seed or 0, controllers, mode)
+
+
+def _run(todo: Sequence[Plan], jobs: int, console: Console) -> list[Outcome]:
+    outcomes = []
+    with Display(console, len(todo)) as display:
+        for outcome in run_all(todo, jobs):
+            outcomes.append(outcome)
+            display.ended(outcome)
+    return sorted(outcomes, key=lambda o: todo.index(o.plan))
+
+
+def _write(outcomes: Sequence[Outcome], out: Path) -> Path:
+    """Write the page and the summary; return the page."""
+    page = out / "index.html"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_page(page, outcomes)
+        write_summary(out / "summary.json", outcomes)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {out}: {error.strerror}") from error
+    return page
+
+
+if __name__ == "__main__":
+    sys.exit(main())

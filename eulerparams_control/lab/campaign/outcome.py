@@ -1,0 +1,142 @@
+"""What came of a sequence: judged, and small enough to be kept."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.lab.campaign.oracles import Oracle, Violation, judge
+from eulerparams_control.lab.campaign.plan import Plan, faults_of
+from eulerparams_control.lab.campaign.record import ERROR, STOPS, Record
+
+STARVED = 0.05
+"""[s] without time for the robot, or for who listens: what needs real time is not judged then."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a sequence.
+
+    Attributes:
+        plan: the sequence.
+        violations: what must not be, in the order of time.
+        error: why it could not be run; "" if it could.
+        unjudged: what was found, but counts for nothing, since the machine starved.
+        starved: [s] for which, at most, the machine gave the robot, or who listened, no time.
+        digest: hash of all commands.
+        duration: [s] of the sequence.
+        seconds: [s] that it took.
+        commands: how many.
+        troubled: [s] in which the controller said that something is wrong.
+        tip_error: [m], [deg] at the end.
+        peak_speed: of a joint of the arm, as a part of its limit.
+        stops: how many protective stops the simulated robot made.
+        story: what was done and said, with the times [s].
+    """
+
+    plan: Plan
+    violations: tuple[Violation, ...] = ()
+    error: str = ""
+    unjudged: tuple[Violation, ...] = ()
+    starved: float = 0.0
+    digest: str = ""
+    duration: float = 0.0
+    seconds: float = 0.0
+    commands: int = 0
+    troubled: float = 0.0
+    tip_error: tuple[float, float] = (0.0, 0.0)
+    peak_speed: float = 0.0
+    stops: int = 0
+    story: tuple[str, ...] = field(default=())
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it was run, and nothing was found."""
+        return not self.error and not self.violations
+
+    @property
+    def faults(self) -> list[str]:
+        """The names of its faults."""
+        return [fault.name for fault in faults_of(self.plan)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        plan = self.plan
+        return {
+            "mode": plan.mode,
+            "controller": plan.controller,
+            "seed": plan.seed,
+            "repeat": plan.repeat,
+            "motion": plan.motion,
+            "parameters": plan.parameters(),
+            "faults": [str(fault) for fault in faults_of(plan)],
+            "violations": [violation._asdict() for violation in self.violations],
+            "error": self.error,
+            "starved": round(self.starved, 3),
+            "unjudged": [violation._asdict() for violation in self.unjudged],
+            "commands": self.commands,
+            "commands_sha256": self.digest,
+            "duration": self.duration,
+            "seconds": round(self.seconds, 3),
+            "troubled": self.troubled,
+            "peak_speed_of_limit": round(self.peak_speed, 4),
+            "protective_stops": self.stops,
+            "tip_error": {"m": self.tip_error[0], "deg": self.tip_error[1]},
+            "story": list(self.story),
+        }
+
+
+def look(plan: Plan, record: Record, seconds: float) -> Outcome:
+    """Return what came of a sequence of which all this was seen."""
+    found = judge(record)
+    is_starved = record.starved > STARVED
+    counts = [v for v in found if not is_starved or Oracle.registry[v.oracle].holds_if_starved]
+    return Outcome(
+        plan,
+        violations=tuple(counts),
+        unjudged=tuple(v for v in found if v not in counts),
+        starved=record.starved,
+        digest=record.digest(),
+        duration=record.end,
+        seconds=seconds,
+        commands=len(record.commands),
+        troubled=_troubled(record),
+        tip_error=record.tip_error,
+        peak_speed=_peak_speed(record),
+        stops=sum(event.what == STOPS for event in record.events),
+        story=_story(record),
+    )
+
+
+def _troubled(record: Record) -> float:
+    """Return for how long [s] the controller said that something is wrong."""
+    ends = [*(said.t for said in record.said[1:]), record.end]
+    pairs = zip(record.said, ends, strict=False)
+    return round(sum(end - said.t for said, end in pairs if said.level == ERROR), 6)
+
+
+def _peak_speed(record: Record) -> float:
+    """Return the speed of the fastest joint, as a part of its limit."""
+    speeds = np.abs([truth.dq for truth in record.truth])
+    return float((speeds / record.limits.velocity).max())
+
+
+def _story(record: Record) -> tuple[str, ...]:
+    """Return what was done and said, once each time it changes."""
+    lines, last = [], ""
+    for t, text in sorted(
+        [(event.t, event.what) for event in record.events]
+        + [(said.t, f"says: {said.message}") for said in record.said],
+        key=lambda pair: pair[0],
+    ):
+        if text != last:
+            lines.append(f"{t:.3f} s: {text}")
+        last = text if text.startswith("says") else last
+    return tuple(lines)
+
+
+def count_by_oracle(outcomes: Sequence[Outcome]) -> Counter[str]:
+    """Return in how many sequences each oracle found something."""
+    return Counter(name for o in outcomes for name in {v.oracle for v in o.violations})

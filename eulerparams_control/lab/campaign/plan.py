@@ -1,0 +1,188 @@
+"""What happens in a sequence: made of its seed and its controller alone."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from eulerparams_control.lab.faults import (
+    FROM_ROBOT,
+    ROBOT,
+    TO_ROBOT,
+    Delay,
+    Drop,
+    Fault,
+    Freeze,
+    Nan,
+    Noise,
+    Reorder,
+    Stuck,
+    random_faults,
+)
+from eulerparams_control.laws.orientation import ORIENTATIONS
+from eulerparams_control.laws.rotations import Array, exp
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+
+LOCKSTEP, REALTIME = "lockstep", "realtime"
+MODES = (LOCKSTEP, REALTIME)
+
+CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
+
+WAY_POINTS, STREAM, NOTHING = "way points", "stream", "nothing"
+MOTIONS = (WAY_POINTS, STREAM, NOTHING)
+
+FAULTS = 4.0
+"""[s] of a sequence in which its faults are planned; they end well before."""
+
+# Of the way points: from the pose of the arm at home [m], [rad], and how long to each [s].
+_FARTHEST, _TURN, _LEG = 0.08, 0.4, 0.8
+
+# Of the pose to which the arm is sent at last.
+_LAST_FARTHEST, _LAST_TURN = 0.08, 0.3
+
+_PUSH_FORCE, _PUSH_MOMENT = 20.0, 2.0  # [N], [Nm] at most, along each axis
+_NOISE = 20.0  # [N], [Nm]: four standard deviations of a fault
+
+# What else of a controller decides how it acts on messages.  At the rate of the sequences a loop
+# over the measured positions bears less gain than one over its own.
+_SETTINGS: dict[str, tuple[dict[str, str | float], ...]] = {
+    "clik": (
+        {"feedback": "internal"},
+        {"feedback": "measured", "k_Pp": 30.0, "k_Po": 30.0},
+    ),
+    "dynamic_control": ({"quaternion_sign": "hysteretic"}, {"quaternion_sign": "shortest"}),
+    "impedance_control": ({"wrench_pairing": "latest"}, {"wrench_pairing": "stamp"}),
+}
+
+Pose = tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sequence.
+
+    Attributes:
+        seed: makes the rest.
+        controller: one of ``CONTROLLERS``.
+        mode: one of ``MODES``.
+        motion: one of ``MOTIONS``: what the arm does while the faults come.
+        orientation: the representation.
+        setting: number of its further parameters.
+        push: (6,) [N, Nm] on the tool while the faults come; None is none.
+    """
+
+    seed: int
+    controller: str
+    mode: str
+    motion: str
+    orientation: str
+    setting: int
+    push: tuple[float, ...] | None
+
+    max_effort_rate: ClassVar[float] = 1e4  # [Nm/s]
+    state_timeout: ClassVar[float] = 0.1  # [s]
+
+    @property
+    def control(self) -> str:
+        """What a command is to the robot."""
+        return "position" if self.controller == "clik" else "torque"
+
+    @property
+    def name(self) -> str:
+        """What tells it from the others."""
+        return f"{self.mode} {self.controller} {self.seed}"
+
+    @property
+    def repeat(self) -> str:
+        """The command that repeats it."""
+        return (
+            f"fault_campaign --mode {self.mode} --controller {self.controller} "
+            f"--seed {self.seed} --sequences 1"
+        )
+
+    @property
+    def contact(self) -> tuple[float, float]:
+        """[N], [Nm] that may be felt along each axis, with noise."""
+        if self.controller != "impedance_control":
+            return 0.0, 0.0
+        return _PUSH_FORCE + _NOISE, _PUSH_MOMENT + _NOISE
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of the controller, besides its defaults and the frames."""
+        given: dict[str, Any] = {
+            "orientation": self.orientation,
+            "euler_sequence": "ZYX",  # whose pole is farthest from the poses
+            "state_timeout": self.state_timeout,
+            **_SETTINGS[self.controller][self.setting],
+        }
+        if self.control == "torque":
+            given["max_effort_rate"] = self.max_effort_rate
+        return given
+
+    def way_points(self, home: Pose) -> Trajectory:
+        """Return the motion during the faults, from the pose of the arm at home."""
+        random = self._random(1)
+        count = math.ceil(FAULTS / _LEG)
+        poses = [_near(home, _FARTHEST, _TURN, random) for _ in range(count)]
+        times = [_LEG * (i + 1) for i in range(count)]
+        return Trajectory(times, [DesiredFrame(p, R) for p, R in poses])
+
+    def last_pose(self, home: Pose) -> Pose:
+        """Return where the arm is sent when the faults are over."""
+        return _near(home, _LAST_FARTHEST, _LAST_TURN, self._random(2))
+
+    def _random(self, what: int) -> np.random.Generator:
+        return np.random.default_rng((self.seed, CONTROLLERS.index(self.controller), what))
+
+
+def make_plan(seed: int, controller: str, mode: str = LOCKSTEP) -> Plan:
+    """Return the sequence of a seed."""
+    random = np.random.default_rng((seed, CONTROLLERS.index(controller)))
+    motion = str(random.choice(MOTIONS, p=(0.55, 0.3, 0.15)))
+    orientation = str(random.choice(sorted(ORIENTATIONS)))
+    push = None
+    if controller == "impedance_control" and random.uniform() < 0.5:
+        force, moment = random.uniform(-1, 1, size=(2, 3))
+        push = (*(_PUSH_FORCE * force).tolist(), *(_PUSH_MOMENT * moment).tolist())
+    setting = int(random.integers(len(_SETTINGS[controller])))
+    return Plan(seed, controller, mode, motion, orientation, setting, push)
+
+
+def _near(home: Pose, farthest: float, most: float, random: np.random.Generator) -> Pose:
+    """Return a pose at most so far [m], [rad] from another."""
+    p, R = home
+    step, axis = random.normal(size=(2, 3))
+    step *= farthest * random.uniform(0.3, 1.0) / np.linalg.norm(step)
+    axis *= most * random.uniform(0.3, 1.0) / np.linalg.norm(axis)
+    return p + step, exp(axis) @ R
+
+
+def faults_of(plan: Plan) -> tuple[Fault, ...]:
+    """Return the faults of a sequence."""
+    return random_faults(plan.seed, plan.controller, FAULTS)
+
+
+def shaken(
+    faults: Sequence[Fault],
+    beginning: float,
+    released: float | None = None,
+    topics: Sequence[str] = (*FROM_ROBOT, ROBOT, *TO_ROBOT),
+) -> list[tuple[float, float]]:
+    """Return from when to when [s] the arm is moved by what is not the controller, or seems to be.
+
+    Args:
+        faults: of a sequence.
+        beginning: [s] of the sequence at which their times begin, and a push.
+        released: when the push ends [s]; None where there is none.
+        topics: whose faults count.
+    """
+    kinds = (Noise, Freeze, Stuck, Delay, Reorder, Nan, Drop)
+    found = [
+        (beginning + fault.at, beginning + fault.end)
+        for fault in faults
+        if isinstance(fault, kinds) and fault.topic in topics
+    ]
+    return found if released is None else [*found, (beginning, beginning), (released, released)]

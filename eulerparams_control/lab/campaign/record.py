@@ -1,0 +1,179 @@
+"""What was seen of a sequence: on the wire, and of the arm itself.
+
+Times ``t`` are seconds of the sequence, on the clock that never jumps; stamps are what the
+messages say.
+"""
+
+import hashlib
+import struct
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import NamedTuple
+
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.robot.robot import Robot
+
+Values = tuple[float, ...]
+
+OK, WARN, ERROR = range(3)
+"""Levels of what a node says of itself."""
+
+COMMAND_TIMEOUT = 0.1
+"""[s] without a command after which a robot brakes."""
+
+STARTS, KILLED = "the controller starts", "the controller is killed"
+STOPS = "the robot makes a protective stop"
+"""Events."""
+
+HOLDING = "holding still"
+"""How a controller begins to say that it moves nothing."""
+
+DEFECT = "internal error"
+"""What a controller says of an error that nobody expected."""
+
+
+class Command(NamedTuple):
+    """A command as it was published.
+
+    Attributes:
+        t: [s] when.
+        life: the number of the controller's start; each has no memory of the one before.
+        stamp: [s] of the state that it answers.
+        names: of the joints.
+        q, dq, effort: [rad], [rad/s], [Nm]; empty where it has none.
+    """
+
+    t: float
+    life: int
+    stamp: float
+    names: tuple[str, ...]
+    q: Values = ()
+    dq: Values = ()
+    effort: Values = ()
+
+
+class State(NamedTuple):
+    """A message of joint_states as it came to the controller.
+
+    Attributes:
+        t: [s] when it was delivered.
+        stamp: [s] that it bears.
+        q, dq: (n,) [rad], [rad/s]; empty where it cannot be read.
+    """
+
+    t: float
+    stamp: float
+    q: Values
+    dq: Values
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether it can be read."""
+        return bool(self.q)
+
+
+class Truth(NamedTuple):
+    """Where the arm really is: q, dq (n,) at the time t [s]."""
+
+    t: float
+    q: Values
+    dq: Values
+
+
+class Said(NamedTuple):
+    """What the controller said of itself: its level and its words."""
+
+    t: float
+    level: int
+    message: str
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether it says that it moves nothing."""
+        return self.level == ERROR and self.message.startswith(HOLDING)
+
+
+class Event(NamedTuple):
+    """What was done to the controller, or by its user."""
+
+    t: float
+    what: str
+
+
+@dataclass
+class Record:
+    """All that was seen of a sequence.
+
+    Attributes:
+        model: of the arm.
+        max_effort_rate: [Nm/s].
+        state_timeout: [s] after which a controller has to be silent.
+        period: [s] of joint_states.
+        jitter: [s] by which a message may be late on a busy machine; 0 in lock-step, where the
+            times are exact.
+        quiet: [s] from when on no fault acts.
+        end: [s] of the sequence.
+        commands, states, truth, said, events: in the order of their times.
+        contact: [N], [Nm] that may be felt along each axis.
+        shaken: (from, to) [s] in which a fault moves the arm, or what is measured of it.
+        disturbed: (from, to) [s] in which it is moved although nothing is measured.
+        counters: what the controller counted, as it said at last.
+        tip_error: [m], [deg] between the tip at the end and where it was sent at last.
+        starved: [s] for which, at most, the machine gave the robot, or who listened, no time.
+        crash: how the controller ended that was not to end; "" if it did not.
+        refused: how many commands the robot had to refuse.
+    """
+
+    model: Robot
+    max_effort_rate: float
+    state_timeout: float
+    period: float
+    jitter: float = 0.0
+    quiet: float = 0.0
+    end: float = 0.0
+    commands: list[Command] = field(default_factory=list)
+    states: list[State] = field(default_factory=list)
+    truth: list[Truth] = field(default_factory=list)
+    said: list[Said] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    contact: tuple[float, float] = (0.0, 0.0)
+    shaken: list[tuple[float, float]] = field(default_factory=list)
+    disturbed: list[tuple[float, float]] = field(default_factory=list)
+    counters: dict[str, str] = field(default_factory=dict)
+    tip_error: tuple[float, float] = (0.0, 0.0)
+    starved: float = 0.0
+    crash: str = ""
+    refused: int = 0
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Their names, base to tip."""
+        return tuple(self.model.joints)
+
+    @property
+    def limits(self) -> JointLimits:
+        """Limits of the URDF."""
+        return self.model.limits
+
+    def lives(self) -> list[tuple[float, float]]:
+        """Return from when to when [s] the controller was there."""
+        starts = [event.t for event in self.events if event.what == STARTS]
+        ends = [event.t for event in self.events if event.what == KILLED]
+        return list(zip_longest(starts, ends, fillvalue=self.end))
+
+    def shift(self, origin: float) -> None:
+        """Let all times that were noted begin at ``origin`` [s]."""
+        for name in ("commands", "states", "truth", "said", "events"):
+            entries = getattr(self, name)
+            entries[:] = [entry._replace(t=entry.t - origin) for entry in entries]
+            entries.sort(key=lambda entry: entry.t)
+
+    def digest(self) -> str:
+        """Return a hash of all commands, to the bit."""
+        digest = hashlib.sha256()
+        for command in self.commands:
+            values = (*command.q, *command.dq, *command.effort)
+            digest.update(",".join(command.names).encode())
+            digest.update(struct.pack("<did", command.t, command.life, command.stamp))
+            digest.update(struct.pack(f"<{len(values)}d", *values))
+        return digest.hexdigest()

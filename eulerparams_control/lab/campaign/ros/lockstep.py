@@ -1,0 +1,351 @@
+"""A sequence in lock-step: the real control node and a simulated arm, over DDS in one process.
+
+The arm is stepped by hand, and the steady clock of the controller is the time of the sequence,
+so that a sequence repeats to the bit and takes no longer than its computations.
+"""
+
+import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.control.clock import set_steady
+from eulerparams_control.lab.campaign.arm import BrakingArm
+from eulerparams_control.lab.campaign.operator import BEGINNING, User
+from eulerparams_control.lab.campaign.plan import Plan, faults_of, shaken
+from eulerparams_control.lab.campaign.record import (
+    KILLED,
+    STARTS,
+    STOPS,
+    Event,
+    Record,
+    Said,
+    Truth,
+)
+from eulerparams_control.lab.campaign.ros.from_ros import command_of, said_of, state_of
+from eulerparams_control.lab.campaign.ros.in_process_dds import (
+    Counting,
+    Crash,
+    act,
+    call,
+    deliver,
+    drain,
+    subscription_of,
+    take,
+    until,
+)
+from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
+from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.clik_node import ClikNode
+from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.dynamic_control_node import DynamicControlNode
+from eulerparams_control.ros.impedance_control_node import ImpedanceControlNode
+from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
+
+RATE = 250.0
+"""[Hz] of joint_states."""
+
+# The clock of the robot shows this [ns] when the sequence begins, so that it can be set back.
+_BEGINNING = 1_000_000_000_000
+
+# How often [s] the controller looks at the ages of what it heard, and says how it is.
+_WATCH, _SAY = 0.02, 1.0
+
+
+class _Clik(Counting, ClikNode):
+    """``clik``, counted."""
+
+
+class _Dynamic(Counting, DynamicControlNode):
+    """``dynamic_control``, counted."""
+
+
+class _Impedance(Counting, ImpedanceControlNode):
+    """``impedance_control``, counted."""
+
+
+_NODES: dict[str, type[Any]] = {
+    "clik": _Clik,
+    "dynamic_control": _Dynamic,
+    "impedance_control": _Impedance,
+}
+
+
+@contextmanager
+def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
+    """Be in a ROS domain; the parameters are those of the controller."""
+    words = [word for item in parameters.items() for word in ("-p", f"{item[0]}:={item[1]}")]
+    args = ["--ros-args", *words, "--log-level", "fatal"]
+    no_signals = SignalHandlerOptions.NO  # they are those of who runs us
+    rclpy.init(args=args, domain_id=domain, signal_handler_options=no_signals)
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()
+        set_steady()
+
+
+def run_lockstep(plan: Plan, domain: int) -> Record:
+    """Run a sequence; return what was seen."""
+    robot = load_robot("ur5")
+    frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
+    with _ros(frames | plan.parameters(), domain):
+        sequence = _Sequence(plan)
+        try:
+            sequence.run()
+        finally:
+            sequence.close()
+    return sequence.record
+
+
+class _Sequence:
+    """One sequence: the arm, its user and the controller between them."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.robot = plan, load_robot("ur5")
+        model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
+        faults = faults_of(plan)
+        self.t = 0.0
+        set_steady(lambda: self.t)
+        self.arm = BrakingArm(self.robot, plan.control, RATE)
+        self.faults = FaultStream(faults, plan.seed)
+        self.user = User(plan, model, faults, self.arm.state.q)
+        self.record = Record(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
+        self.record.quiet = self.user.quiet
+        self.record.contact = plan.contact
+        released = self.user.quiet if plan.push else None
+        self.record.shaken = shaken(faults, BEGINNING, released)
+        self.record.disturbed = shaken(faults, BEGINNING, released, TO_ROBOT)
+        self._reader = JointStateReader(model.joints)
+        self._kills = [fault for fault in faults if isinstance(fault, Kill)]
+        self._seconds = [fault for fault in faults if isinstance(fault, SecondPublisher)]
+        self._life = 0
+        self.node: Any = None
+        self._own: list[Node] = []
+        self._second: tuple[Node, Publisher] | None = None
+        self._last_reference: Any = None
+        self._taken: dict[str, int] = {}
+
+    # --- the nodes ---------------------------------------------------------------------
+
+    def _make_nodes(self) -> None:
+        robot, leader = _plain_node("robot"), _plain_node("reference")
+        self._own = [robot, leader]
+        create = robot.create_publisher
+        self._description = create(String, "robot_description", QOS_LATCHED)
+        self._description.publish(String(data=self.robot.urdf))
+        command = "joint_reference" if self.plan.control == "position" else "joint_effort"
+        self._topic = command
+        self._commands = robot.create_subscription(JointState, command, _never, 100)
+        self._diagnostics = robot.create_subscription(DiagnosticArray, "/diagnostics", _never, 100)
+        self._publishers = {
+            "joint_states": create(JointState, "joint_states", QOS_STREAM),
+            "wrench": create(WrenchStamped, "wrench", QOS_STREAM),
+            "reference": leader.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM),
+        }
+        self._start()
+
+    def _start(self) -> None:
+        """Start the controller."""
+        self._life += 1
+        self.record.events.append(Event(self.t, STARTS))
+        self.node = _NODES[self.plan.controller]()
+        for subscription in (self._commands, self._diagnostics):
+            drain(subscription)
+        self._taken = dict(self.node.sent)
+        until(lambda: self._diagnostics.get_publisher_count() == 1, "the controller's diagnostics")
+        description = subscription_of(self.node, "/robot_description")
+        assert description is not None
+        act(description, *take(description))
+        until(lambda: self._commands.get_publisher_count() == 1, "the controller's commands")
+        self._see_publishers()
+
+    def _kill(self) -> None:
+        """Let the controller be no more, without a last word."""
+        self.record.events.append(Event(self.t, KILLED))
+        self.node.destroy_node()
+        self.node = None
+        for subscription in (self._commands, self._diagnostics):
+            until(lambda s=subscription: s.get_publisher_count() == 0, "the end of the controller")
+            drain(subscription)
+
+    def _see_publishers(self) -> None:
+        """Wait until the controller sees as many publishers of a reference as there are."""
+        there = 1 + (self._second is not None)
+        node: ControlNode | None = self.node
+        if node is not None:
+            until(lambda: node.count_publishers("/reference") == there, "the publishers there are")
+
+    def _come(self) -> None:
+        """Let a second publisher of references come."""
+        node = _plain_node("intruder")
+        self._second = node, node.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM)
+        self._see_publishers()
+        self.record.events.append(Event(self.t, "a second publisher of references comes"))
+
+    def _go(self) -> None:
+        """Let the second publisher go."""
+        assert self._second is not None
+        self._second[0].destroy_node()
+        self._second = None
+        self._see_publishers()
+        self.record.events.append(Event(self.t, "the second publisher goes"))
+
+    # --- time --------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Go through the sequence."""
+        self._make_nodes()
+        for step in itertools.count():
+            self.t = step / RATE
+            if self.user.is_done(self.t, self.arm.state.q):
+                break
+            try:
+                self._do_to_nodes()
+                self._tick(step)
+            except Crash as crash:
+                self.record.crash = str(crash)
+                self.record.end = self.t
+                return
+            stops = self.arm.stops
+            self.arm.step()
+            if self.arm.stops > stops:
+                self.record.events.append(Event(self.t, STOPS))
+        self.record.refused, self.record.end = self.arm.refused, self.t
+        self.record.tip_error = self.user.tip_error(self.arm.state.q)
+
+    def _do_to_nodes(self) -> None:
+        t = self.t - BEGINNING
+        for kill in self._kills:
+            if self.node is not None and kill.at <= t < kill.end:
+                self._kill()
+        if self.node is None and not any(kill.at <= t < kill.end for kill in self._kills):
+            self._start()
+        wanted = any(second.is_active(t) for second in self._seconds)
+        if wanted and self._second is None:
+            self._come()
+        if self._second is not None and not wanted:
+            self._go()
+
+    def _tick(self, step: int) -> None:
+        state, stamp = self.arm.state, stamp_to_ros(_BEGINNING + round(step * 1e9 / RATE))
+        self.record.truth.append(Truth(self.t, tuple(state.q.tolist()), tuple(state.dq.tolist())))
+        self.arm.push(self.user.push(self.t))
+        for topic, msg in self.faults.due(self._fault_time):
+            self._pass(topic, msg)
+        self._lead()
+        wrench = WrenchStamped()
+        wrench.header.frame_id = self.robot.sensor_frame
+        wrench_to_ros(state.wrench, stamp, wrench)
+        self._send("wrench", wrench)
+        msg = JointState(name=list(self.robot.joints))
+        msg.header.stamp = stamp
+        msg.position, msg.velocity = state.q.tolist(), state.dq.tolist()
+        msg.effort = state.tau.tolist()
+        self._send("joint_states", msg)
+        self._watch(step)
+
+    @property
+    def _fault_time(self) -> float:
+        return max(0.0, self.t - BEGINNING)
+
+    def _watch(self, step: int) -> None:
+        """Do what the timers of the controller would."""
+        if self.node is None:
+            return
+        if step % round(_WATCH * RATE) == 0:
+            call(self.node.watch)
+        if step % round(_SAY * RATE) == 0:
+            call(self.node._health._on_timer)
+        self._hear()
+
+    # --- messages ----------------------------------------------------------------------
+
+    def _lead(self) -> None:
+        """Send what the user sends now, and the second publisher."""
+        q = self.arm.state.q
+        for motion, what in self.user.motions(self.t, q):
+            msg = motion_to_ros(motion, self.robot.base_frame, self.robot.tip_frame)
+            if what:
+                self.record.events.append(Event(self.t, what))
+            self._last_reference = msg
+            self._send("reference", msg)
+        if self._second is None or self._last_reference is None:
+            return
+        for second in self._seconds:
+            period = max(1, round(RATE / second.rate))
+            t = self.t - BEGINNING
+            if second.is_active(t) and round((t - second.at) * RATE) % period == 0:
+                deliver(self._second[1], second.message(self._last_reference), self.node)
+                self._hear()
+
+    def _send(self, topic: str, msg: Any) -> None:
+        """Send a message to the controller, through its faults."""
+        for found in self.faults.on_message(self._fault_time, topic, msg):
+            self._pass(topic, found)
+
+    def _pass(self, topic: str, msg: Any) -> None:
+        """Let a message arrive."""
+        if topic not in self._publishers:
+            self.arm.obey(msg)
+            return
+        if deliver(self._publishers[topic], msg, self.node) and topic == "joint_states":
+            self.record.states.append(state_of(self.t, msg, self._reader))
+        self._hear()
+
+    def _hear(self) -> None:
+        """Take what the controller has published since."""
+        if self.node is None:
+            return
+        for _ in range(self._new("/diagnostics")):
+            status = take(self._diagnostics)[0].status[0]
+            self.record.said.append(Said(self.t, *said_of(status)))
+            self.record.counters = {pair.key: pair.value for pair in status.values}
+        for _ in range(self._new(f"/{self._topic}")):
+            msg = take(self._commands)[0]
+            self.record.commands.append(command_of(self.t, self._life, msg))
+            for found in self.faults.on_message(self._fault_time, self._topic, msg):
+                self.arm.obey(found)
+
+    def _new(self, topic: str) -> int:
+        sent = self.node.sent[topic]
+        new = sent - self._taken.get(topic, 0)
+        self._taken[topic] = sent
+        return int(new)
+
+    def close(self) -> None:
+        """End all nodes and the arm."""
+        self.arm.close()
+        nodes = [self.node, self._second[0] if self._second else None, *self._own]
+        for node in nodes:
+            if node is not None:
+                node.destroy_node()
+
+
+def _plain_node(name: str) -> Node:
+    return rclpy.create_node(
+        name,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+
+
+def _never(_msg: Any) -> None:
+    """Messages are taken by hand."""
+
+
+__all__ = ["RATE", "run_lockstep"]

@@ -1,0 +1,140 @@
+"""Look at the runs of an experiment: judge them, write summary, page and figure."""
+
+import re
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.format import quantity
+from eulerparams_control.analysis.headline import describe, fill
+from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.lab.experiments.criteria import diverged, judge, write_summary
+from eulerparams_control.lab.experiments.figure import chart_svg, time_svg
+from eulerparams_control.lab.experiments.fingerprint import code, digest
+from eulerparams_control.lab.experiments.library import Number, Result, run_library
+from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.reports import write_report
+from eulerparams_control.lab.experiments.result import (
+    FIGURE,
+    REPORT,
+    SUMMARY,
+    Outcome,
+    read_outcome,
+)
+from eulerparams_control.lab.experiments.run_cache import Run
+
+_OF_LIBRARY = re.compile(r"\{library\.(\w+)\}")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The runs of an experiment as they are looked at.
+
+    Attributes:
+        experiment: which.
+        recordings: by variant, those that ran.
+        digests: of them.
+        result: of its library experiment.
+    """
+
+    experiment: Experiment
+    recordings: Mapping[str, Recording]
+    digests: Mapping[str, Digest]
+    result: Result
+
+    def measured(self, metric: str, variant: str) -> float | None:
+        """Return a metric with the options of the criterion on it; None if it did not run."""
+        if variant not in self.recordings:
+            return None
+        options = self.experiment.options(metric, variant)
+        return measure(metric, self.recordings[variant], **options)
+
+
+def look(experiment: Experiment, folder: Path, runs: Mapping[str, Run]) -> Outcome:
+    """Return what came of an experiment; write it unless that was done before.
+
+    Args:
+        experiment: the experiment.
+        folder: for the summary, the page and the figure.
+        runs: by variant, those that ran.
+    """
+    stamp = _stamp(experiment, runs)
+    known = read_outcome(experiment, folder, stamp)
+    if known is not None:
+        return known
+    started = time.monotonic()
+    seen = _see(experiment, runs)
+    verdicts = judge(experiment, seen.recordings, seen.result.numbers)
+    sentence = _sentence(seen)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = _figure(seen)
+    (folder / FIGURE).write_text(figure, encoding="utf-8")
+    digests = list(seen.digests.values())
+    predictions = experiment.predicted(list(runs))
+    write_report(
+        folder / REPORT, experiment, digests, predictions, seen.result, verdicts, sentence, figure
+    )
+    seconds = sum(run.seconds for run in runs.values()) + time.monotonic() - started
+    more = {"sentence": sentence, "seconds": round(seconds, 1), "stamp": stamp}
+    numbers = {name: number.value for name, number in seen.result.numbers.items()}
+    write_summary(folder / SUMMARY, experiment, seen.recordings, verdicts, numbers=numbers, **more)
+    ended = dict(diverged(seen.recordings))
+    return Outcome(experiment, folder, tuple(verdicts), sentence, ended, seconds=seconds)
+
+
+def _stamp(experiment: Experiment, runs: Mapping[str, Run]) -> str:
+    """Return the version of what an outcome is made of."""
+    bags = {name: (run.bag / "metadata.yaml").stat().st_mtime_ns for name, run in runs.items()}
+    return digest([repr(experiment), bags, code()])
+
+
+def _see(experiment: Experiment, runs: Mapping[str, Run]) -> Seen:
+    recordings = {
+        name: replace(Recording.load(run.bag), diverged=run.diverged) for name, run in runs.items()
+    }
+    digests = {name: Digest.of(recording) for name, recording in recordings.items()}
+    result = run_library(experiment.library) if experiment.library else Result()
+    return Seen(experiment, recordings, digests, result)
+
+
+def _sentence(seen: Seen) -> str:
+    """Return the summary of the experiment with its numbers; if only some variants ran, theirs."""
+    experiment, recordings = seen.experiment, seen.recordings
+    if experiment.summary and recordings.keys() == experiment.variants.keys():
+        text = _OF_LIBRARY.sub(partial(_number, seen.result.numbers), experiment.summary)
+        return fill(text, recordings, experiment.options)
+    return describe(list(seen.digests.values())) if recordings else ""
+
+
+def _number(numbers: Mapping[str, Number], match: re.Match[str]) -> str:
+    name = match.group(1)
+    if name not in numbers:
+        raise UnknownNameError("number of the library", name, numbers)
+    return quantity(numbers[name].value, numbers[name].unit)
+
+
+def _figure(seen: Seen) -> str:
+    """Return the picture of the experiment as SVG; "" if it has none."""
+    experiment = seen.experiment
+    if experiment.chart is not None:
+        return chart_svg(experiment.chart.filled(seen.measured))
+    if seen.result.chart is not None:
+        return chart_svg(seen.result.chart)
+    predictions = experiment.predicted(list(seen.digests))
+    try:
+        digests = list(seen.digests.values())
+        return time_svg(digests, experiment.picture, predictions, _bounds(experiment))
+    except ConfigurationError:
+        return ""  # no run has recorded the quantity
+
+
+def _bounds(experiment: Experiment) -> list[float]:
+    """Return the bounds of the peak of the quantity that is drawn."""
+    metric = f"peak_{experiment.picture}"
+    criteria = [c for c in experiment.criteria if c.metric == metric and not c.together]
+    return [c.below for c in criteria if c.below is not None]

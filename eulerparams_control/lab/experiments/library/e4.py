@@ -1,0 +1,63 @@
+"""E4 (b): CLIK (23) with rates of the desired angles from their differences, through the pole."""
+
+import numpy as np
+
+from eulerparams_control.lab.experiments.library import Number, Result
+from eulerparams_control.lab.experiments.library._arms import STEP_NS, T1, clik, ur5
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.orientation import OrientationRepresentation, representation
+from eulerparams_control.laws.orientation.euler_angles import (
+    EulerAnglesDisplacement,
+    EulerAnglesRepresentation,
+)
+from eulerparams_control.laws.rotations import Array
+
+_K = 100.0  # [1/s]
+_JUMP = 100.0  # times the speed of Euler parameters: no motion of the path
+
+
+class DifferencedAngles(EulerAnglesRepresentation):
+    """Euler angles whose desired rates are differences of phi_d, as a planner of angles has them.
+
+    Of no use but to show what it does, so it is not in the registry.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: Array | None = None
+
+    def resolved_velocity(
+        self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float
+    ) -> Array:
+        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), with that dphi_d."""
+        before = x_de.phi_d if self._before is None else self._before
+        dphi_d = (x_de.phi_d - before) / (STEP_NS / 1e9)
+        self._before = x_de.phi_d
+        return self.options.sequence.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.dphi_de)
+
+
+def run() -> Result:
+    """Return the joint speeds that both laws ask for on T1 with delta = 0."""
+    differenced = joint_speeds(DifferencedAngles())
+    parameters = joint_speeds(representation("euler_parameters")).max()
+    first = differenced[np.argmax(differenced > _JUMP * parameters)]
+    numbers = {
+        "differenced_jump": (first, "first jump of the joint speed, dphi_d by differences"),
+        "differenced_speed": (differenced.max(), "largest joint speed, dphi_d by differences"),
+        "parameters_speed": (parameters, "largest joint speed with Euler parameters"),
+    }
+    ratio = Number(
+        float(differenced.max() / parameters), "joint speed with dphi_d by differences"
+    )
+    found = {name: Number(float(value), text, "rad/s") for name, (value, text) in numbers.items()}
+    return Result(found | {"differenced_ratio": ratio})
+
+
+def joint_speeds(law: OrientationRepresentation) -> Array:
+    """Return the largest joint speed [rad/s] of each tick of CLIK on T1, through the pole."""
+    robot, home = ur5()
+    motion = T1(delta=0.0)
+    q_0 = inverse_kinematics(robot, motion.frames[0], home)
+    ticks = clik(robot, law, (_K, _K), q_0, motion, 5.0)
+    speeds = (tick.command.dq for tick in ticks)
+    return np.array([np.abs(dq).max() for dq in speeds if dq is not None])

@@ -1,0 +1,141 @@
+"""The executable ``experiment``: run experiments, record, analyse, judge."""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from eulerparams_control.command_line import make_console, say, whole_number
+from eulerparams_control.errors import ConfigurationError, EulerParamsError
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.paper import (
+    headline,
+    number_of,
+    paper_experiments,
+    paper_table,
+    write_paper_summary,
+)
+from eulerparams_control.lab.experiments.paper_page import write_paper_page
+from eulerparams_control.lab.experiments.result import Outcome
+from eulerparams_control.lab.experiments.run_cache import locked
+from eulerparams_control.lab.experiments.runner import check_names
+from eulerparams_control.lab.experiments.schedule import Schedule, Task
+from eulerparams_control.resources import config_names
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run ``experiment NAME [NAME ...] [--out DIR] [--variant V ...]``, or ``--paper``.
+
+    Returns:
+        the exit code: 0 if every criterion that was judged is met, 1 if one is not, 2 if one
+        could not run or after an error.
+    """
+    options = _parse(args)
+    console = make_console()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the nodes, as Ctrl-C does
+    try:
+        if options.list or not (options.names or options.paper):
+            return _list(console)
+        outcomes = _run(options, console)
+    except EulerParamsError as error:
+        say(console, f"error: {error}", "red")
+        return 2
+    except KeyboardInterrupt:
+        say(console, "stopped; the nodes were ended; the same command goes on from here", "red")
+        return 130
+    if any(outcome.error for outcome in outcomes):
+        return 2
+    return 1 if any(outcome.missed for outcome in outcomes) else 0
+
+
+def _parse(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="experiment",
+        description="Run experiments in lock-step simulation, those with faults in real time, and "
+        "judge them. What was run before, with the same definition and the same code, is not run "
+        "again.",
+        epilog="Ends with 1 if a criterion is not met, and with 2 if an experiment could not run. "
+        "With --variant the criteria that need other variants are not judged; if none was "
+        'judged, that is said, summary.json has "met": null, and the end is with 0.',
+    )
+    parser.add_argument("names", nargs="*", help="of config/experiments, or paths of YAML files")
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the results")
+    parser.add_argument("--variant", action="append", default=[], help="run only this one")
+    parser.add_argument("--list", action="store_true", help="list the experiments")
+    parser.add_argument(
+        "--paper",
+        action="store_true",
+        help="write one page of all of them; without names, the paper's claims and those beyond it",
+    )
+    parser.add_argument(
+        "--jobs", type=whole_number(1), default=_jobs(), help="runs at the same time"
+    )
+    parser.add_argument("--again", action="store_true", help="run again what was run before")
+    return parser.parse_args(args)
+
+
+def _jobs() -> int:
+    """Return how many runs we have cores for: nodes in lock-step take one core together."""
+    return len(os.sched_getaffinity(0))
+
+
+def _list(console: Console) -> int:
+    for name in config_names("experiments"):
+        experiment = load_experiment(name)
+        say(console, Text.assemble((name, "bold"), f"  {experiment.claim}"))
+    return 0
+
+
+def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
+    """Run the experiments that were asked for; write the page of the paper if it was."""
+    experiments = _chosen(options.names, options.paper)
+    out = options.out
+    tasks = [Task(e, out / e.name, _variants(options.variant, e)) for e in experiments]
+    with ExitStack() as locks:
+        for task in tasks:
+            locks.enter_context(locked(task.folder))
+        with Display(console, tasks, details=not options.paper) as display:
+            outcomes = Schedule(tasks, options.jobs, display, options.again).run()
+        if options.paper:
+            _write_paper(out, outcomes, console)
+    return outcomes
+
+
+def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
+    """Return the experiments of these names; with none, those of the paper."""
+    if paper and not names:
+        return paper_experiments()
+    experiments = [load_experiment(name) for name in names]
+    twice = {e.name for e in experiments if sum(o.name == e.name for o in experiments) > 1}
+    if twice:
+        raise ConfigurationError(
+            f"named twice: {', '.join(sorted(twice))}; their results have "
+            "one folder: name each once"
+        )
+    return experiments
+
+
+def _variants(names: list[str], experiment: Experiment) -> list[str]:
+    return check_names(names, experiment) if experiment.variants else []
+
+
+def _write_paper(out: Path, outcomes: Sequence[Outcome], console: Console) -> None:
+    page = out / "index.html"
+    write_paper_page(page, outcomes)
+    write_paper_summary(out / "summary.json", outcomes)
+    console.print(paper_table(outcomes, console.width))
+    if any(number_of(outcome.experiment) for outcome in outcomes):
+        say(console, headline(outcomes), "bold")
+    say(console, f"The page: {page.resolve()}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

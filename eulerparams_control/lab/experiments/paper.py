@@ -1,0 +1,107 @@
+"""The paper reproduced: which experiments are its claims, and the table of all of them."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.result import Outcome, groups
+from eulerparams_control.resources import config_names
+
+_CLAIM = re.compile(r"e(\d+)")
+_SHOWN_ELSEWHERE = ("demo",)  # two claims at once, for a first look
+
+MISSING = "-"
+
+_OTHERS = 92  # characters of the columns beside the claim
+
+
+def number_of(experiment: Experiment) -> str:
+    """Return the number of a claim of the paper, such as ``E7``; "" if it is none."""
+    match = _CLAIM.fullmatch(experiment.name)
+    return f"E{match.group(1)}" if match else ""
+
+
+def paper_experiments() -> list[Experiment]:
+    """Return the experiments of the paper's claims in their order, then those beyond it."""
+    names = [name for name in config_names("experiments") if name not in _SHOWN_ELSEWHERE]
+    experiments = [e for e in map(load_experiment, names) if not _has_faults(e)]
+    return sorted(experiments, key=lambda e: (not number_of(e), int(number_of(e)[1:] or 0)))
+
+
+def _has_faults(experiment: Experiment) -> bool:
+    """Return whether an experiment is about faults: in real time, no two runs are the same."""
+    return any(variant.faults for variant in experiment.variants.values())
+
+
+def headline(outcomes: Sequence[Outcome]) -> str:
+    """Return how many claims of the paper are met, in one sentence."""
+    claims = [outcome for outcome in outcomes if number_of(outcome.experiment)]
+    met = sum(outcome.met for outcome in claims)
+    text = f"{met} of {len(claims)} claims of the paper met"
+    if failed := [number_of(o.experiment) for o in claims if o.error]:
+        text += f"; {', '.join(failed)} could not run"
+    if missed := [number_of(o.experiment) for o in claims if o.missed]:
+        text += f"; not met: {', '.join(missed)}"
+    if unjudged := [number_of(o.experiment) for o in claims if not (o.verdicts or o.error)]:
+        text += f"; not judged: {', '.join(unjudged)}"
+    return text + "."
+
+
+def paper_table(outcomes: Sequence[Outcome], width: int) -> Table:
+    """Return the summary for a terminal of some characters: a line for each experiment."""
+    table = Table(title=None, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    widths = {"": 17, "claim": max(8, width - _OTHERS), "predicted": 16, "bound": 18}
+    for name in ("", "claim", "predicted", "measured", "bound", "met"):
+        table.add_column(name, no_wrap=True, overflow="ellipsis", max_width=widths.get(name))
+    for outcome in outcomes:
+        first = groups(outcome.verdicts)[0] if outcome.verdicts else None
+        style = "green" if outcome.met else "red" if outcome.missed or outcome.error else "yellow"
+        met = sum(verdict.met for verdict in outcome.verdicts)
+        count = "error" if outcome.error else f"{met}/{len(outcome.verdicts)}"
+        table.add_row(
+            number_of(outcome.experiment) or outcome.experiment.name,
+            Text(outcome.experiment.claim),
+            Text((first and first.first.predicted) or MISSING),
+            first.measured if first else MISSING,
+            first.first.bound if first else MISSING,
+            Text(count, style),
+        )
+    return table
+
+
+def write_paper_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write summary.json of all experiments: claims, criteria with what was measured, errors."""
+    rows = []
+    for outcome in outcomes:
+        criteria = [
+            {
+                "text": group.first.text,
+                "variants": [verdict.variant for verdict in group.verdicts],
+                "predicted": group.first.predicted,
+                "measured": group.measured,
+                "bound": group.first.bound,
+                "met": group.met,
+            }
+            for group in groups(outcome.verdicts)
+        ]
+        rows.append(
+            {
+                "experiment": outcome.experiment.name,
+                "claim_of_paper": bool(number_of(outcome.experiment)),
+                "claim": outcome.experiment.claim,
+                "met": outcome.met if outcome.verdicts or outcome.error else None,
+                "error": outcome.error,
+                "sentence": outcome.sentence,
+                "seconds": round(outcome.seconds, 1),
+                "criteria": criteria,
+            }
+        )
+    content = {"headline": headline(outcomes), "experiments": rows}
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

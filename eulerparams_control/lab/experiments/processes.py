@@ -1,0 +1,217 @@
+"""The nodes of an experiment as processes in a ROS domain of their own."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any
+
+import yaml
+
+from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.resources import PACKAGE
+
+# Time [s] that a node gets to end after a signal, before it is killed.
+_PATIENCE = 10.0
+
+
+@cache
+def module_of(executable: str) -> str:
+    """Return the module of an executable of this package; raises ConfigurationError."""
+    for point in entry_points(group="console_scripts", name=executable):
+        if point.dist is not None and point.dist.name.replace("-", "_") == PACKAGE:
+            return point.module
+    raise ConfigurationError(f"the package is not installed: it has no executable '{executable}'")
+
+
+class Stopped(Exception):
+    """A run was told to stop before its end."""
+
+
+class Nodes:
+    """Processes of nodes that end together, in a ROS domain of their own.
+
+    Args:
+        folder: for their parameter files and logs.
+        stop: set from another thread when they are to end.
+
+    Attributes:
+        environment: of the processes; names the domain.
+        processes: by executable.
+    """
+
+    def __init__(self, folder: Path, stop: threading.Event | None = None) -> None:
+        self._folder = folder
+        self._stop = stop or threading.Event()
+        self._domain = Domain()
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._commands: dict[str, list[str]] = {}
+        self.environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(self._domain.number),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "RCUTILS_LOGGING_USE_STDOUT": "1",
+            "RCUTILS_COLORIZED_OUTPUT": "0",
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> "Nodes":
+        return self
+
+    def __exit__(
+        self,
+        _type: type[BaseException] | None,
+        _error: BaseException | None,
+        _traceback: TracebackType | None,
+    ) -> None:
+        self.stop(*reversed(list(self.processes)))
+        self._domain.release()
+
+    def start(
+        self,
+        executable: str,
+        parameters: dict[str, Any],
+        namespace: str = "/",
+        remaps: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Start a node with its parameters, and with other names for some of its topics."""
+        file = self._write(executable, parameters)
+        command = [sys.executable, "-m", module_of(executable), "--ros-args"]
+        command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
+        for topic, other in remaps.items():
+            command += ["-r", f"{topic}:={other}"]
+        self._commands[executable] = command
+        self._log(executable).write_bytes(b"")
+        self._launch(executable)
+
+    def start_again(self, executable: str, parameters: dict[str, Any] | None = None) -> None:
+        """Start a node that was killed, as before, or with other parameters; its log goes on."""
+        if parameters is not None:
+            self._write(executable, parameters)
+        self._launch(executable)
+
+    def kill(self, executable: str) -> None:
+        """Kill a node, without a word; it is none of the processes then.
+
+        Raises:
+            SimulationError: if it has died before; with its last words.
+        """
+        self.check()
+        process = self.processes.pop(executable, None)
+        if process is not None:
+            process.kill()
+            process.wait()
+
+    def _write(self, executable: str, parameters: dict[str, Any]) -> Path:
+        """Write the parameter file of a node; return it."""
+        file = self._folder / f"{executable}.yaml"
+        content = {"/**": {"ros__parameters": _uniform(parameters)}}
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return file
+
+    def _launch(self, executable: str) -> None:
+        with open(self._log(executable), "ab") as log:
+            self.processes[executable] = subprocess.Popen(
+                self._commands[executable],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self.environment,
+                start_new_session=True,  # a Ctrl-C in the terminal is ours to pass on
+            )
+
+    def _log(self, executable: str) -> Path:
+        return self._folder / f"{executable}.log"
+
+    def log(self, executable: str) -> str:
+        """Return what a node has said so far."""
+        return self._log(executable).read_text(encoding="utf-8", errors="replace")
+
+    def ended(self, executable: str) -> bool:
+        """Return whether a node has ended by itself, and well.
+
+        Raises:
+            SimulationError: if any node has died; with its last words.
+            Stopped: if they are to end.
+        """
+        self.check(executable)
+        return self.processes[executable].poll() is not None
+
+    def check(self, may_end: str = "") -> None:
+        """Raise unless all nodes are well.
+
+        Args:
+            may_end: a node that may end by itself, and well.
+
+        Raises:
+            SimulationError: if any node has died; with its last words.
+            Stopped: if they are to end.
+        """
+        if self._stop.is_set():
+            raise Stopped
+        for name, process in self.processes.items():
+            if process.poll() is not None and (process.returncode != 0 or name != may_end):
+                raise SimulationError(
+                    f"the node {name} died with exit code {process.returncode}:\n"
+                    + self._last_words(name)
+                    + self.complaints(but=name)
+                )
+
+    def stop(self, *executables: str) -> None:
+        """End nodes one after the other, those that have not ended yet."""
+        for name in executables:
+            process = self.processes[name]
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            try:
+                process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def wait_for(self, executable: str, words: str, timeout: float, times: int = 1) -> None:
+        """Wait until a node has said some words, as many times as that.
+
+        Raises:
+            SimulationError: if it does not within ``timeout`` [s].
+        """
+        deadline = time.monotonic() + timeout
+        while self.log(executable).count(words) < times:
+            self.ended(executable)
+            if time.monotonic() > deadline:
+                raise SimulationError(
+                    f"{executable} did not say '{words}' within {timeout:g} s:\n"
+                    + self._last_words(executable)
+                    + self.complaints(but=executable)
+                )
+            time.sleep(0.02)
+
+    def _last_words(self, executable: str) -> str:
+        lines = [line for line in self.log(executable).splitlines() if line.strip()]
+        return "\n".join(f"  {line}" for line in lines[-8:]) or "  (it said nothing)"
+
+    def complaints(self, but: str) -> str:
+        """Return the last error of each other node: the cause is often with a neighbour."""
+        text = ""
+        for name in self.processes:
+            errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]
+            if errors and name != but:
+                text += f"\n{name} said:\n  {errors[-1]}"
+        return text
+
+
+def _uniform(value: Any) -> Any:
+    """Return parameters in which no list mixes integers with floats: ROS reads none that does."""
+    if isinstance(value, Mapping):
+        return {key: _uniform(entry) for key, entry in value.items()}
+    if isinstance(value, list) and any(isinstance(entry, float) for entry in value):
+        return [float(entry) if type(entry) is int else entry for entry in value]
+    return value

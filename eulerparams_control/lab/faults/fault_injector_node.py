@@ -1,0 +1,216 @@
+"""The node ``fault_injector``: stands between a robot and its controller, and does faults.
+
+It takes each topic and gives it on as ``faulty/TOPIC``, as it came or as its faults leave it:
+
+    ros2 run eulerparams_control fault_injector --ros-args --params-file config/fault_injector.yaml
+    ros2 run eulerparams_control clik --ros-args -r joint_states:=faulty/joint_states
+        -r reference:=faulty/reference
+    ros2 run eulerparams_control pybullet_bridge --ros-args
+        -r joint_reference:=faulty/joint_reference
+
+The robot takes its commands from ``faulty/joint_reference`` or ``faulty/joint_effort``: where it
+cannot be told so, leave these topics out.  The messages are those of ``command_type:
+joint_state``.  ROS parameters have no lists of groups, so each fault is one line of flow-style
+YAML, ``"{fault: drop, topic: wrench, at: 1.0, for: 0.3}"``; see ``eulerparams_control.lab.faults``.
+"""
+
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import yaml
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.lab.faults import (
+    FROM_ROBOT,
+    ROBOT,
+    TOPICS,
+    Fault,
+    FaultStream,
+    Kill,
+    SecondPublisher,
+    parse_fault,
+)
+from eulerparams_control.lab.faults.intruder_node import Intruder
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.runtime import run
+
+FAULTY = "faulty/"
+"""What the names of the topics that it publishes begin with."""
+
+TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
+"""Of messages; those of other topics are JointState."""
+
+_TICK = 0.002  # [s] between two looks at what is due
+_MEET = 0.05  # [s] between two looks at who listens
+
+
+@dataclass(frozen=True)
+class InjectorParameters:
+    """Parameters of the node ``fault_injector``."""
+
+    topics: tuple[str, ...] = parameter(TOPICS, "that are given on", choices=TOPICS)
+    faults: tuple[str, ...] = parameter((), "each as flow-style YAML")
+    seed: int = parameter(0, "of what is random", bounds=(0, 2**31 - 1))
+    start_on: str = parameter(
+        "", "topic whose first message begins the time of the faults; empty: at once",
+        choices=("", *TOPICS),
+    )  # fmt: skip
+
+    def parsed(self) -> tuple[Fault, ...]:
+        """Return the faults; raises ConfigurationError if one is impossible here."""
+        return tuple(map(self._parse, self.faults))
+
+    def _parse(self, text: str) -> Fault:
+        try:
+            fault = parse_fault(yaml.safe_load(text))
+            if isinstance(fault, Kill):
+                raise ConfigurationError("nodes are killed by the experiment that has started them")
+            topics = FROM_ROBOT if fault.topic == ROBOT else (fault.topic,)
+            for topic in topics:
+                if topic not in self.topics and fault.topic != ROBOT:
+                    raise UnknownNameError("topic among the parameter 'topics'", topic, self.topics)
+            if not any(topic in self.topics for topic in topics):
+                raise ConfigurationError(f"none of {', '.join(topics)} is among 'topics'")
+        except yaml.YAMLError as error:
+            raise ConfigurationError(f"parameter 'faults': {text!r}: no YAML: {error}") from error
+        except ConfigurationError as error:
+            raise ConfigurationError(f"parameter 'faults': {text!r}: {error}") from error
+        return fault
+
+
+class FaultInjectorNode(Node):
+    """Gives topics on, with faults."""
+
+    def __init__(self) -> None:
+        super().__init__("fault_injector")
+        self.done = False
+        self._health = diagnostics.Health(self)
+        p = self._params = declare(self, InjectorParameters)
+        self._faults = p.parsed()
+        if p.start_on and p.start_on not in p.topics:
+            raise UnknownNameError("topic in start_on; topics", p.start_on, p.topics)
+        self._stream = FaultStream(self._faults, p.seed)
+        self._active: set[int] = set()  # the faults that are at work, by their number
+        self._intruders: dict[int, Intruder] = {}
+        self._latest: dict[str, bytes] = {}
+        self._started: float | None = None
+        self._outputs: dict[str, Publisher] = {
+            topic: self.create_publisher(_type_of(topic), FAULTY + topic, QOS_STREAM)
+            for topic in p.topics
+        }
+        self._unheard = list(p.topics)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_MEET, self._meet, clock=steady)
+        self.create_timer(_TICK, self._tick, clock=steady)
+        self._health.set(diagnostics.OK, f"{len(self._faults)} faults to come")
+        if not p.start_on:
+            self._start()
+
+    @property
+    def _now(self) -> float:
+        """The time since the start [s]; before it below all times of faults."""
+        return -1.0 if self._started is None else time.monotonic() - self._started
+
+    def _start(self) -> None:
+        self._started = time.monotonic()
+        self.get_logger().info("the time of the faults begins")
+
+    def _meet(self) -> None:
+        """Take a topic once somebody listens to what is given on: so nothing sent once is lost."""
+        for topic in list(self._unheard):
+            if self._outputs[topic].get_subscription_count():
+                self._unheard.remove(topic)
+                self.create_subscription(
+                    _type_of(topic),
+                    topic,
+                    partial(self._on_message, topic),
+                    QOS_STREAM,
+                    raw=True,
+                    qos_overriding_options=QOS_OVERRIDES,
+                )
+
+    # --- messages ----------------------------------------------------------------------
+
+    def _on_message(self, topic: str, serialized: bytes) -> None:
+        if self._started is None and topic == self._params.start_on:
+            self._start()
+        t = self._now
+        self._latest[topic] = serialized
+        if not self._stream.touches(t, topic):
+            self._outputs[topic].publish(serialized)  # raw: nothing is decoded
+            return
+        self._health.count(f"{topic} at which a fault was at work")
+        msg = deserialize_message(serialized, _type_of(topic))
+        for out in self._stream.on_message(t, topic, msg):
+            self._outputs[topic].publish(out)
+
+    def _tick(self) -> None:
+        t = self._now
+        if t >= self._stream.next_due:
+            for topic, msg in self._stream.due(t):
+                self._outputs[topic].publish(msg)
+        self._begin_and_end(t)
+        for number, intruder in self._intruders.items():
+            fault = self._faults[number]
+            if fault.topic in self._latest:
+                last = deserialize_message(self._latest[fault.topic], _type_of(fault.topic))
+                intruder.publish(t, last)
+
+    # --- faults ------------------------------------------------------------------------
+
+    def _begin_and_end(self, t: float) -> None:
+        """Report which faults begin and end."""
+        active = {number for number, fault in enumerate(self._faults) if fault.is_active(t)}
+        if active == self._active:
+            return
+        for number in sorted(active ^ self._active):
+            self._change(number, begins=number in active)
+        self._active = active
+        if active:
+            faults = [self._faults[number] for number in sorted(active)]
+            at_work = ", ".join(f"{fault.name} on {fault.topic}" for fault in faults)
+            self._health.set(diagnostics.WARN, f"at work: {at_work}")
+        else:
+            to_come = sum(fault.at > t for fault in self._faults)
+            self._health.set(diagnostics.OK, f"no fault at work, {to_come} to come")
+
+    def _change(self, number: int, begins: bool) -> None:
+        fault = self._faults[number]
+        self.get_logger().info(f"{'begins' if begins else 'ends'}: {fault}")
+        if not isinstance(fault, SecondPublisher):
+            return
+        if begins:
+            topic = self._outputs[fault.topic].topic_name
+            self._intruders[number] = Intruder(self, fault, _type_of(fault.topic), topic)
+        else:
+            self._intruders.pop(number).close()
+
+    def close(self) -> None:
+        """End what publishes besides."""
+        for intruder in self._intruders.values():
+            intruder.close()
+
+
+def _type_of(topic: str) -> Any:
+    return TYPES.get(topic, JointState)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(FaultInjectorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""Kind "arm": the same turns by a free frame and by a real arm: does the failure transfer?"""
+
+import math
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.lab.maps.base import Picture, Row, Table
+from eulerparams_control.lab.maps.sampling import away, over_directions, random_axis, with_tool_axis
+from eulerparams_control.lab.maps.tip import ArmTip, FreeTip
+from eulerparams_control.lab.maps.turning import TurningMap
+from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmMap(TurningMap):
+    """An arm and a free frame turn to R_d from the same errors, the tip staying where it is.
+
+    ``samples`` counts the directions of the tool axis.
+
+    Attributes:
+        robot: of config/robots.
+        error: [deg].
+        least_singular: smallest singular value of J at the start and at R_d; below, the arm
+            itself is singular there, and the cell is left out.
+    """
+
+    kind = "arm"
+
+    robot: str = "ur5"
+    error: float = 30.0
+    least_singular: float = 0.06
+
+    @cached_property
+    def arm(self) -> tuple[Robot, Array]:
+        """The arm and its home (n,)."""
+        about = load_robot(self.robot)
+        robot = Robot(about.urdf, about.base_frame, about.tip_frame, about.joints)
+        return robot, np.array(about.home)
+
+    def besides(self) -> Any:
+        """Return the whole description of the robot."""
+        return asdict(load_robot(self.robot))
+
+    def cells(self) -> list[Row]:
+        """Return variants x directions."""
+        return over_directions(len(self.variants), self.samples)
+
+    def simulate(self, cell: Row) -> dict[str, float]:
+        """Return the outcomes of the arm, and those of the free frame with the prefix free_."""
+        random, theta = self.random(cell), math.radians(self.error)
+        z = np.array([cell["x"], cell["y"], cell["z"]], dtype=float)
+        R_d = with_tool_axis(z, random.uniform(-math.pi, math.pi))
+        R_0 = away(R_d, theta * random_axis(random))
+        variant = self.variant(cell)
+        free = self.settle(variant, FreeTip(R_0), R_d, theta, self.random(cell))
+        q = self.positions(R_0, R_d)
+        outcome = dict.fromkeys(free, math.nan)
+        if q is not None:
+            tip = ArmTip(self.arm[0], q)
+            outcome = self.settle(variant, tip, R_d, theta, self.random(cell))
+        named = {f"free_{name}": value for name, value in free.items()}
+        return {**outcome, **named, "reached": float(q is not None)}
+
+    def positions(self, R_0: Array, R_d: Array) -> Array | None:
+        """Return q (n,) with the tip of home at R_0; None if it or R_d cannot be reached well."""
+        robot, home = self.arm
+        p = robot.state(home, np.zeros_like(home)).p_e
+        q_0 = self._search(home, DesiredFrame(p, R_0))
+        if q_0 is None or self._search(q_0, DesiredFrame(p, R_d)) is None:
+            return None
+        return q_0
+
+    def _search(self, q: Array, frame: DesiredFrame) -> Array | None:
+        """Return q (n,) for a frame, if it is within reach and well inside."""
+        robot, _ = self.arm
+        try:
+            q = inverse_kinematics(robot, frame, q)
+        except EulerParamsError:
+            return None
+        J = robot.state(q, np.zeros_like(q)).J
+        return q if smallest_singular_value(J) > self.least_singular else None
+
+    def pictures(self, table: Table) -> list[Picture]:
+        """Return arm against free frame."""
+        from eulerparams_control.lab.maps.arm_picture import picture
+
+        return [picture(self, table)]

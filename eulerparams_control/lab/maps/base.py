@@ -1,0 +1,146 @@
+"""What a map is: cells that are simulated one by one, and pictures of all of them.
+
+A new kind of map is one file with a subclass of :class:`MapKind`, and a line in
+``maps/__init__.py``; a new map of a kind is one YAML file in ``config/maps``.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eulerparams_control.laws.orientation import (
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    representation,
+)
+
+type Row = dict[str, float | str]
+"""A cell, or a cell with its outcomes: every cell of a map has the same keys."""
+
+type Table = Mapping[str, NDArray[Any]]
+"""The rows of a map as columns."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A representation of the orientation displacement, with its fair gain.
+
+    Attributes:
+        label: by which the pictures name it.
+        orientation: name of the representation.
+        sequence: of its Euler angles.
+        k_factor: by which k_Po is multiplied: 2 for Euler parameters, eps being theta / 2.
+    """
+
+    label: str
+    orientation: str
+    sequence: str = "XYZ"
+    k_factor: float = 1.0
+
+    @cached_property
+    def representation(self) -> OrientationRepresentation:
+        """The representation."""
+        options = OrientationOptions(sequence=EulerSequence(self.sequence))
+        return representation(self.orientation, options)
+
+    @property
+    def pole_axis(self) -> int | None:
+        """The base axis (0, 1, 2) to which the tool axis z is parallel at the poles.
+
+        Where the pole is a matter of the tool axis, else None.
+        """
+        if self.orientation != "euler_angles" or self.sequence[2] != "Z":
+            return None
+        return "XYZ".index(self.sequence[0])
+
+
+class Picture(NamedTuple):
+    """A picture of a map.
+
+    Attributes:
+        name: of its files.
+        title: the finding, with a number.
+        caption: what is shown.
+        figure: the picture.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapKind(ABC):
+    """A kind of map; its fields are the options of ``config/maps/NAME.yaml``.
+
+    Attributes:
+        variants: the representations that are compared.
+        samples: how fine the map is; what it counts depends on the kind.
+        batch: cells of one task: about half a second of work.
+        seed: of all random numbers.
+    """
+
+    kind: ClassVar[str]
+    registry: ClassVar[dict[str, type["MapKind"]]] = {}
+
+    variants: tuple[Variant, ...]
+    samples: int = 100
+    batch: int = 20
+    seed: int = 1
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "kind" in cls.__dict__:  # else it is a base of some
+            cls.registry[cls.kind] = cls
+
+    @abstractmethod
+    def cells(self) -> list[Row]:
+        """Return the cells, always the same in the same order.
+
+        Each has the key "variant", an index of ``variants``, and "place", which seeds the random
+        numbers: the same for all variants, so that these meet the same errors and noise.
+        """
+
+    @abstractmethod
+    def simulate(self, cell: Row) -> dict[str, float]:
+        """Return the outcomes of a cell; a function of the cell alone, wherever it runs."""
+
+    @abstractmethod
+    def pictures(self, table: Table) -> list[Picture]:
+        """Return the pictures of all cells."""
+
+    def besides(self) -> Any:
+        """Return what the outcomes depend on besides options and code, as JSON can hold it."""
+        return None
+
+    def variant(self, cell: Row) -> Variant:
+        """Return the representation of a cell."""
+        return self.variants[int(cell["variant"])]
+
+    def random(self, cell: Row) -> np.random.Generator:
+        """Return the random numbers of a cell."""
+        return np.random.default_rng([self.seed, int(cell["place"])])
+
+
+def run_batch(kind: MapKind, cells: Sequence[Row]) -> list[Row]:
+    """Return the rows of some cells: what a worker does; all outcomes are of type float."""
+    return [
+        {**cell, **{name: float(value) for name, value in kind.simulate(cell).items()}}
+        for cell in cells
+    ]
+
+
+def of_variant(table: Table, variant: int, **equal: float) -> Table:
+    """Return the rows of a variant, and of these values of other columns."""
+    chosen = table["variant"] == variant
+    for name, value in equal.items():
+        chosen = chosen & (table[name] == value)
+    return {name: column[chosen] for name, column in table.items()}

@@ -1,0 +1,135 @@
+"""What ``config/maps/NAME.yaml`` says: the kind of map, the representations, the options."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.lab.experiments.fingerprint import digest, imported, version
+from eulerparams_control.lab.experiments.yaml_checks import check_name, known
+from eulerparams_control.lab.maps.base import MapKind, Variant
+from eulerparams_control.resources import config_file
+
+_OWN = ("kind", "title", "question", "variants", "quick", "place")
+_OF_VARIANT = ("orientation", "sequence", "k_factor")
+
+
+@dataclass(frozen=True)
+class MapDefinition:
+    """A map that can be made.
+
+    Attributes:
+        name: of its file.
+        title: of its part of the page.
+        question: that it answers.
+        kind: what is simulated, with its options.
+        place: of its part in the page.
+    """
+
+    name: str
+    title: str
+    question: str
+    kind: MapKind
+    place: int = 99
+
+    @property
+    def fingerprint(self) -> str:
+        """A name of the numbers that it leads to: other options or code, another name."""
+        options = {"kind": self.kind.kind, **asdict(self.kind)}
+        return digest([options, self.kind.besides(), _code(type(self.kind).__module__)])
+
+
+@cache
+def _code(module: str) -> str:
+    """Return the version of what simulates, of a kind in this module; pictures do not."""
+    return version(imported([module], but="_picture.py"))
+
+
+def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDefinition:
+    """Return the map of ``config/maps/<name>.yaml``, or of a path ending in ``.yaml``.
+
+    Args:
+        name_or_path: which.
+        quick: whether its coarse options, under the key "quick", are to be taken.
+        samples: in place of its own number of samples, unless 0.
+
+    Raises:
+        UnknownNameError: for an unknown map, kind, option, orientation or sequence.
+        ConfigurationError: if the file is broken or a value impossible.
+    """
+    is_path = name_or_path.endswith(".yaml")
+    path = Path(name_or_path) if is_path else config_file("maps", name_or_path)
+    try:
+        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    try:
+        return _definition(path.stem, told, quick, samples)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _definition(name: str, told: Any, quick: bool, samples: int) -> MapDefinition:
+    check_name("map", name)  # of the folder of its results
+    if not isinstance(told, dict) or not isinstance(told.get("variants"), dict):
+        raise ConfigurationError("expected the keys kind, title, variants, and options")
+    known("kind of map", told.get("kind"), MapKind.registry)
+    cls = MapKind.registry[told["kind"]]
+    variants = tuple(_variant(str(label), about) for label, about in told["variants"].items())
+    options = {key: value for key, value in told.items() if key not in _OWN}
+    kind = cls(variants=variants, **_options(cls, options))
+    if quick:
+        kind = replace(kind, **_options(cls, told.get("quick") or {}))
+    if samples:
+        kind = replace(kind, **_options(cls, {"samples": samples}))
+    title, question = str(told.get("title", name)), str(told.get("question", ""))
+    return MapDefinition(name, title, question, kind, _like(99, "place", told.get("place", 99)))
+
+
+def _variant(label: str, about: Any) -> Variant:
+    if not isinstance(about, dict):
+        raise ConfigurationError(f"variant '{label}': expected the key orientation")
+    for key in about:
+        if key not in _OF_VARIANT:
+            raise UnknownNameError("key of a variant", str(key), _OF_VARIANT)
+    variant = Variant(label, **{"orientation": "", **about})
+    _ = variant.representation  # raises if it is unknown
+    return replace(variant, k_factor=_like(1.0, "k_factor", variant.k_factor))
+
+
+def _options(cls: type[MapKind], told: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a kind, each of the type of its default."""
+    defaults = {field.name: field.default for field in fields(cls) if field.name != "variants"}
+    for key in told:
+        if key not in defaults:
+            raise UnknownNameError(f"option of the kind '{cls.kind}'", str(key), defaults)
+    return {key: _like(defaults[key], key, value) for key, value in told.items()}
+
+
+def _like(default: Any, key: str, value: Any) -> Any:
+    """Return a value of the type of the default: a name, a count, a number, or some numbers."""
+    if isinstance(default, str) and isinstance(value, str):
+        return value
+    if isinstance(default, tuple) and isinstance(value, list):
+        return tuple(_number(key, each) for each in value)
+    if isinstance(default, int) and isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ConfigurationError(f"{key} is {value}; expected at least 1")
+        return value
+    if isinstance(default, float):
+        number = _number(key, value)
+        if number < 0:
+            raise ConfigurationError(f"{key} is {value}; expected 0 or more")
+        return number
+    raise ConfigurationError(f"{key} is {value!r}; expected the like of {default!r}")
+
+
+def _number(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ConfigurationError(f"{key} is {value!r}; expected a finite number")
+    return float(value)

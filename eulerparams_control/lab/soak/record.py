@@ -1,0 +1,96 @@
+"""All that was seen in a soak."""
+
+from dataclasses import dataclass, field
+
+from eulerparams_control.lab.soak.histogram import Histogram
+from eulerparams_control.lab.soak.ledger import Missed
+from eulerparams_control.lab.soak.plan import Plan
+from eulerparams_control.lab.soak.usage import Usage
+
+
+@dataclass(frozen=True)
+class Page:
+    """A part of the time of one robot.
+
+    Attributes:
+        begin, end: [s] since the end of the warm-up, which is negative.
+        states, commands: how many.
+        latencies: from state to command [s].
+    """
+
+    begin: float
+    end: float
+    states: int
+    commands: int
+    latencies: Histogram
+
+
+@dataclass
+class Life:
+    """A process from its start to its end.
+
+    Attributes:
+        name: of the node.
+        pid: of the process.
+        samples: time [s] since the end of the warm-up, and what it had taken then.
+    """
+
+    name: str
+    pid: int
+    samples: list[tuple[float, Usage]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Unanswered:
+    """A state that was not answered, and why.
+
+    Attributes:
+        controller: that did not answer.
+        missed: the state; its time since the end of the warm-up [s].
+        cause: in words; "" if nothing explains it.
+    """
+
+    controller: str
+    missed: Missed
+    cause: str
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that was said or done, t [s] after the end of the warm-up."""
+
+    t: float
+    who: str
+    what: str
+
+
+@dataclass
+class Record:
+    """All that was seen.
+
+    Attributes:
+        pages: by controller; the first one is the warm-up.
+        lives: of all processes, also of those that were started again.
+        unanswered: states after the warm-up.
+        strays: commands that answer no state, by controller.
+        clock_steps: how often the clock of the machine was set.
+        monitor_gap: [s] longest time for which the monitor did not look.
+        bag_megabytes: [MB] of what was recorded.
+        death: how a node ended before its time; "" if none did.
+    """
+
+    plan: Plan
+    pages: dict[str, list[Page]] = field(default_factory=dict)
+    lives: list[Life] = field(default_factory=list)
+    unanswered: list[Unanswered] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    strays: dict[str, int] = field(default_factory=dict)
+    clock_steps: int = 0
+    monitor_gap: float = 0.0
+    bag_megabytes: float = 0.0
+    death: str = ""
+
+    @property
+    def unexplained(self) -> list[Unanswered]:
+        """States that were not answered, and nothing tells why."""
+        return [one for one in self.unanswered if not one.cause]

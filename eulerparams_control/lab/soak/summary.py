@@ -1,0 +1,84 @@
+"""A soak in numbers: for the table, the page and programs."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from eulerparams_control.lab.soak.record import Life, Page, Record
+from eulerparams_control.lab.soak.verdict import Verdict
+
+_THIN = 600  # samples of memory of a process that are written at most
+
+
+def sentence(record: Record, verdicts: Sequence[Verdict]) -> str:
+    """Return what came of it in one sentence."""
+    failed = [verdict for verdict in verdicts if not verdict.met]
+    what = f"{', '.join(record.plan.controllers)} for {record.plan.seconds / 60:g} min"
+    if failed:
+        return f"{what}: {len(failed)} of {len(verdicts)} criteria are not met"
+    return f"{what}: all {len(verdicts)} criteria are met"
+
+
+def write_summary(path: Path, record: Record, verdicts: Sequence[Verdict]) -> None:
+    """Write all numbers as JSON."""
+    content = {
+        "sentence": sentence(record, verdicts),
+        "met": all(verdict.met for verdict in verdicts),
+        "plan": asdict(record.plan),
+        "criteria": [asdict(verdict) for verdict in verdicts],
+        "latency": {name: [page_numbers(p) for p in pages] for name, pages in record.pages.items()},
+        "missed": [_missed(one) for one in record.unanswered],
+        "processes": [_life(life) for life in record.lives],
+        "events": [asdict(event) for event in record.events],
+        "strays": record.strays,
+        "clock_steps": record.clock_steps,
+        "monitor_gap_s": record.monitor_gap,
+        "bag_MB": record.bag_megabytes,
+    }
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def page_numbers(page: Page) -> dict[str, float]:
+    """Return the rates and latencies of a part of the time; a latency is null if there is none."""
+    seconds, found = page.end - page.begin, page.latencies
+    times = {
+        "p50_ms": found.percentile(50),
+        "p99_ms": found.percentile(99),
+        "max_ms": found.largest,
+    }
+    return {
+        "begin_s": page.begin,
+        "end_s": page.end,
+        "states_per_s": page.states / seconds,
+        "commands_per_s": page.commands / seconds,
+        **{name: 1e3 * value for name, value in times.items() if len(found)},
+    }
+
+
+def causes(record: Record) -> Counter[str]:
+    """Return how many states were not answered for each cause."""
+    return Counter(one.cause or "unexplained" for one in record.unanswered)
+
+
+def cpu_of(life: Life) -> float:
+    """Return the part of one core [%] that a process took after the warm-up."""
+    later = [sample for sample in life.samples if sample[0] >= 0]
+    if len(later) < 2:
+        return 0.0
+    (begin, first), (end, last) = later[0], later[-1]
+    return 100 * (last.cpu - first.cpu) / (end - begin)
+
+
+def _missed(one: Any) -> dict[str, Any]:
+    return {"controller": one.controller, "cause": one.cause, **asdict(one.missed)}
+
+
+def _life(life: Life) -> dict[str, Any]:
+    step = -(-len(life.samples) // _THIN)
+    samples = [(t, u.rss, u.uss, u.cpu) for t, u in life.samples[::step]]
+    keys = ("t_s", "rss_MiB", "uss_MiB", "cpu_s")
+    columns = dict(zip(keys, map(list, zip(*samples, strict=True)), strict=True))
+    return {"name": life.name, "pid": life.pid, "cpu_percent": cpu_of(life), **columns}

@@ -1,0 +1,212 @@
+"""Kinematic control: closed-loop inverse kinematics (CLIK), section III, Fig. 1.
+
+Notation: ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of the
+representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import Robot, RobotState
+
+FEEDBACKS = ("internal", "measured")
+
+
+@dataclass(frozen=True)
+class ClikLaw:
+    """The law (23), (28): the joint velocity for a state and a desired frame.
+
+    Attributes:
+        orientation: the representation of the orientation displacement.
+        k_Pp: position gain [1/s].
+        k_Po: orientation gain [1/s]; see the errata on fair gains between representations.
+        inverse: of the Jacobian.
+        posture: (n,) [rad or m] to which a redundant arm tends, or None.
+        k_posture: gain of that tendency [1/s].
+    """
+
+    orientation: OrientationRepresentation
+    k_Pp: float = 100.0
+    k_Po: float = 100.0
+    inverse: DampedInverse = field(default_factory=DampedInverse)
+    posture: Array | None = None
+    k_posture: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_gains(self, "k_Pp", "k_Po", "k_posture")
+
+    def velocity(self, state: RobotState, desired: DesiredFrame, previous: Any) -> tuple[Any, ...]:
+        """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.
+
+        dq = J^-1 [dp_d + k_Pp dp_de; omega(x_de)], eqs. (23), (28), where omega is
+        omega_d + k_Po eps_de for Euler parameters.
+
+        Args:
+            state: kinematics of the arm.
+            desired: the desired frame.
+            previous: x_de of the tick before, or None.
+
+        Raises:
+            SingularityError: if the representation has no finite answer.
+        """
+        dp_de = desired.p_d - state.p_e  # eq. (21)
+        x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
+        v = np.concatenate(
+            (
+                desired.dp_d + self.k_Pp * dp_de,
+                self.orientation.resolved_velocity(x_de, desired.omega_d, self.k_Po),
+            )
+        )
+        J_inverse = self.inverse(state.J)
+        dq = J_inverse @ v  # eqs. (23), (28)
+        if self.posture is not None:
+            dq_0 = self.k_posture * (self.posture - state.q)
+            dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
+        return dq, dp_de, x_de
+
+
+class Clik(Scheme):
+    """CLIK as in Fig. 1: integrates dq from the first measured q.
+
+    At each tick q is the integral of the velocities commanded before, and dq the answer
+    of the law to it, so q and dq belong to the same instant as the desired frame.
+
+    Args:
+        robot: the arm.
+        law: the law with its gains.
+        feedback: ``"internal"`` closes the loop on the integrated q, as in Fig. 1;
+            ``"measured"`` on the measured q.
+        limits: that bound the command; None is none.
+        blend_time: [s] in which the command goes over to a law that replaces another.
+        max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
+
+    Raises:
+        ConfigurationError: if the feedback is unknown or the posture has the wrong size.
+    """
+
+    name = "clik"
+
+    def __init__(
+        self,
+        robot: Robot,
+        law: ClikLaw,
+        feedback: str = "internal",
+        limits: JointLimits | None = None,
+        blend_time: float = 0.1,
+        max_deviation: float = 0.3,
+    ) -> None:
+        if feedback not in FEEDBACKS:
+            raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
+        self.robot = robot
+        self.feedback = feedback
+        self.limits = limits
+        self._blend = Blend(blend_time)
+        self.max_deviation = max_deviation
+        self._x_de: Any = None
+        self.law = _checked(law, robot)
+        self.reset(np.zeros(robot.n))
+
+    def replace_law(self, law: ClikLaw) -> None:
+        """Go over to another law, without a jump of the command.
+
+        Raises:
+            ConfigurationError: if its posture has the wrong size.
+        """
+        _checked(law, self.robot)
+        if law.orientation != self.law.orientation:
+            self._x_de = None  # means nothing to another representation
+        self.law = law
+        self._blend.replace(self._dq)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints."""
+        return Bounds(self.limits)
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,) with zero velocity."""
+        self._q = q.copy()
+        self._dq = np.zeros_like(q)
+        self._x_de = None
+        self._blend.reset()
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return the command that holds still: the integrated q, no velocity."""
+        self._dq = np.zeros_like(self._q)
+        self._x_de = None
+        self._blend.reset()
+        return JointCommand(self._q, self._dq)
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the integrated q."""
+        return self.frame_at(self._q)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Integrate over dt [s] and return q, dq for this instant.
+
+        Raises:
+            SingularityError: if the law has no finite answer; nothing is integrated then.
+            FollowingError: if the measured q is too far from the integrated one.
+        """
+        q_c = self._integrate(dt)
+        if not np.all(np.isfinite(q_c)):
+            raise SingularityError("the joint velocities lead to infinite joint positions")
+        self._refuse_deviation(q_c, q)
+        if self.feedback == "internal":
+            state = self.robot.state(q_c, self._dq)
+        else:
+            state = self.robot.state(q, dq)
+        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de)
+        dq_c = dq_c + self._blend.offset(dt, dq_c)
+        saturated = False
+        if not np.all(np.isfinite(dq_c)):
+            raise SingularityError("the law asks for an infinite joint velocity")
+        if self.limits is not None:
+            dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, max(dt, 1e-3))
+        self._q, self._dq, self._x_de = q_c, dq_c, x_de
+        return Tick(JointCommand(q_c, dq_c), state, desired, dp_de, x_de, saturated)
+
+    def _integrate(self, dt: float) -> Array:
+        """Return q (n,) after dt [s] of the velocity commanded last."""
+        q = self._q + dt * self._dq
+        if self.limits is None or self.limits.contain(q):
+            return q
+        # where it started outside, only outward motion is cut
+        lower = np.minimum(self.limits.lower, self._q)
+        return np.clip(q, lower, np.maximum(self.limits.upper, self._q))
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_1 and its derivative, eqs. (30), (31)."""
+        return self.law.orientation.lyapunov_1(tick.x_de, self.law.k_Po)
+
+    def _refuse_deviation(self, q_c: Array, q: Array) -> None:
+        if self.limits is None:
+            return
+        deviation = self.limits.deviation(q_c, q)
+        if not (deviation <= self.max_deviation).all():
+            i = int(np.argmax(deviation))
+            raise FollowingError(
+                f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "
+                f"{self.max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
+                "then send the reference again, else raise max_deviation"
+            )
+
+
+def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
+    """Return the law, whose posture fits the robot."""
+    if law.posture is not None and law.posture.shape != (robot.n,):
+        raise ConfigurationError(
+            f"posture has {law.posture.size} values; expected one for each of the {robot.n} "
+            f"joints {', '.join(robot.joints)}"
+        )
+    return law

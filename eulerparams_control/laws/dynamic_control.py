@@ -1,0 +1,391 @@
+"""Dynamic control: resolved acceleration on inverse dynamics, section IV, Fig. 2.
+
+Notation: ``a`` (6,) [m/s^2, rad/s^2] resolved acceleration, ``ddq`` (n,) [rad/s^2],
+``tau`` (n,) [Nm], ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of
+the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base frame.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.errors import (
+    ConfigurationError,
+    FollowingError,
+    RobotError,
+    SingularityError,
+)
+from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
+from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
+
+# Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
+_HOLD_K, _HOLD_D = 400.0, 40.0
+
+# A joint inertia [kg m^2] whose least eigenvalue is below this is none.
+_LEAST_INERTIA = 1e-7
+
+
+@dataclass(frozen=True)
+class ResolvedAcceleration:
+    """The laws (36), (38), (40): the acceleration of the tip that the loop asks for.
+
+    Attributes:
+        orientation: the representation of the orientation displacement.
+        k_Pp, k_Vp: position gains [1/s^2], [1/s].
+        k_Po, k_Vo: orientation gains [1/s^2], [1/s]; see the errata on fair gains.
+    """
+
+    orientation: OrientationRepresentation
+    k_Pp: float = 400.0
+    k_Vp: float = 40.0
+    k_Po: float = 800.0
+    k_Vo: float = 40.0
+
+    def __post_init__(self) -> None:
+        check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
+
+    def acceleration(
+        self, arm: RobotState, desired: DesiredFrame, previous: Any
+    ) -> tuple[Any, ...]:
+        """Return a (6,), dp_de (3,) [m] and x_de.
+
+        a_p = ddp_d + k_Vp (dp_d - dp_e) + k_Pp (p_d - p_e), eq. (36), and a_o of the
+        representation: domega_d + k_Vo Delta omega_de + k_Po eps_de for Euler parameters,
+        eq. (40).
+
+        Args:
+            arm: kinematics of the arm.
+            desired: the desired frame.
+            previous: x_de of the tick before, or None.
+
+        Raises:
+            SingularityError: if the representation has no finite answer.
+        """
+        dp_de = desired.p_d - arm.p_e  # eq. (21)
+        x_de = self.orientation.displacement(desired.R_d, arm.R_e, previous)  # eqs. (22), (27)
+        a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + self.k_Pp * dp_de  # (36)
+        a_o = self.orientation.resolved_acceleration(  # eqs. (38), (40)
+            x_de, desired.omega_d, desired.domega_d, arm.omega_e, self.k_Po, self.k_Vo
+        )
+        return np.concatenate((a_p, a_o)), dp_de, x_de
+
+
+@dataclass(frozen=True)
+class InverseDynamics:
+    """The law (33): from the acceleration of the tip to the efforts of the joints.
+
+    Attributes:
+        inverse: of the Jacobian.
+        gravity, coriolis: whether g and C dq are compensated here; some robots do it themselves.
+        friction: that is compensated; None is none.
+        posture: (n,) [rad or m] to which a redundant arm tends, or None.
+        k_posture: gain of that tendency [1/s^2].
+        k_null: damping [1/s] of motions that do not move the tip.
+    """
+
+    inverse: DampedInverse = field(default_factory=DampedInverse)
+    gravity: bool = True
+    coriolis: bool = True
+    friction: JointFriction | None = None
+    posture: Array | None = None
+    k_posture: float = 10.0
+    k_null: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_gains(self, "k_posture", "k_null")
+
+    def acceleration(self, state: DynamicState, a: Array) -> Array:
+        """Return ddq (n,) = J^-1 (a - dJ dq), eq. (33), refs. [16], [17].
+
+        With damping and posture where J* leaves a choice:
+        ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
+        """
+        q, dq, J = state.arm.q, state.arm.dq, state.arm.J
+        J_inverse = self.inverse(J)
+        ddq_0 = -self.k_null * dq
+        if self.posture is not None:
+            ddq_0 += self.k_posture * (self.posture - q)
+        return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
+
+    def effort(self, state: DynamicState, ddq: Array, h: Array | None = None) -> Array:
+        """Return tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48).
+
+        Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
+        on the environment, base frame, None is nothing.
+        """
+        tau: Array = state.B @ ddq
+        if self.coriolis:
+            tau += state.C_dq
+        if self.friction is not None:
+            tau += self.friction.effort(state.arm.dq)
+        if self.gravity:
+            tau += state.g
+        if h is not None:
+            tau += state.arm.J.T @ h  # eq. (48)
+        return tau
+
+
+@dataclass(frozen=True)
+class EffortLimits:
+    """What bounds the efforts, and the errors at which the motion is stopped.
+
+    Attributes:
+        joints: limits of the joints; None is none, then the others do not hold either.
+        rate: [Nm/s] of each effort.
+        error_position: [m] between the desired and the actual frame.
+        error_rotation: [rad] between them.
+
+    Raises:
+        ConfigurationError: if one is not positive.
+    """
+
+    joints: JointLimits | None = None
+    rate: float = math.inf
+    error_position: float = math.inf
+    error_rotation: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "error_position", "error_rotation"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
+
+    def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
+        """Raise FollowingError if the tip is too far from the desired frame."""
+        if self.joints is None:
+            return
+        dp_de = desired.p_d - arm.p_e
+        distance = math.sqrt(dp_de @ dp_de)
+        if distance > self.error_position:
+            raise FollowingError(
+                f"the tip is {distance:.3f} m from the desired frame; at most "
+                f"{self.error_position} m is allowed: is the arm braked or blocked? then send "
+                "the reference again; is the computer late? then lower the gains k_P and k_V; else "
+                "raise max_error_position"
+            )
+        if self.error_rotation < math.pi:
+            angle = angle_between(desired.R_d, arm.R_e)
+            if angle > self.error_rotation:
+                raise FollowingError(
+                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+                    f"at most {math.degrees(self.error_rotation):.1f} deg is allowed: is the arm "
+                    "blocked, or the orientation singular? then send the reference again, else "
+                    "raise max_error_rotation"
+                )
+
+
+class DynamicControl(Scheme):
+    """Resolved acceleration on inverse dynamics, as in Fig. 2.
+
+    Args:
+        robot: the arm.
+        law: resolves the acceleration of the tip.
+        dynamics: makes efforts of it.
+        limits: that bound the command.
+        blend_time: [s] in which the command goes over to a law that replaces another.
+
+    Raises:
+        ConfigurationError: if the posture or the friction has the wrong size.
+        RobotError: if the model of the robot cannot give its efforts.
+    """
+
+    name = "dynamic_control"
+
+    def __init__(
+        self,
+        robot: Robot,
+        law: ResolvedAcceleration,
+        dynamics: InverseDynamics,
+        limits: EffortLimits,
+        blend_time: float = 0.1,
+    ) -> None:
+        self.robot = robot
+        self.limits = limits
+        self._blend = Blend(blend_time)
+        self._x_de: Any = None
+        self.law, self.dynamics = law, _checked(dynamics, robot)
+        _check_model(robot)
+        self.reset(np.zeros(robot.n))
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """Go over to another law, without a jump of the command.
+
+        Raises:
+            ConfigurationError: if the posture or the friction has the wrong size.
+        """
+        _checked(dynamics, self.robot)
+        if law.orientation != self.law.orientation:
+            self._x_de = None  # means nothing to another representation
+        self.law, self.dynamics, self.limits = law, dynamics, limits
+        if not self._saturated:  # of a law that failed nothing is to go on
+            self._blend.replace(self._ddq)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints, and the rate of the efforts."""
+        return Bounds(self.limits.joints, self.limits.rate)
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,)."""
+        self._q = q.copy()
+        self._ddq = np.zeros_like(q)
+        self._saturated = False
+        self._tau: Array | None = None  # the first effort is not bounded in its rate
+        self._x_de = None
+        self._held: Array | None = None
+        self._blend.reset()
+
+    def resume(self, q: Array) -> None:
+        """Begin at the measured q (n,), with the efforts as they are."""
+        tau = self._tau
+        self.reset(q)
+        self._tau = tau
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return efforts that hold the joints where they were when this began.
+
+        tau = B (k (q_held - q) - d dq) + C dq + g: it needs neither J nor the orientation.
+        Friction, which helps to stop, is not compensated.
+        """
+        state = self.robot.dynamic_state(q, dq)
+        if self._held is None:
+            self._held = q.copy()
+        self._q, self._x_de = q, None
+        self._blend.reset()
+        ddq = _HOLD_K * self.robot.limits.difference(self._held, q) - _HOLD_D * dq
+        dynamics = replace(self.dynamics, friction=None)
+        try:
+            return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
+        except SingularityError:  # what was measured is beyond all numbers
+            return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the gravitational efforts at q (n,): nothing in them gets stale."""
+        g = self.robot.dynamic_state(q, np.zeros_like(q)).g
+        tau = g if self.dynamics.gravity else np.zeros_like(g)
+        return JointCommand(effort=self.robot.limits.limit_effort(tau)[0])
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the pose of the tip at the measured q."""
+        return self.frame_at(self._q)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the efforts for this instant.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+            FollowingError: if the tip is too far from the desired frame.
+        """
+        return self.tick_at(dt, self.robot.dynamic_state(q, dq), desired)
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return the efforts for this instant, also against a contact, eq. (48).
+
+        Args:
+            dt: [s] after the tick before.
+            state: of the arm.
+            desired: the desired frame.
+            h: (6,) [N, Nm] what the end effector exerts on the environment; None is nothing.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+            FollowingError: if the tip is too far from the desired frame.
+        """
+        self._q, self._held = state.arm.q, None
+        a, dp_de, x_de = self.law.acceleration(state.arm, desired, self._x_de)
+        self.limits.refuse_error(desired, state.arm)
+        if not math.isfinite(a @ a):
+            raise SingularityError("the law asks for an infinite acceleration of the tip")
+        ddq = self.dynamics.acceleration(state, a)
+        ddq = ddq + self._blend.offset(dt, ddq)
+        if not math.isfinite(ddq @ ddq):
+            raise SingularityError("the law asks for an infinite joint acceleration")
+        tau, self._saturated = self._command(state, ddq, dt, self.dynamics, h)
+        self._x_de = x_de
+        return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, self._saturated)
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_2 and its derivative, eqs. (42), (43)."""
+        omega_de = tick.desired.omega_d - tick.state.omega_e
+        return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
+
+    def _command(
+        self,
+        state: DynamicState,
+        ddq: Array,
+        dt: float,
+        dynamics: InverseDynamics,
+        h: Array | None = None,
+    ) -> tuple[Array, bool]:
+        """Return the efforts for ddq (n,) within the limits, and whether one changed them.
+
+        Raises:
+            SingularityError: if they are not finite; nothing is kept then.
+        """
+        joints, slowed, cut, ramped = self.limits.joints, False, False, False
+        if joints is not None:
+            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt)
+        tau = dynamics.effort(state, ddq, h)
+        if not np.isfinite(tau).all():
+            raise SingularityError("the joints are measured at a state of infinite efforts")
+        if joints is not None:
+            tau, cut = joints.limit_effort(tau)
+            tau, ramped = self._limit_rate(tau, dt)
+        self._ddq, self._tau = ddq, tau
+        return tau, slowed or cut or ramped
+
+    def _limit_rate(self, tau: Array, dt: float) -> tuple[Array, bool]:
+        if self._tau is None:
+            return tau, False
+        step = self.limits.rate * dt
+        change = tau - self._tau
+        if (np.abs(change) <= step).all():
+            return tau, False
+        return self._tau + np.minimum(np.maximum(change, -step), step), True
+
+
+def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
+    """Return the inverse dynamics, whose posture and friction fit the robot."""
+    given = {"posture": dynamics.posture}
+    if dynamics.friction is not None:
+        given["friction_viscous"] = dynamics.friction.viscous
+        given["friction_coulomb"] = dynamics.friction.coulomb
+    for name, values in given.items():
+        if values is not None and values.shape != (robot.n,):
+            raise ConfigurationError(
+                f"{name} has {values.size} values; expected one for each of the {robot.n} "
+                f"joints {', '.join(robot.joints)}"
+            )
+    return dynamics
+
+
+def _check_model(robot: Robot) -> None:
+    """Raise RobotError unless the URDF has what inverse dynamics needs."""
+    efforts = zip(robot.joints, robot.limits.effort, strict=True)
+    weak = [joint for joint, most in efforts if not most > 0]
+    if weak:
+        raise RobotError(f"the URDF has an effort limit of 0 for {', '.join(weak)}")
+    if robot.mount:
+        raise RobotError(
+            f"{', '.join(robot.mount)} can move between the root of the URDF and base_frame "
+            f"{robot.base_frame}: the direction of gravity is not known"
+        )
+    zero = np.zeros(robot.n)
+    B = robot.dynamic_state(zero, zero).B
+    if not np.linalg.eigvalsh(B)[0] > _LEAST_INERTIA:
+        raise RobotError(
+            "the joint inertia is not positive definite: the URDF lacks <inertial> of some links "
+            f"beyond {robot.joints[0]}; efforts cannot be computed without them"
+        )

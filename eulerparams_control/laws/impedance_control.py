@@ -1,0 +1,357 @@
+"""Impedance control with an inner motion loop, section V, Fig. 3.
+
+The contact wrench moves a compliant frame away from the desired one by the impedance equations
+(52), (55), (59); the motion loop (49), (50), (51) follows it on inverse dynamics with the wrench
+compensated, eq. (48).
+
+Notation: ``h`` (6,) [N, Nm] wrench of the end effector on the environment: minus the contact
+wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about the tip.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from eulerparams_control.errors import FollowingError
+from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.dynamic_control import (
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws.orientation import Lyapunov
+from eulerparams_control.laws.rotations import Array, exp
+from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick
+from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
+
+# Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
+_BLEND_TIME = 0.1
+
+
+class MotionLoop(Protocol):
+    """What follows the compliant frame: :class:`DynamicControl`, or a robot of its own."""
+
+    robot: Robot
+
+    @property
+    def bounds(self) -> Bounds:
+        """See Scheme."""
+
+    def reset(self, q: Array) -> None:
+        """See Scheme."""
+
+    def resume(self, q: Array) -> None:
+        """See Scheme."""
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """See Scheme."""
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """See Scheme."""
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """See DynamicControl."""
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """See DynamicControl."""
+
+
+class NoMotionLoop:
+    """Commands nothing: the compliant frame goes to a controller of positions (admittance).
+
+    Args:
+        robot: the arm.
+        limits: the errors at which the motion is stopped.
+    """
+
+    def __init__(self, robot: Robot, limits: EffortLimits) -> None:
+        self.robot, self._limits = robot, limits
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints."""
+        return Bounds(self._limits.joints)
+
+    def reset(self, q: Array) -> None:
+        """Begin: there is nothing to forget."""
+
+    resume = reset
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return no command."""
+        return JointCommand()
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return no command."""
+        return JointCommand()
+
+    def tick_at(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return no command; raises FollowingError if the arm does not follow."""
+        self._limits.refuse_error(desired, state.arm)
+        return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
+
+    def replace_law(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        """Take over the limits."""
+        self._limits = limits
+
+
+@dataclass(frozen=True)
+class ImpedanceLaw:
+    """All that the impedance is made of.
+
+    Attributes:
+        compliance: the equations of the compliant frame.
+        wrench: how the contact is made of what the sensor says.
+        centre: frame of the compliance seen from the tip.
+        max_force, max_moment: [N], [Nm] of the contact that stop the motion.
+        inner_loop: whether the motion loop follows the compliant frame; else the impedance
+            acts on the measured frame itself, without rejecting disturbances.
+    """
+
+    compliance: ComplianceLaw
+    wrench: WrenchOptions = field(default_factory=WrenchOptions)
+    centre: Placement = AT_ORIGIN
+    inner_loop: bool = True
+    max_force: float = math.inf
+    max_moment: float = math.inf
+
+    def refuse_wrench(self, w: Array) -> None:
+        """Raise FollowingError for a contact wrench (6,) that is too large."""
+        for part, most, unit, name in (
+            (w[:3], self.max_force, "N", "max_contact_force"),
+            (w[3:], self.max_moment, "Nm", "max_contact_torque"),
+        ):
+            size = math.sqrt(part @ part)
+            if not size <= most:
+                raise FollowingError(
+                    f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "
+                    f"the tool, then send the reference again, or raise {name}"
+                )
+
+
+class ImpedanceControl(Scheme):
+    """Impedance control of one arm.
+
+    Before each tick :meth:`sense` says what the force/torque sensor measures.  While nothing is
+    measured the compliant frame stands still, and the motion loop holds it.
+
+    Args:
+        motion: follows the compliant frame.
+        law: the impedance.
+        chain: of the wrench, with its tare; None is a new one.
+    """
+
+    name = "impedance_control"
+
+    def __init__(
+        self, motion: MotionLoop, law: ImpedanceLaw, chain: WrenchChain | None = None
+    ) -> None:
+        self.motion, self.law = motion, law
+        self.robot = motion.robot
+        self.chain = chain or WrenchChain(law.wrench)
+        self.chain.replace_options(law.wrench)
+        self._compliant = CompliantFrame(law.compliance)
+        self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
+        self._sensed: SensedWrench | None = None
+        self._dq: Array | None = None  # of the tick before
+        self._x_de: Any = None
+        self._w, self._h = np.zeros(6), np.zeros(6)
+        self._balance = np.zeros(6)  # the contact where it began anew
+        self.reset(np.zeros(self.robot.n))
+
+    @property
+    def bounds(self) -> Bounds:
+        """What the motion loop is bounded by."""
+        return self.motion.bounds
+
+    def sense(self, wrench: SensedWrench | None) -> None:
+        """Take what the sensor measures for the ticks that follow; None: it is not known."""
+        if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
+            self._fade.replace(-self._h)
+        self._sensed = wrench
+
+    def replace_law(
+        self,
+        law: ImpedanceLaw,
+        motion: ResolvedAcceleration,
+        dynamics: InverseDynamics,
+        limits: EffortLimits,
+    ) -> None:
+        """Go over to another law, without a jump of the compliant frame or of the command.
+
+        Raises:
+            ConfigurationError: if the posture or the friction has the wrong size.
+        """
+        self.motion.replace_law(motion, dynamics, limits)
+        if law.compliance.orientation != self.law.compliance.orientation:
+            self._x_de = None  # means nothing to another representation
+        moved = self.law.centre.inverse, law.centre
+        self._compliant.replace_law(law.compliance, moved)
+        self.chain.replace_options(law.wrench)
+        self._blend.replace(self._w)
+        self.law = law
+
+    def tare(self, felt: Array) -> None:
+        """Take ``felt`` (6,), a mean of :meth:`WrenchChain.felt`, for no contact from now on."""
+        self.chain.tare(felt)
+        self._blend.replace(self._w)
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the compliant frame stands still, as no wrench is known."""
+        return self._sensed is None
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,), the compliant frame where the tip is then."""
+        self.motion.reset(q)
+        self._begin_anew(q.copy())
+
+    def resume(self, q: Array) -> None:
+        """Begin at the measured q (n,), with the efforts as they are."""
+        self.motion.resume(q)
+        self._begin_anew(q.copy())
+
+    def _begin_anew(self, q: Array) -> None:
+        if self._compliant.now is not None:
+            self._balance = self._contact(q, np.zeros_like(q))
+        self._q = q
+        self._forget()
+
+    def _contact(self, q: Array, dq: Array) -> Array:
+        """Return the contact wrench (6,) that is felt at the state q, dq (n,)."""
+        if self._sensed is None:
+            return np.zeros(6)
+        self.chain.reset()
+        return self.chain.contact(self._sensed, self.robot.state(q, dq), None, 0.0)
+
+    def _forget(self) -> None:
+        self._compliant.reset()
+        self.chain.reset()
+        self._blend.reset()
+        self._fade.reset()
+        self._w, self._h = np.zeros(6), np.zeros(6)
+        self._dq, self._x_de = None, None
+        self._held: DesiredFrame | None = None
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return what holds the joints, and the tip, where they were when this began."""
+        self._q = q
+        held = self._held or super().frame_at(q)
+        self._forget()
+        self._held = held
+        self._balance = self._contact(q, dq)
+        return self.motion.hold(dt, q, dq)._replace(frame=held)
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the command of the motion loop that may stay for good."""
+        return self.motion.last_command(q, dq)._replace(frame=super().frame_at(q))
+
+    def frame_at(self, q: Array) -> DesiredFrame:
+        """Return the desired frame with which the tip stays at q (n,).
+
+        That is its pose there; after a contact, moved by what balances the contact: p_d = p_e -
+        K_p^+ f, and R_d likewise.
+        """
+        return self._balanced(super().frame_at(q))
+
+    def start_frame(self) -> DesiredFrame:
+        """Return the desired frame with which the tip stays where it was measured."""
+        return self.frame_at(self._q)
+
+    def _balanced(self, tip: DesiredFrame) -> DesiredFrame:
+        if not self._balance.any():
+            return tip
+        law, frame = self.law.compliance, tip.carrying(self.law.centre)
+        f, mu = np.split(at_point(self._balance, frame.p_d - tip.p_d), 2)
+        R = np.eye(3) if law.frame == "base" else frame.R_d
+        x = R @ (np.linalg.pinv(law.translation.K) @ (R.T @ f))
+        turn = frame.R_d @ (np.linalg.pinv(law.rotation.K) @ (frame.R_d.T @ mu))
+        desired = DesiredFrame(frame.p_d - x, exp(-turn) @ frame.R_d)
+        return desired.carrying(self.law.centre.inverse)
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the efforts and the compliant frame for this instant.
+
+        Raises:
+            SingularityError: if a law has no finite answer.
+            FollowingError: if the tip is too far from the compliant frame.
+        """
+        state = self.robot.dynamic_state(q, dq)
+        arm, centre = state.arm, self.law.centre
+        self._q, self._held = q, None
+        self._feel(state, dt)
+        compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
+        tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
+        self._x_de = self.law.compliance.orientation.displacement(desired.R_d, arm.R_e, self._x_de)
+        return Tick(
+            tick.command._replace(frame=compliant),
+            arm,
+            desired,
+            desired.p_d - arm.p_e,
+            self._x_de,
+            tick.saturated,
+            None if self.is_frozen else self._w,
+        )
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
+        if tick.command.frame is None or tick.wrench is None:
+            return None
+        law, centre = self.law.compliance, self.law.centre
+        desired, compliant = tick.desired.carrying(centre), tick.command.frame.carrying(centre)
+        mu = at_point(tick.wrench, tick.state.R_e @ centre.p)[3:]
+        return law.orientation.lyapunov_3(
+            desired.R_d.T @ compliant.R_d,
+            desired.R_d.T @ (compliant.omega_d - desired.omega_d),
+            law.rotation,
+            desired.R_d.T @ mu,
+        )
+
+    def _feel(self, state: DynamicState, dt: float) -> None:
+        """Take the contact wrench for this tick; what is not known any more fades away.
+
+        Raises:
+            FollowingError: if it is too large.
+        """
+        w = np.zeros(6)
+        acceleration = self._acceleration(state, dt)
+        if self._sensed is None:
+            self.chain.reset()
+        else:
+            w = self.chain.contact(self._sensed, state.arm, acceleration, dt)
+            self.law.refuse_wrench(w)
+        self._w = w + self._blend.offset(dt, w)
+        # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
+        self._h = -(self._w + self._fade.offset(dt, self._w))
+
+    def _acceleration(self, state: DynamicState, dt: float) -> Array | None:
+        """Return J ddq + dJ dq (6,) of the tip as it was measured over the last step."""
+        before, self._dq = self._dq, state.arm.dq
+        if before is None or dt <= 0:
+            return None
+        return state.arm.J @ ((state.arm.dq - before) / dt) + state.dJ_dq
+
+    def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
+        """Return the compliant frame of the centre of compliance."""
+        actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
+        if self.is_frozen:
+            return self._compliant.freeze(dt, actual)
+        w = at_point(self._w, actual.p_d - arm.p_e)
+        if self._compliant.now is None or not self.law.inner_loop:
+            self._compliant.begin(desired, actual)
+            return self._compliant.step(0.0, desired, w)
+        return self._compliant.step(dt, desired, w)

@@ -1,0 +1,178 @@
+"""Mass, damping and stiffness of an impedance: three symmetric matrices.
+
+``M`` [kg or kg m^2], ``D`` [Ns/m or Nms/rad] and ``K`` [N/m or Nm/rad] of eqs. (52), (55),
+(59), (3, 3).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.rotations import Array
+
+# Relative to the largest element: what is rounding, and not a lack of symmetry or a negative value.
+_ROUNDING = 1e-9
+
+# Three axes printed with 4 digits are orthogonal to within this.
+_AXES_TOLERANCE = 1e-3
+
+_ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
+
+
+@dataclass(frozen=True)
+class Impedance:
+    """M ddx + D dx + K x = force: one of the two equations of the impedance.
+
+    Attributes:
+        M: (3, 3) mass or inertia, symmetric, positive definite.
+        D: (3, 3) damping, symmetric, positive semidefinite.
+        K: (3, 3) stiffness, symmetric, positive semidefinite: 0 along an axis guides by hand.
+
+    Raises:
+        ConfigurationError: if a matrix is not.
+    """
+
+    M: Array
+    D: Array
+    K: Array
+
+    def __post_init__(self) -> None:
+        for name in ("M", "D", "K"):
+            _check(name, getattr(self, name))
+        if not np.linalg.eigvalsh(self.M)[0] > 0:
+            raise ConfigurationError(f"M is not positive definite: {self.M.tolist()}")
+
+    @cached_property
+    def M_inverse(self) -> Array:
+        """M^-1 (3, 3)."""
+        return np.linalg.inv(self.M)
+
+    @cached_property
+    def rate(self) -> float:
+        """The largest magnitude [1/s] of the eigenvalues of its linear motion."""
+        companion = np.block(
+            [[np.zeros((3, 3)), np.eye(3)], [-self.M_inverse @ self.K, -self.M_inverse @ self.D]]
+        )
+        return float(np.abs(np.linalg.eigvals(companion)).max())
+
+    @property
+    def least_mass(self) -> float:
+        """The least eigenvalue of M."""
+        return float(np.linalg.eigvalsh(self.M)[0])
+
+    @property
+    def least_damping(self) -> float:
+        """The least eigenvalue [1/s] of M^-1 D."""
+        return float(np.linalg.eigvals(self.M_inverse @ self.D).real.min())
+
+    def transformed(self, T: Array) -> "Impedance":
+        """Return the impedance in coordinates y of x = T y: T' M T, T' D T, T' K T."""
+        return Impedance(T.T @ self.M @ T, T.T @ self.D @ T, T.T @ self.K @ T)
+
+
+def symmetric_matrix(name: str, values: Sequence[float], axes: Sequence[float] = ()) -> Array:
+    """Return a symmetric matrix (3, 3) from 3 or 6 numbers.
+
+    U diag(values) U' with U = [u_1 u_2 u_3], eqs. (53), (63), if axes are given.
+
+    Args:
+        name: for the error messages.
+        values: 3 on the diagonal, or along the axes; or xx, xy, xz, yy, yz, zz.
+        axes: 9 numbers, the unit vectors u_1, u_2, u_3 in a row; () is x, y, z.
+
+    Raises:
+        ConfigurationError: if the numbers are not that many, or the axes not orthogonal.
+    """
+    if len(values) == 6 and not axes:
+        matrix = np.zeros((3, 3))
+        matrix[_ROWS, _COLUMNS] = matrix[_COLUMNS, _ROWS] = values
+        return matrix
+    if len(values) != 3:
+        raise ConfigurationError(
+            f"{name} has {len(values)} values; expected 3, of the diagonal or along its axes, or "
+            "6: xx, xy, xz, yy, yz, zz, without axes"
+        )
+    if not axes:
+        return np.diag(np.array(values, dtype=float))
+    U = _orthonormal(name, axes)
+    return U @ np.diag(values) @ U.T
+
+
+def impedance_of(
+    part: str,
+    M: Sequence[float],
+    D: Sequence[float],
+    K: Sequence[float],
+    axes: Sequence[float],
+    ratio: float,
+) -> Impedance:
+    """Return the impedance that parameters state.
+
+    Args:
+        part: "p" or "o", for the error messages.
+        M, D, K: numbers of the matrices, see :func:`symmetric_matrix`; D may be empty.
+        axes: of K.
+        ratio: damping of each mode where D is empty.
+
+    Raises:
+        ConfigurationError: if they are impossible.
+    """
+    mass = symmetric_matrix(f"M_{part}", M)
+    stiffness = symmetric_matrix(f"K_{part}", K, axes)
+    undamped = Impedance(mass, np.zeros((3, 3)), stiffness)  # only of such a root can be taken
+    if len(D):
+        return replace(undamped, D=symmetric_matrix(f"D_{part}", D))
+    return replace(undamped, D=damping_of_ratio(mass, stiffness, ratio))
+
+
+def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
+    """Return D (3, 3) with which each mode of M and K has the damping ratio ``ratio``.
+
+    D = 2 ratio M^1/2 (M^-1/2 K M^-1/2)^1/2 M^1/2.
+    """
+    M_half = _square_root(M)
+    M_half_inverse = np.linalg.inv(M_half)
+    D: Array = 2 * ratio * M_half @ _square_root(M_half_inverse @ K @ M_half_inverse) @ M_half
+    return (D + D.T) / 2
+
+
+def _square_root(A: Array) -> Array:
+    """Return A^1/2 of a symmetric positive semidefinite A (3, 3)."""
+    values, vectors = np.linalg.eigh(A)
+    root: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return root
+
+
+def _orthonormal(name: str, axes: Sequence[float]) -> Array:
+    """Return U = [u_1 u_2 u_3] (3, 3) of nine numbers, made exactly orthonormal."""
+    if len(axes) != 9:
+        raise ConfigurationError(
+            f"{name}_axes has {len(axes)} values; expected 9: three unit vectors in a row"
+        )
+    given = np.array(axes, dtype=float).reshape(3, 3).T
+    if not np.abs(given.T @ given - np.eye(3)).max() <= _AXES_TOLERANCE:
+        raise ConfigurationError(
+            f"{name}_axes are {given.T.tolist()}; expected three unit vectors, orthogonal to each "
+            "other"
+        )
+    left, _, right = np.linalg.svd(given)
+    U: Array = left @ right
+    return U
+
+
+def _check(name: str, matrix: Array) -> None:
+    """Raise ConfigurationError unless a matrix is finite, symmetric and not negative."""
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ConfigurationError(f"{name} is {matrix.tolist()}; expected 3 x 3 finite numbers")
+    tolerance = _ROUNDING * float(np.abs(matrix).max())
+    if np.abs(matrix - matrix.T).max() > tolerance:
+        raise ConfigurationError(f"{name} is not symmetric: {matrix.tolist()}")
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if least < -tolerance or math.isnan(least):
+        raise ConfigurationError(
+            f"{name} has the negative eigenvalue {least:.3g}: {matrix.tolist()}"
+        )

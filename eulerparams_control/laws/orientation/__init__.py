@@ -1,0 +1,39 @@
+"""The representations of the orientation displacement; importing this registers them."""
+
+from eulerparams_control.laws.orientation import (
+    angle_axis,
+    euler_angles,
+    euler_parameters,
+    relative_euler_angles,
+    rotation_vector,
+)
+from eulerparams_control.laws.orientation.base import (
+    CompliantRotation,
+    Lyapunov,
+    OrientationOptions,
+    OrientationRepresentation,
+    representation,
+)
+from eulerparams_control.laws.orientation.sequences import SEQUENCES, EulerSequence
+from eulerparams_control.laws.orientation.sign import SEPARATE, SIGNS, SignRule
+
+ORIENTATIONS = tuple(sorted(OrientationRepresentation.registry))
+
+__all__ = [
+    "ORIENTATIONS",
+    "SEPARATE",
+    "SEQUENCES",
+    "SIGNS",
+    "CompliantRotation",
+    "EulerSequence",
+    "Lyapunov",
+    "OrientationOptions",
+    "OrientationRepresentation",
+    "SignRule",
+    "angle_axis",
+    "euler_angles",
+    "euler_parameters",
+    "relative_euler_angles",
+    "representation",
+    "rotation_vector",
+]

@@ -1,0 +1,269 @@
+"""What a representation of the orientation displacement is, and where they are found.
+
+Each place where the paper's equations change with the representation is one method of
+:class:`OrientationRepresentation`; the schemes know nothing else of it.  A new one is
+one file with a subclass, and a line in ``orientation/__init__.py``.
+
+Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the base
+frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.orientation.sequences import EulerSequence
+from eulerparams_control.laws.orientation.sign import SignRule
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations_batch import stack
+
+
+class Displacement(Protocol):
+    """An orientation displacement in the terms of its representation."""
+
+    @property
+    def error(self) -> Array:
+        """The orientation error (3,) that the gains act on; zero where aligned."""
+
+
+class Lyapunov(NamedTuple):
+    """A Lyapunov function of the orientation error along the closed loop.
+
+    Attributes:
+        V: its value; (N,) of N displacements at once.
+        dV: its time derivative [1/s] as the paper gives it.
+    """
+
+    V: float
+    dV: float
+
+
+class CompliantRotation(NamedTuple):
+    """The rotational motion of the compliant frame, base frame.
+
+    Attributes:
+        R_c: (3, 3).
+        omega_c, domega_c: (3,) [rad/s], [rad/s^2].
+    """
+
+    R_c: Array
+    omega_c: Array
+    domega_c: Array
+
+
+@dataclass(frozen=True)
+class OrientationOptions:
+    """What a user can choose about a representation; each takes what concerns it.
+
+    Attributes:
+        sequence: of Euler angles.
+        sign: rule for the sign of the mutual quaternion.
+    """
+
+    sequence: EulerSequence = field(default_factory=EulerSequence)
+    sign: SignRule = field(default_factory=SignRule)
+
+
+class OrientationRepresentation(ABC):
+    """One representation of the orientation displacement, as the laws use it.
+
+    Attributes:
+        name: the value of the parameter ``orientation``.
+        symbol: of its orientation error, in words.
+        unit: of that; "rad" or "".
+    """
+
+    name: ClassVar[str]
+    symbol: ClassVar[str] = "orientation error"
+    unit: ClassVar[str] = ""
+    registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "name" in cls.__dict__:  # else it is a base of some
+            cls.registry[cls.name] = cls
+
+    def __init__(self, options: OrientationOptions | None = None) -> None:
+        self.options = options or OrientationOptions()
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both give the same displacements."""
+        if not isinstance(other, OrientationRepresentation):
+            return NotImplemented
+        return type(self) is type(other) and self.options == other.options
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.options))
+
+    @abstractmethod
+    def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
+        """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
+
+        Args:
+            R_d: desired orientation (3, 3).
+            R_e: end-effector orientation (3, 3).
+            previous: the displacement of the sample before, or None at the first; what
+                is not unique (a sign, an angle at the pole) follows from it.
+        """
+
+    def displacements(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
+        """Return the displacements of N successive samples as one, its fields stacked.
+
+        For recorded runs; this does one after the other, which any representation may do faster.
+
+        Args:
+            R_d, R_e: (N, 3, 3) orientations, N > 0.
+            previous: the displacement of the sample before, or None.
+        """
+        samples = []
+        for R_d_t, R_e_t in zip(R_d, R_e, strict=True):
+            previous = self.displacement(R_d_t, R_e_t, previous)
+            samples.append(previous)
+        return stack(samples)
+
+    @abstractmethod
+    def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
+        """Return the angular velocity omega (3,) [rad/s] that CLIK asks for.
+
+        The lower half of the bracket of (28), or of T times that of (23), in the base
+        frame: along it the error obeys the representation's error equation, (26), (29).
+
+        Args:
+            x_de: from :meth:`displacement`.
+            omega_d: desired angular velocity (3,) [rad/s], base frame.
+            k_Po: gain [1/s].
+        """
+
+    @abstractmethod
+    def resolved_acceleration(
+        self,
+        x_de: Any,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return the angular acceleration a_o (3,) [rad/s^2] of dynamic control, eqs. (38), (40).
+
+        Along domega_e = a_o, eq. (35), the error obeys the representation's error equation of
+        second order, (39), (41).
+
+        Args:
+            x_de: from :meth:`displacement`.
+            omega_d, domega_d: desired angular velocity and acceleration (3,), base frame.
+            omega_e: angular velocity (3,) [rad/s] of the end effector, base frame.
+            k_Po: gain of the error [1/s^2].
+            k_Vo: gain of its rate [1/s].
+        """
+
+    def lyapunov_1(self, x_de: Any, k_Po: float) -> Lyapunov | None:
+        """Return V_1 of CLIK, eqs. (30), (31); None: the paper has none for it."""
+        return None
+
+    def lyapunov_2(self, x_de: Any, omega_de: Array, k_Po: float, k_Vo: float) -> Lyapunov | None:
+        """Return V_2 of dynamic control, eqs. (42), (43); None: the paper has none for it.
+
+        Args:
+            x_de: from :meth:`displacement`.
+            omega_de: omega_d - omega_e (3,) [rad/s], base frame.
+            k_Po, k_Vo: gains of :meth:`resolved_acceleration`.
+        """
+        return None
+
+    def impedance(self, Z: Impedance) -> Impedance:
+        """Return the rotational impedance in the coordinates of this representation.
+
+        Args:
+            Z: M_o, D_o, K_o for small turns of the compliant frame about the desired axes.
+
+        Raises:
+            ConfigurationError: if it has none in them.
+        """
+        return Z
+
+    @abstractmethod
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return the state y of the rotational impedance for two frames.
+
+        It is relative to the desired frame: the displacement and its rate.
+
+        Args:
+            R_d, R_c: (3, 3) desired and compliant orientation, base frame.
+            omega_d, omega_c: (3,) [rad/s] their angular velocities, base frame.
+
+        Raises:
+            SingularityError: if the representation has no finite rate there.
+        """
+
+    @abstractmethod
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return what the rotational impedance is driven by, interpolated between samples.
+
+        Args:
+            R_d: (3, 3) desired orientation, base frame.
+            mu: (3,) [Nm] contact moment on the end effector, base frame.
+            previous: what was returned for the sample before, or None.
+        """
+
+    @abstractmethod
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy of the rotational impedance, eqs. (55), (59).
+
+        Args:
+            y: state, from :meth:`compliance_begin`.
+            u: from :meth:`compliance_input`.
+            Z: from :meth:`impedance`.
+        """
+
+    def compliance_normalised(self, y: Array) -> Array:
+        """Return the state after a step of integration, freed of its rounding."""
+        return y
+
+    @abstractmethod
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return the compliant rotation in the base frame: the inverse of the beginning.
+
+        Args:
+            y, dy: state and its rate.
+            u: from :meth:`compliance_input`.
+            R_d: (3, 3), omega_d, domega_d: (3,) the desired frame now, base frame.
+
+        Raises:
+            SingularityError: if the representation has no finite answer there.
+        """
+
+    def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
+        """Return V_3 of the impedance, eqs. (68), (69); None: there is none for it.
+
+        Args:
+            R_cd: (3, 3) R_d' R_c.
+            x: (3,) [rad/s] R_d' (omega_c - omega_d).
+            Z: M_o, D_o, K_o.
+            mu_d: (3,) [Nm] contact moment in the desired frame; its power is in dV_3.
+        """
+        return None
+
+    @abstractmethod
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the angle [rad] to the nearest singularity of the law; inf if it has none."""
+
+
+def representation(
+    name: str, options: OrientationOptions | None = None
+) -> OrientationRepresentation:
+    """Return the representation of that name.
+
+    Raises:
+        UnknownNameError: if there is none; lists those that exist.
+    """
+    registry = OrientationRepresentation.registry
+    if not isinstance(name, str) or name not in registry:
+        raise UnknownNameError("orientation", str(name), registry)
+    return registry[name](options)

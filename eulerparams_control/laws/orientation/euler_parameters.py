@@ -1,0 +1,98 @@
+"""Euler parameters: the vector part of the mutual unit quaternion, eqs. (27)-(29)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.laws.orientation.base import Lyapunov
+from eulerparams_control.laws.orientation.relative_quaternion import (
+    RelativeQuaternionRepresentation,
+)
+from eulerparams_control.laws.rotations import Array, EulerParameters, cross
+from eulerparams_control.laws.rotations_batch import turn
+
+
+class QuaternionDisplacement(NamedTuple):
+    """The mutual quaternion {eta_de, eps_de_e} and its vector part in the base frame.
+
+    Attributes:
+        Q_de: {eta_de, eps_de_e} with the sign chosen, eps in the end-effector frame.
+        eps_de: (3,) in the base frame, eq. (27).
+    """
+
+    Q_de: EulerParameters
+    eps_de: Array
+
+    @property
+    def error(self) -> Array:
+        """eps_de (3,), base frame."""
+        return self.eps_de
+
+
+class EulerParametersRepresentation(RelativeQuaternionRepresentation):
+    """The orientation error is eps_de; no orientation is singular."""
+
+    name = "euler_parameters"
+    symbol = "eps_de"
+
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
+    ) -> QuaternionDisplacement:
+        """Return {eta_de, eps_de_e} of R_e' R_d and eps_de = R_e eps_de_e, eq. (27)."""
+        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
+        return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
+
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
+    ) -> QuaternionDisplacement:
+        """Return {eta_de (N,), eps_de_e (N, 3)} and eps_de (N, 3), eq. (27)."""
+        Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
+        return QuaternionDisplacement(Q_de, turn(R_e, Q_de.eps))
+
+    def resolved_velocity(
+        self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float
+    ) -> Array:
+        """Return omega_d + k_Po eps_de, eq. (28)."""
+        return omega_d + k_Po * x_de.eps_de
+
+    def resolved_acceleration(
+        self,
+        x_de: QuaternionDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d + k_Vo Delta omega_de + k_Po eps_de, eq. (40)."""
+        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.eps_de
+
+    def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
+        """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
+        eps_2 = np.vecdot(x_de.eps_de, x_de.eps_de)
+        return Lyapunov((x_de.Q_de.eta - 1) ** 2 + eps_2, -k_Po * eps_2)
+
+    def lyapunov_2(
+        self, x_de: QuaternionDisplacement, omega_de: Array, k_Po: float, k_Vo: float
+    ) -> Lyapunov:
+        """Return V_2 and dV_2, eqs. (42), (43).
+
+        V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2 = -k_Vo omega_de' omega_de.
+        """
+        omega_2 = np.vecdot(omega_de, omega_de)
+        return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
+
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
+        K_eps = K_o @ Q_cd.eps
+        return 2 * (Q_cd.eta * K_eps + cross(Q_cd.eps, K_eps))
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return 2 eps' K_o eps, of eq. (68)."""
+        energy: float = 2 * np.vecdot(Q_cd.eps, Q_cd.eps @ K_o)
+        return energy
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return inf: there is no singularity."""
+        return math.inf

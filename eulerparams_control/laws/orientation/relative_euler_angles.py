@@ -1,0 +1,140 @@
+"""Relative Euler angles: those of the mutual rotation R_e' R_d ("alternative", refs. [9], [10])."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.orientation.base import CompliantRotation, OrientationRepresentation
+from eulerparams_control.laws.rotations import Array, cross
+from eulerparams_control.laws.rotations_batch import transposed
+
+
+class RelativeEulerAnglesDisplacement(NamedTuple):
+    """The Euler angles of the mutual rotation.
+
+    Attributes:
+        phi_de: (3,) [rad] extracted from R_e' R_d.
+        R_e: (3, 3) orientation of the end effector.
+        T_e: (3, 3) R_e T(phi_de): relative angular velocity in the base frame by dphi_de.
+    """
+
+    phi_de: Array
+    R_e: Array
+    T_e: Array
+
+    @property
+    def error(self) -> Array:
+        """phi_de (3,) [rad]: angles of the sequence, not a vector of a frame."""
+        return self.phi_de
+
+
+class RelativeEulerAnglesRepresentation(OrientationRepresentation):
+    """The orientation error is phi_de; singular for large errors only, with XYZ at 90 deg."""
+
+    name = "relative_euler_angles"
+    symbol = "phi_de of R_e' R_d"
+    unit = "rad"
+
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
+    ) -> RelativeEulerAnglesDisplacement:
+        """Return phi_de of R_e' R_d and T_e = R_e T(phi_de)."""
+        sequence = self.options.sequence
+        phi_de = sequence.extract(R_e.T @ R_d, None if previous is None else previous.phi_de)
+        return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.T(phi_de))
+
+    def displacements(
+        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
+    ) -> RelativeEulerAnglesDisplacement:
+        """Return phi_de (N, 3) of R_e' R_d, R_e and T_e (N, 3, 3)."""
+        sequence = self.options.sequence
+        R_de = transposed(R_e) @ R_d
+        phi_de = sequence.extracts(R_de, None if previous is None else previous.phi_de)
+        return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.Ts(phi_de))
+
+    def resolved_velocity(
+        self, x_de: RelativeEulerAnglesDisplacement, omega_d: Array, k_Po: float
+    ) -> Array:
+        """Return omega_d + k_Po T_e phi_de, which gives dphi_de = -k_Po phi_de."""
+        return omega_d + k_Po * (x_de.T_e @ x_de.phi_de)
+
+    def resolved_acceleration(
+        self,
+        x_de: RelativeEulerAnglesDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
+
+        dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
+        it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
+        """
+        sequence = self.options.sequence
+        omega_de = omega_d - omega_e
+        dphi_de = sequence.rates(x_de.phi_de, x_de.R_e.T @ omega_de)
+        # T_e dphi_de is omega_de
+        dT_e_dphi_de = cross(omega_e, omega_de) + x_de.R_e @ (
+            sequence.dT(x_de.phi_de, dphi_de) @ dphi_de
+        )
+        return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ x_de.phi_de)
+
+    def impedance(self, Z: Impedance) -> Impedance:
+        """Return T(0)' Z T(0): T(0) is I for XYZ only, else the stiffness would be turned.
+
+        Raises:
+            ConfigurationError: for sequences whose first and last axis are the same.
+        """
+        sequence = self.options.sequence
+        if sequence.is_proper:
+            raise ConfigurationError(
+                f"relative_euler_angles of the sequence {sequence.name} are singular where the "
+                "frames are aligned: they have no impedance; choose XYZ or another sequence of "
+                "three axes"
+            )
+        return Z.transformed(sequence.T(np.zeros(3)))
+
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return y (6,) = (phi_cd, dphi_cd) of R_d' R_c."""
+        sequence = self.options.sequence
+        phi_cd = sequence.extract(R_d.T @ R_c)
+        dphi_cd = sequence.rates(phi_cd, R_d.T @ (omega_c - omega_d))
+        return np.concatenate((phi_cd, dphi_cd))
+
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return mu^d = R_d' mu (3,)."""
+        return R_d.T @ mu
+
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
+        phi_cd, dphi_cd = y[:3], y[3:]
+        T = self.options.sequence.T(phi_cd)
+        ddphi_cd = Z.M_inverse @ (T.T @ u - Z.D @ dphi_cd - Z.K @ phi_cd)
+        return np.concatenate((dphi_cd, ddphi_cd))
+
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
+
+        x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
+        """
+        sequence, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
+        T = sequence.T(phi_cd)
+        dx = T @ dy[3:] + sequence.dT(phi_cd, dphi_cd) @ dphi_cd
+        omega_c = omega_d + R_d @ (T @ dphi_cd)
+        return CompliantRotation(
+            R_d @ sequence.R(phi_cd),
+            omega_c,
+            domega_d + R_d @ dx + cross(omega_d, omega_c),
+        )
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the distance [rad] of the mutual rotation to the pole of the sequence."""
+        return self.options.sequence.pole_distance(R_e.T @ R_d)

@@ -1,0 +1,85 @@
+"""The rotational impedance in Euler parameters and relative angular velocity, eq. (59).
+
+What the representations with a vector of the mutual quaternion share: their impedance differs
+in the elastic moment only.  State: y = (eta_cd, eps_cd_d, x) (7,), the mutual quaternion of
+R_cd = R_d' R_c and x = R_d' (omega_c - omega_d) [rad/s], all in the desired frame.  Its motion
+depends on the absolute orientation in no way.
+"""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.orientation.base import (
+    CompliantRotation,
+    Lyapunov,
+    OrientationRepresentation,
+)
+from eulerparams_control.laws.rotations import Array, EulerParameters, cross
+from eulerparams_control.laws.rotations_batch import quaternions
+
+
+class RelativeQuaternionRepresentation(OrientationRepresentation):
+    """A representation whose impedance is (59) with an elastic moment of its own."""
+
+    @abstractmethod
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return mu_E (3,) [Nm] in the desired frame, eqs. (62), (66).
+
+        Args:
+            Q_cd: {eta_cd, eps_cd_d} of R_d' R_c.
+            K_o: (3, 3) stiffness [Nm/rad].
+        """
+
+    @abstractmethod
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return the energy [J] whose rate along x is mu_E' x: the second term of (68)."""
+
+    def compliance_begin(
+        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
+    ) -> Array:
+        """Return y (7,) = (eta_cd, eps_cd_d, R_d' (omega_c - omega_d))."""
+        eta, eps = EulerParameters.from_R(R_d.T @ R_c)
+        return np.concatenate(([eta], eps, R_d.T @ (omega_c - omega_d)))
+
+    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
+        """Return mu^d = R_d' mu (3,)."""
+        return R_d.T @ mu
+
+    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
+        """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
+        Q, x = EulerParameters(y[0], y[1:4]), y[4:]
+        dy = np.empty(7)
+        dy[0] = -0.5 * (Q.eps @ x)  # eq. (8)
+        dy[1:4] = 0.5 * (Q.eta * x - cross(Q.eps, x))  # eqs. (9), (10)
+        dy[4:] = Z.M_inverse @ (u - Z.D @ x - self.elastic_moment(Q, Z.K))  # eq. (59)
+        return dy
+
+    def compliance_normalised(self, y: Array) -> Array:
+        """Return y with a unit quaternion."""
+        y[:4] /= np.sqrt(y[:4] @ y[:4])
+        return y
+
+    def compliance_end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return R_c = R_d R_cd, omega_c = omega_d + R_d x and domega_c.
+
+        domega_c = domega_d + R_d dx + omega_d x omega_c: x are components in the desired frame,
+        which turns (erratum of (59)).
+        """
+        R_c = R_d @ EulerParameters(y[0], y[1:4]).R
+        omega_c = omega_d + R_d @ y[4:]
+        return CompliantRotation(
+            R_c, omega_c, domega_d + R_d @ dy[4:] + cross(omega_d, omega_c)
+        )
+
+    def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov:
+        """Return V_3 = x' M_o x / 2 + elastic energy and dV_3 = -x' D_o x + mu^d' x.
+
+        Eqs. (68), (69), the latter with the power of the contact moment.
+        """
+        energy = self.elastic_energy(quaternions(R_cd), Z.K)
+        kinetic = np.vecdot(x, x @ Z.M) / 2
+        return Lyapunov(kinetic + energy, np.vecdot(mu_d, x) - np.vecdot(x @ Z.D, x))

@@ -1,0 +1,103 @@
+"""Which of +-(eta, eps) stands for a mutual orientation.
+
+Both stand for the same rotation, but the laws (28), (40) and (51) pull along eps, so
+the sign decides which way round the error is undone:
+
+``shortest``    eta >= 0: always the short way; chatters at theta = pi under noise.
+``hysteretic``  keeps its sign until eta < -delta: the short way, no chattering at pi.
+``continuous``  never flips: what (44)-(47) analyse; may take the long way round.
+
+The sign is chosen on the error, never on Q_d and Q_e apart: ``separate`` does that, to show
+that a small error can then look like a turn of almost 360 deg.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.laws.rotations import Array, EulerParameters, mutual, mutual_R
+from eulerparams_control.laws.rotations_batch import quaternions, stack, transposed
+
+SIGNS = ("shortest", "hysteretic", "continuous")
+SEPARATE = "separate"
+
+
+@dataclass(frozen=True)
+class SignRule:
+    """How the sign of the mutual quaternion follows from its predecessor.
+
+    Args:
+        name: one of ``SIGNS``, or ``SEPARATE``.
+        delta: hysteresis in eta, in [0, 1); theta flips beyond 2 acos(-delta).
+        initial: sign of eta at the first sample, 1; or -1, with ``continuous`` only.
+
+    Raises:
+        UnknownNameError: if there is no such rule.
+        ConfigurationError: if delta or the initial sign is impossible.
+    """
+
+    name: str = "hysteretic"
+    delta: float = 0.2
+    initial: int = 1
+
+    def __post_init__(self) -> None:
+        if self.name not in (*SIGNS, SEPARATE):
+            raise UnknownNameError("sign of the quaternion", self.name, SIGNS)
+        if not 0 <= self.delta < 1:
+            raise ConfigurationError(f"hysteresis is {self.delta}; expected in [0, 1)")
+        if not (self.initial == 1 or (self.initial == -1 and self.name == "continuous")):
+            raise ConfigurationError(
+                f"the initial sign of eta is {self.initial}; expected 1, or -1 with continuous"
+            )
+
+    def mutual(
+        self, R_e: Array, R_d: Array, previous: EulerParameters | None
+    ) -> EulerParameters:
+        """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
+
+        Args:
+            R_e, R_d: (3, 3) the two orientations.
+            previous: what was returned for the sample before; None at the first.
+        """
+        if self.name == SEPARATE:
+            return mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
+        return self.choose(mutual_R(R_e, R_d), previous)
+
+    def mutuals(
+        self, R_e: Array, R_d: Array, previous: EulerParameters | None
+    ) -> EulerParameters:
+        """Return eta_de (N,), eps_de_e (N, 3) of N successive samples: see :meth:`mutual`."""
+        if self.name == SEPARATE:
+            pairs = zip(R_e, R_d, strict=True)
+            return stack([self.mutual(R_e_t, R_d_t, None) for R_e_t, R_d_t in pairs])
+        Q = quaternions(transposed(R_e) @ R_d)
+        signs = self._signs(np.column_stack([Q.eta, Q.eps]), previous)
+        return EulerParameters(signs * Q.eta, signs[:, None] * Q.eps)  # type: ignore[arg-type]
+
+    def _signs(self, Q: Array, previous: EulerParameters | None) -> Array:
+        """Return the sign (N,) that each of the quaternions Q (N, 4), eta >= 0, gets."""
+        if self.name == "shortest":
+            return np.ones(len(Q))
+        first = self.choose(EulerParameters(Q[0, 0], Q[0, 1:]), previous)
+        begin = 1.0 if first.eta * Q[0, 0] + first.eps @ Q[0, 1:] > 0 else -1.0
+        follows = np.where(np.vecdot(Q[1:], Q[:-1]) < 0, -1.0, 1.0)
+        signs = np.cumprod(np.concatenate(([begin], follows)))
+        at = 0
+        while self.name == "hysteretic":
+            beyond = np.flatnonzero(signs[at:] * Q[at:, 0] < -self.delta)
+            if not len(beyond):
+                break
+            at += int(beyond[0])
+            signs[at:] *= -1
+        return signs
+
+    def choose(self, Q: EulerParameters, previous: EulerParameters | None) -> EulerParameters:
+        """Return Q or -Q, given what was returned for the sample before (None: eta >= 0)."""
+        if previous is None or self.name == "shortest":
+            return -Q if Q.eta * self.initial < 0 else Q
+        if Q.eta * previous.eta + float(Q.eps @ previous.eps) < 0:
+            Q = -Q
+        if self.name == "hysteretic" and Q.eta < -self.delta:
+            return -Q
+        return Q

@@ -1,0 +1,111 @@
+"""From the types of the core to messages; ``messages.py`` has the way back.
+
+Quaternions are (eta, eps) inside and xyzw in messages.
+"""
+
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import (
+    PoseStamped,
+    Quaternion,
+    Transform,
+    Twist,
+    TwistStamped,
+    Vector3,
+    WrenchStamped,
+)
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+
+# Seconds are 32 bits with a sign.
+_MOST_SECONDS = 2**31 - 1
+
+
+def stamp_to_ros(ns: int) -> Time:
+    """Return nanoseconds as a stamp."""
+    return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+
+
+def duration_to_ros(seconds: float) -> Duration:
+    """Return seconds as a duration.
+
+    Raises:
+        ConfigurationError: if there are more than a message can hold, or less than 0.
+    """
+    if not 0 <= seconds < _MOST_SECONDS:
+        raise ConfigurationError(f"{seconds:g} s: expected 0 to {_MOST_SECONDS:g} s")
+    ns = round(seconds * 1e9)
+    return Duration(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+
+
+def vector_to_ros(v: Array) -> Vector3:
+    """Return (3,) as a message."""
+    x, y, z = v.tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
+def quaternion_to_ros(R: Array) -> Quaternion:
+    """Return R (3, 3) as xyzw."""
+    eta, eps = EulerParameters.from_R(R)
+    x, y, z = eps.tolist()
+    return Quaternion(x=x, y=y, z=z, w=float(eta))
+
+
+def motion_to_ros(
+    trajectory: Trajectory, base_frame: str, tip_frame: str
+) -> MultiDOFJointTrajectory:
+    """Return a trajectory as a reference that starts at receipt."""
+    msg = MultiDOFJointTrajectory(joint_names=[tip_frame])
+    msg.header.frame_id = base_frame
+    for t, frame in zip(trajectory.times, trajectory.frames, strict=True):
+        msg.points.append(_frame_to_ros(frame, t))
+    return msg
+
+
+def _frame_to_ros(frame: DesiredFrame, t: float) -> MultiDOFJointTrajectoryPoint:
+    return MultiDOFJointTrajectoryPoint(
+        transforms=[
+            Transform(translation=vector_to_ros(frame.p_d), rotation=quaternion_to_ros(frame.R_d))
+        ],
+        velocities=[Twist(linear=vector_to_ros(frame.dp_d), angular=vector_to_ros(frame.omega_d))],
+        accelerations=[
+            Twist(linear=vector_to_ros(frame.ddp_d), angular=vector_to_ros(frame.domega_d))
+        ],
+        time_from_start=duration_to_ros(t),
+    )
+
+
+def pose_to_ros(p: Array, R: Array, stamp: Time, frame_id: str) -> PoseStamped:
+    """Return p (3,) [m] and R (3, 3) as a pose."""
+    msg = PoseStamped()
+    msg.header.stamp, msg.header.frame_id = stamp, frame_id
+    msg.pose.position.x, msg.pose.position.y, msg.pose.position.z = p.tolist()
+    msg.pose.orientation = quaternion_to_ros(R)
+    return msg
+
+
+def error_to_ros(dp_de: Array, error: Array, stamp: Time, frame_id: str) -> TwistStamped:
+    """Return the position error (3,) [m] and the orientation error (3,) as a twist."""
+    msg = TwistStamped()
+    msg.header.stamp, msg.header.frame_id = stamp, frame_id
+    msg.twist.linear, msg.twist.angular = vector_to_ros(dp_de), vector_to_ros(error)
+    return msg
+
+
+def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArray:
+    """Return a Lyapunov function, its derivative by the paper and as measured, labelled."""
+    label = "V, dV by the paper, dV measured"
+    msg = Float64MultiArray(data=[float(V), float(dV), float(dV_measured)])
+    msg.layout.dim.append(MultiArrayDimension(label=label, size=3, stride=3))
+    return msg
+
+
+def wrench_to_ros(wrench: Array, stamp: Time, msg: WrenchStamped) -> None:
+    """Write force and moment (6,) [N, Nm] and the stamp into a message."""
+    msg.header.stamp = stamp
+    force, torque = msg.wrench.force, msg.wrench.torque
+    force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench.tolist()

@@ -1,0 +1,1 @@
+"""Desired motion: frames, trajectories, way-points."""

@@ -1,0 +1,1 @@
+"""The arm: its URDF, its kinematics and dynamics."""

@@ -1,0 +1,164 @@
+"""The robots: a URDF, its frames, its joints and a home, from a name or a file.
+
+``config/robots/NAME.yaml`` adds a robot.  A path to a URDF works without one: the
+frames then are the root link and the last link of the longest chain.
+"""
+
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
+from eulerparams_control.resources import config_file
+from eulerparams_control.robot.urdf import UrdfTree, joint_limits
+
+_KEYS = ("description", "urdf", "base_frame", "tip_frame", "sensor_frame", "joints", "home")
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A serial arm.
+
+    Attributes:
+        name: of the catalogue, or of the URDF.
+        urdf_path: the URDF file.
+        urdf: its text.
+        base_frame: the link that poses refer to.
+        tip_frame: the link that is controlled.
+        sensor_frame: the link in which, and about whose origin, the wrench is measured.
+        joints: the active joints of the arm, base to tip; n of them.
+        home: their start values; n, rad (or m).
+    """
+
+    name: str
+    urdf_path: Path
+    urdf: str
+    base_frame: str
+    tip_frame: str
+    sensor_frame: str
+    joints: tuple[str, ...]
+    home: tuple[float, ...]
+
+
+def load_robot(name_or_path: str) -> RobotDescription:
+    """Return the robot of ``config/robots/<name>.yaml``, or of a path ending in ``.urdf``.
+
+    Raises:
+        UnknownNameError: if there is no such robot; lists those that exist.
+        ConfigurationError: if its YAML file is broken.
+        RobotError: if its URDF is broken, or lacks a frame or a joint.
+    """
+    if name_or_path.endswith(".urdf"):
+        return _describe(Path(name_or_path).stem, Path(name_or_path), {})
+    file = config_file("robots", name_or_path)
+    entry = _read_entry(file)
+    return _describe(name_or_path, _resolve(str(entry["urdf"]), file.parent), entry)
+
+
+def _read_entry(path: Path) -> dict[str, Any]:
+    try:
+        entry = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if not isinstance(entry, dict):
+        raise ConfigurationError(f"{path}: expected the keys {', '.join(_KEYS)}")
+    for key in entry:
+        if key not in _KEYS:
+            raise ConfigurationError(f"{path}: {UnknownNameError('key', str(key), _KEYS)}")
+    if "urdf" not in entry:
+        raise ConfigurationError(f"{path}: the key 'urdf' is missing")
+    return entry
+
+
+def _resolve(urdf: str, folder: Path) -> Path:
+    """Return the file of ``PACKAGE:PATH``, or of a path relative to ``folder``."""
+    package, separator, path = urdf.partition(":")
+    if not separator:
+        return folder / Path(urdf).expanduser()
+    roots = list(_package_folders(package))
+    for root in roots:
+        if (root / path).is_file():
+            return root / path
+    raise RobotError(
+        f"'{path}' of the package '{package}' was not found; is it installed? looked in: "
+        + ", ".join(map(str, roots))
+    )
+
+
+def _package_folders(package: str) -> Iterator[Path]:
+    if package == "pybullet_data":
+        import pybullet_data  # type: ignore[import-untyped]
+
+        yield Path(pybullet_data.getDataPath())
+        return
+    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
+    prefixes += [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(":")]
+    for prefix in [*prefixes, Path(sys.prefix)]:
+        share = prefix / "share" / package
+        if share.is_dir():
+            yield share / "robots"
+            yield share
+
+
+def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescription:
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise OSError(f"{path} is no file")
+        text = path.read_text(encoding="utf-8")
+        tree = UrdfTree(text)
+        base = tree.link(str(entry.get("base_frame", tree.root)))
+        tip = tree.link(str(entry.get("tip_frame") or _last_link(tree)))
+        joints = _joints(tree, base, tip, entry.get("joints"))
+        return RobotDescription(
+            name=name,
+            urdf_path=path.resolve(),
+            urdf=text,
+            base_frame=base,
+            tip_frame=tip,
+            sensor_frame=tree.link(str(entry.get("sensor_frame", tip))),
+            joints=joints,
+            home=_home(tree, joints, entry.get("home")),
+        )
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"robot '{name}': the URDF cannot be read: {error}") from error
+    except (RobotError, UnknownNameError) as error:
+        raise RobotError(f"robot '{name}' ({path}): {error}") from error
+
+
+def _last_link(tree: UrdfTree) -> str:
+    """Return the link with the most joints above it, the first of several."""
+    return max(tree.links, key=lambda link: len(tree.chain(tree.root, link)))
+
+
+def _joints(tree: UrdfTree, base: str, tip: str, names: Any) -> tuple[str, ...]:
+    moving = tree.moving(base, tip)
+    if not (names is None or isinstance(names, list)):
+        raise RobotError(f"joints must be a list of names, got {names!r}")
+    joints = moving if names is None else tuple(map(str, names))
+    for joint in joints:
+        if joint not in moving:
+            raise UnknownNameError("joint", joint, moving)
+    if not joints or list(joints) != sorted(set(joints), key=moving.index):
+        raise RobotError(f"joints must be some of {', '.join(moving)}, from base to tip")
+    return joints
+
+
+def _home(tree: UrdfTree, joints: tuple[str, ...], home: Any) -> tuple[float, ...]:
+    limits = [joint_limits(tree.joints[joint]) for joint in joints]
+    if home is None:
+        return tuple(min(max(0.0, lower), upper) for lower, upper, *_ in limits)
+    try:
+        values = tuple(float(value) for value in home)
+    except (TypeError, ValueError) as error:
+        raise RobotError(f"home must be {len(joints)} numbers: {error}") from error
+    if len(values) != len(joints):
+        raise RobotError(f"home has {len(values)} numbers, there are {len(joints)} joints")
+    for joint, value, (lower, upper, *_) in zip(joints, values, limits, strict=True):
+        if not lower <= value <= upper:
+            raise RobotError(f"home of joint '{joint}', {value}, is outside {lower} ... {upper}")
+    return values

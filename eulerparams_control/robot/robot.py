@@ -1,0 +1,289 @@
+"""The robot arm: from joint values to the frozen state that the laws take.
+
+The only user of Pinocchio, and the one place that chooses its reference frame
+(LOCAL_WORLD_ALIGNED, turned into the base frame): eqs. (18)-(20), and the terms of (32).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion.frames import AT_ORIGIN, Placement
+from eulerparams_control.robot.urdf import UrdfTree, joint_friction, joint_limits
+
+_REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_LINK = pin.FrameType.BODY  # a joint may have the name of a link
+
+
+class RobotState(NamedTuple):
+    """Kinematics of the arm at one instant; having one proves that they are up to date.
+
+    Attributes:
+        q: (n,) joint positions [rad or m], in the order of ``Robot.joints``.
+        dq: (n,) joint velocities [rad/s or m/s].
+        p_e: (3,) [m] origin of the tip, base frame, eq. (18).
+        R_e: (3, 3) orientation of the tip, base frame, eq. (19).
+        dp_e: (3,) [m/s] velocity of the tip, base frame, eq. (20).
+        omega_e: (3,) [rad/s] angular velocity of the tip, base frame, eq. (20).
+        J: (6, n) geometric Jacobian, base frame, linear part first, eq. (20).
+    """
+
+    q: Array
+    dq: Array
+    p_e: Array
+    R_e: Array
+    dp_e: Array
+    omega_e: Array
+    J: Array
+
+
+class DynamicState(NamedTuple):
+    """Kinematics and dynamics of the arm at one instant: the terms of eq. (32).
+
+    Attributes:
+        arm: its kinematics.
+        dJ_dq: (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0, base frame.
+        B: (n, n) joint inertia [kg m^2].
+        C_dq: (n,) Coriolis and centrifugal efforts C dq [Nm].
+        g: (n,) gravitational efforts [Nm].
+    """
+
+    arm: RobotState
+    dJ_dq: Array
+    B: Array
+    C_dq: Array
+    g: Array
+
+
+class Tool(NamedTuple):
+    """A body fixed to the tip that the URDF does not know.
+
+    Attributes:
+        mass: [kg].
+        com: (3,) [m] centre of mass in the tip frame.
+        inertia: (3, 3) [kg m^2] about that, axes of the tip frame.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+class Robot:
+    """A serial arm of n active joints, from a URDF.
+
+    Joints that are not active (grippers, mimics, other arms) are held still in the
+    model.  Revolute, continuous and prismatic joints may be mixed.
+
+    Args:
+        urdf: the text of the URDF.
+        base_frame: the link that poses and twists refer to; "" is the root link.
+        tip_frame: the link that is controlled.
+        joints: names of the active joints; () is all that move between base and tip.
+        gravity: (3,) [m/s^2] in the root link.
+        tool: at the tip; None is none.
+
+    Attributes:
+        base_frame, tip_frame: as given, "" resolved.
+        joints: the n active joints, base to tip.
+        limits: of the active joints.
+        friction: of the active joints, as the URDF states it.
+        is_prismatic: (n,) which of the active joints slide; the others turn.
+        locked: joints between base and tip that could move, but are held at 0 in the model.
+        mount: joints between the root and the base that could move, held at 0 in the model too.
+
+    Raises:
+        RobotError: if the URDF is broken, or a frame or joint is not there.
+    """
+
+    def __init__(
+        self,
+        urdf: str,
+        base_frame: str,
+        tip_frame: str,
+        joints: Sequence[str] = (),
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        tool: Tool | None = None,
+    ) -> None:
+        tree = self._tree = UrdfTree(urdf)
+        self.base_frame = _frame(tree, base_frame or tree.root, "base_frame")
+        self.tip_frame = _frame(tree, tip_frame, "tip_frame")
+        self.joints = _active_joints(tree, self.base_frame, self.tip_frame, joints)
+        self.n = len(self.joints)
+        self.locked = tuple(
+            joint
+            for joint in tree.chain(self.base_frame, self.tip_frame)
+            if joint not in self.joints and tree.joints[joint].get("type") != "fixed"
+        )
+        self.mount = tuple(
+            joint
+            for joint in tree.chain(tree.root, self.base_frame)
+            if tree.joints[joint].get("type") != "fixed"
+        )
+        kinds = [tree.joints[joint].get("type") for joint in self.joints]
+        self.is_prismatic = np.array([kind == "prismatic" for kind in kinds])
+        self.limits = JointLimits(
+            *np.array([joint_limits(tree.joints[joint]) for joint in self.joints]).T
+        )
+        self.friction = JointFriction(
+            *np.array([joint_friction(tree.joints[joint]) for joint in self.joints]).T
+        )
+        if not np.all(self.limits.velocity > 0):
+            raise RobotError("the URDF has a velocity limit of 0 for a joint that has to move")
+        self._model = _reduced_model(urdf, self.joints)
+        self._model.gravity.linear = np.array(gravity, dtype=float)
+        self._tip = self._model.getFrameId(self.tip_frame, _LINK)
+        if tool is not None:
+            self._carry(tool)
+        self._data = self._model.createData()
+        self._zero = np.zeros(self.n)
+        self._placement = self._data.oMf[self._tip]  # a view of what Pinocchio computes
+        self._R_base, self._p_base = self._base_placement()
+        self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
+        self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity (3,) [m/s^2] in the base frame."""
+        return np.array(self._R_base.T @ self._model.gravity.linear)
+
+    def placement(self, frame: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
+        """Return where a link that is fixed to the tip is, seen from the tip.
+
+        Args:
+            frame: the link; "" is the tip.
+            offset: (3,) [m] in the link, of the point that is meant.
+
+        Raises:
+            RobotError: if there is no such link, or a joint can move between it and the tip.
+        """
+        if frame in ("", self.tip_frame) and not any(offset):
+            return AT_ORIGIN
+        frame = _frame(self._tree, frame or self.tip_frame, "frame")
+        between = set(self._tree.chain(self._tree.root, frame)) ^ set(
+            self._tree.chain(self._tree.root, self.tip_frame)
+        )
+        moving = sorted(j for j in between if self._tree.joints[j].get("type") != "fixed")
+        if moving:
+            raise RobotError(
+                f"the frame '{frame}' is not fixed to the tip '{self.tip_frame}': "
+                f"{', '.join(moving)} can move between them"
+            )
+        tip = self._model.frames[self._tip].placement
+        there = self._model.frames[self._model.getFrameId(frame, _LINK)].placement
+        relative = tip.actInv(there)
+        R = relative.rotation.copy()
+        return Placement(R, relative.translation + R @ np.array(offset))
+
+    def state(self, q: Array, dq: Array) -> RobotState:
+        """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        if q.shape != (self.n,) or dq.shape != (self.n,):
+            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
+        configuration = self._configuration(q)
+        J = pin.computeFrameJacobian(self._model, self._data, configuration, self._tip, _REFERENCE)
+        J = J.reshape(6, self.n)  # it comes as (6,) for n = 1
+        p_e, R_e = self._placement.translation.copy(), self._placement.rotation.copy()
+        if not self._base_is_root:
+            p_e, R_e = self._R_base.T @ (p_e - self._p_base), self._R_base.T @ R_e
+            J = np.vstack([self._R_base.T @ J[:3], self._R_base.T @ J[3:]])
+        v_e = J @ dq  # eq. (20)
+        return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
+
+    def states(self, q: Array, dq: Array) -> RobotState:
+        """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked.
+
+        Raises:
+            RobotError: if q or dq has not n columns.
+        """
+        if q.shape != dq.shape or q.shape != (len(q), self.n):
+            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
+        p_e, R_e = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+        J = np.empty((len(q), 6, self.n))
+        model, data, tip, placement = self._model, self._data, self._tip, self._placement
+        for k, q_k in enumerate(q):
+            configuration = self._configuration(q_k)
+            J_k = pin.computeFrameJacobian(model, data, configuration, tip, _REFERENCE)
+            J[k] = J_k.reshape(6, self.n)
+            p_e[k], R_e[k] = placement.translation, placement.rotation
+        if not self._base_is_root:
+            p_e, R_e = (p_e - self._p_base) @ self._R_base, self._R_base.T @ R_e
+            J = np.concatenate([self._R_base.T @ J[:, :3], self._R_base.T @ J[:, 3:]], axis=1)
+        v_e = np.einsum("kij,kj->ki", J, dq)  # eq. (20)
+        return RobotState(q, dq, p_e, R_e, v_e[:, :3], v_e[:, 3:], J)
+
+    def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
+        """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        arm = self.state(q, dq)
+        model, data, configuration = self._model, self._data, self._configuration(q)
+        B = pin.crba(model, data, configuration).copy()
+        g = pin.computeGeneralizedGravity(model, data, configuration).copy()
+        C_dq = pin.nonLinearEffects(model, data, configuration, dq) - g
+        pin.forwardKinematics(model, data, configuration, dq, self._zero)
+        dJ_dq = pin.getFrameClassicalAcceleration(model, data, self._tip, _REFERENCE).vector
+        if not self._base_is_root:
+            dJ_dq = np.concatenate((self._R_base.T @ dJ_dq[:3], self._R_base.T @ dJ_dq[3:]))
+        return DynamicState(arm, dJ_dq, B, C_dq, g)
+
+    def _carry(self, tool: Tool) -> None:
+        """Add a tool to the model of the link that carries the tip."""
+        frame = self._model.frames[self._tip]
+        body = frame.placement.act(pin.Inertia(tool.mass, tool.com, tool.inertia))
+        self._model.inertias[frame.parentJoint] += body
+
+    def _configuration(self, q: Array) -> Array:
+        """Return Pinocchio's configuration: cosine and sine for each continuous joint."""
+        if self._model.nq == self.n:
+            return q
+        values: list[float] = []
+        for angle, continuous in zip(q.tolist(), self._continuous, strict=True):
+            values += (math.cos(angle), math.sin(angle)) if continuous else (angle,)
+        return np.array(values)
+
+    def _base_placement(self) -> tuple[Array, Array]:
+        """Return rotation and origin of the base frame in the root frame, which are constant."""
+        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
+        placement = self._data.oMf[self._model.getFrameId(self.base_frame, _LINK)]
+        return placement.rotation.copy(), placement.translation.copy()
+
+
+def _frame(tree: UrdfTree, name: str, parameter: str) -> str:
+    if name not in tree.links:
+        raise RobotError(f"{parameter}: {UnknownNameError('frame', name, tree.links)}")
+    return name
+
+
+def _active_joints(tree: UrdfTree, base: str, tip: str, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the active joints from base to tip, checked against the tree."""
+    moving = tree.moving(base, tip)
+    for joint in joints:
+        if joint not in moving:
+            raise RobotError(f"joints: {UnknownNameError('joint', joint, moving)}")
+    active = tuple(joint for joint in moving if joint in joints or not joints)
+    if not active:
+        raise RobotError(f"no joint moves between base_frame '{base}' and tip_frame '{tip}'")
+    return active
+
+
+def _reduced_model(urdf: str, joints: tuple[str, ...]) -> pin.Model:
+    """Return the Pinocchio model in which only ``joints`` move."""
+    try:
+        model = pin.buildModelFromXML(urdf)
+        locked = [model.getJointId(name) for name in model.names[1:] if name not in joints]
+        return pin.buildReducedModel(model, locked, pin.neutral(model))
+    except Exception as error:  # it leaks any type
+        raise RobotError(f"Pinocchio cannot read the URDF: {error}") from error

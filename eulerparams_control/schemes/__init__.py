@@ -1,1 +1,0 @@
-"""The control schemes: kinematic control, and what the others share with it."""

@@ -1,0 +1,326 @@
+"""The node ``identify_tool``: the tool, and the bias of the sensor, from a few poses at rest.
+
+It listens only: whoever moves the arm lets it rest in one orientation after the other.
+"""
+
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rich.console import Console
+from rich.text import Text
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from eulerparams_control.command_line import make_console
+from eulerparams_control.errors import (
+    ConfigurationError,
+    EulerParamsError,
+    IdentificationError,
+    InvalidMessageError,
+    UnknownNameError,
+)
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
+from eulerparams_control.robot.urdf import UrdfTree
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.runtime import run
+from eulerparams_control.tool.identification import (
+    GRAVITY,
+    LEAST_POSES,
+    LEAST_SPREAD,
+    Identification,
+    identify,
+    spread,
+)
+from eulerparams_control.tool.mount import SensorMount
+from eulerparams_control.tool.poses import Pose, PoseCollector, PoseOptions
+from eulerparams_control.tool.report import ToolReport
+
+# Without a message for so long [s] a topic is said to be silent.
+_SILENCE = 2.0
+
+
+@dataclass(frozen=True)
+class IdentifyToolParameters:
+    """Parameters of the node ``identify_tool``."""
+
+    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
+    tip_frame: str = parameter("tool0", "link in which tool_com is given, as for a controller")
+    joints: tuple[str, ...] = parameter((), "active joints; empty: all from root to sensor")
+    gravity: tuple[float, ...] = parameter(GRAVITY, "in the root link", unit="m/s^2")
+    wrench_sign: int = parameter(
+        1, "-1 for a sensor that reports what the tool exerts on the environment", bounds=(-1, 1)
+    )
+    poses: int = parameter(6, "how many are taken", bounds=(LEAST_POSES, 1000))
+    min_angle: float = parameter(
+        0.35, "between the directions of gravity of two poses", unit="rad", bounds=(0.01, 1.5)
+    )
+    settle_time: float = parameter(
+        0.5, "for which the arm stands still before", unit="s", bounds=(0.01, 60.0)
+    )
+    averaging_time: float = parameter(
+        1.0, "for which the wrench is averaged then", unit="s", bounds=(0.01, 600.0)
+    )
+    max_speed: float = parameter(
+        0.02, "of the joints of an arm that stands still", unit="rad/s", bounds=(1e-4, 1.0)
+    )
+    max_residual_force: float = parameter(
+        0.5, "unexplained in a pose; more is warned of", unit="N", bounds=(0.0, 1e4)
+    )
+    max_residual_torque: float = parameter(0.05, "the same", unit="Nm", bounds=(0.0, 1e4))
+    timeout: float = parameter(600.0, "gives up after; 0: never", unit="s", bounds=(0.0, 1e6))
+    output: str = parameter("", "file for the result, must not exist; empty: none")
+
+    def check(self) -> None:
+        """Refuse what is impossible before the arm is moved; raises ConfigurationError."""
+        if self.wrench_sign == 0:
+            raise ConfigurationError("parameter 'wrench_sign' is 0; expected 1 or -1")
+        if len(self.gravity) != 3 or not any(self.gravity):
+            raise ConfigurationError(
+                f"parameter 'gravity' is {list(self.gravity)}; expected 3 numbers, not all 0"
+            )
+        if self.output:
+            _refuse_output(Path(self.output))
+
+    def pose_options(self) -> PoseOptions:
+        """Return when a pose is taken."""
+        return PoseOptions(self.settle_time, self.averaging_time, self.max_speed, self.min_angle)
+
+
+class IdentifyToolNode(Node):
+    """Takes poses until there are enough; what they say is for ``finish``."""
+
+    def __init__(self) -> None:
+        super().__init__("identify_tool")
+        self.done = False
+        self._health = diagnostics.Health(self)
+        self._params = declare(self, IdentifyToolParameters)
+        self._params.check()
+        self._urdf: UrdfTree | None = None
+        self._description = ""
+        self._mount: SensorMount | None = None
+        self._collector: PoseCollector | None = None
+        self._refused = ""  # the last wrench or joint_states that could not be used
+        self._started = time.monotonic()
+        self._received = {"joint_states": self._started, "wrench": self._started}
+        self._health.check = self._check_time
+        self._health.values["poses"] = 0
+        self._health.set(diagnostics.OK, "waiting for a robot description")
+        self._subscribe()
+
+    # --- set-up ------------------------------------------------------------------------
+
+    def _subscribe(self) -> None:
+        for kind, topic, callback in (
+            (JointState, "joint_states", self._on_joint_states),
+            (WrenchStamped, "wrench", self._on_wrench),
+        ):
+            self.create_subscription(
+                kind, topic, callback, QOS, qos_overriding_options=QOS_OVERRIDES
+            )
+        if self._params.robot_description:
+            self._set_description(self._params.robot_description)
+        else:
+            self.create_subscription(
+                String, "robot_description", self._on_robot_description, QOS_LATCHED
+            )
+
+    def _on_robot_description(self, msg: String) -> None:
+        if self._mount is None:
+            self._set_description(msg.data)
+
+    def _set_description(self, urdf: str) -> None:
+        tree = UrdfTree(urdf)
+        try:
+            tree.link(self._params.tip_frame)
+        except UnknownNameError as error:
+            raise ConfigurationError(f"tip_frame: {error}") from error
+        self._description, self._urdf = urdf, tree
+        self._health.set(diagnostics.OK, "waiting for the first wrench, which names its frame")
+
+    def _set_sensor(self, frame: str) -> None:
+        """Begin to take poses with the sensor in ``frame``; raises InvalidMessageError."""
+        assert self._urdf is not None
+        p = self._params
+        try:
+            self._urdf.link(frame)
+        except UnknownNameError as error:
+            raise InvalidMessageError(
+                f"its frame is no link of the robot description: {error}"
+            ) from error
+        mount = SensorMount(self._description, frame, p.tip_frame, p.joints)
+        self._reader = JointStateReader(mount.joints)
+        self._collector = PoseCollector(p.pose_options(), mount.orientation, np.array(p.gravity))
+        self._mount = mount
+        self._health.set(
+            diagnostics.OK,
+            f"the sensor is at {frame}; let the arm rest in {p.poses} orientations, each tilted by "
+            f"{math.degrees(p.min_angle):.0f} deg or more from the others, free of contact",
+        )
+
+    # --- messages ----------------------------------------------------------------------
+
+    def _on_joint_states(self, msg: JointState) -> None:
+        self._received["joint_states"] = time.monotonic()
+        if self._collector is None or self.done:
+            return
+        try:
+            event = self._collector.move(*self._reader.from_ros(msg))
+        except InvalidMessageError as error:
+            self._reject("joint_states", error)
+            return
+        if isinstance(event, Pose):
+            self._on_pose(event)
+        elif event:
+            self._health.complain(event)
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        self._received["wrench"] = time.monotonic()
+        if self._urdf is None or self.done:
+            return
+        try:
+            if self._collector is None:
+                self._set_sensor(msg.header.frame_id)
+            assert self._collector is not None
+            assert self._mount is not None
+            wrench = self._params.wrench_sign * wrench_from_ros(msg, self._mount.frame)
+            self._collector.feel(ns_from_ros(msg.header.stamp), wrench)
+        except InvalidMessageError as error:
+            self._reject("wrench", error)
+
+    def _reject(self, topic: str, error: InvalidMessageError) -> None:
+        self._refused = f"{topic} rejected: {error}"
+        self._health.reject(topic, error)
+
+    def _on_pose(self, pose: Pose) -> None:
+        """Say what was taken; end when it is enough."""
+        assert self._collector is not None
+        wanted, taken = self._params.poses, len(self._collector.poses)
+        different = spread(self._collector.directions) >= LEAST_SPREAD
+        self.done = taken >= wanted and different
+        self._refused = ""
+        self._health.values["poses"] = taken
+        text = f"pose {taken} of {wanted} taken: {pose.samples} wrenches, {_force(pose.wrench)}"
+        if different:
+            text += f"; {self._so_far()}"
+        elif taken >= wanted:
+            text += "; the poses are too similar, one more is needed: tilt about another axis"
+        self._health.set(diagnostics.OK, text)
+
+    def _so_far(self) -> str:
+        try:
+            return f"so far {self._identify().mass:.3f} kg"
+        except IdentificationError as error:
+            return f"so far {error}"
+
+    def _identify(self) -> Identification:
+        poses = self._collector.poses if self._collector is not None else []
+        return identify(
+            [pose.R_s for pose in poses], [pose.wrench for pose in poses], self._params.gravity
+        )
+
+    # --- time --------------------------------------------------------------------------
+
+    def _check_time(self) -> None:
+        """Say that a topic is silent; give up after the timeout."""
+        now = time.monotonic()
+        for topic, received in self._received.items():
+            if now - received > _SILENCE:
+                self._health.complain(f"no {topic} within {_SILENCE:g} s", about=topic)
+        if 0 < self._params.timeout < now - self._started:
+            taken = len(self._collector.poses) if self._collector is not None else 0
+            raise IdentificationError(
+                f"gave up after {self._params.timeout:g} s with {taken} of {self._params.poses} "
+                f"poses, {self._waiting()}"
+            )
+
+    def _waiting(self) -> str:
+        """Return what it waits for."""
+        if self._refused:
+            return self._refused
+        if self._urdf is None:
+            return "waiting for the topic robot_description"
+        if self._collector is None:
+            return "waiting for the topic wrench"
+        return self._collector.doing
+
+    # --- the end -----------------------------------------------------------------------
+
+    def finish(self) -> int:
+        """Print, and write, what the poses taken say; return the exit code."""
+        console = make_console()
+        try:
+            self._finish(console)
+        except EulerParamsError as error:
+            print(f"error: {error}", file=sys.stderr, flush=True)
+            return 1
+        return 0
+
+    def _finish(self, console: Console) -> None:
+        found = self._identify()
+        assert self._collector is not None
+        assert self._mount is not None
+        p = self._params
+        report = ToolReport(
+            found,
+            self._collector.poses,
+            self._mount,
+            p.wrench_sign,
+            p.max_residual_force,
+            p.max_residual_torque,
+        )
+        console.print(report.table())
+        for warning in report.warnings():
+            console.print(Text(f"warning: {warning}", "yellow"))
+        print(f"\n{report.yaml()}", flush=True)
+        if p.output:
+            _write(Path(p.output), report.yaml())
+            print(f"written to {p.output}", flush=True)
+
+    def close(self) -> None:
+        """Nothing has to be undone."""
+
+
+def _force(wrench: Array) -> str:
+    return f"{float(np.linalg.norm(wrench[:3])):.2f} N"
+
+
+def _refuse_output(path: Path) -> None:
+    if path.exists():
+        raise ConfigurationError(f"output: {path} exists; name another file, or remove it")
+    if not path.absolute().parent.is_dir():
+        raise ConfigurationError(f"output: there is no folder {path.parent} for {path.name}")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a new file; raises ConfigurationError, also if it has come to exist meanwhile."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise ConfigurationError(
+            f"output: cannot write {path}: {error.strerror}; the result is printed above"
+        ) from error
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; then, without ROS, compute and print."""
+    made: list[IdentifyToolNode] = []
+
+    def make() -> IdentifyToolNode:
+        made.append(IdentifyToolNode())
+        return made[0]
+
+    return run(make, args) or made[0].finish()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
