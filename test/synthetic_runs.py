@@ -22,7 +22,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.messages.from_ros import BEGAN
+from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory

@@ -187,7 +187,7 @@ def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(robot: B
     words = "commands are rejected: joint_reference has a non-finite"
     status = robot.status(words, lambda: robot.send(position=[np.nan] * 6))
     assert status.level in (b"\x01", b"\x02")
-    assert values(status)["what to do"]
+    assert values(status)["remedy"]
     assert float(values(status)["braked for [s]"]) > 0.0
     robot.status("commanded", lambda: robot.go(HOME))
 
@@ -238,7 +238,7 @@ def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(
     before = robot.count("commands clipped")
     status = robot.status(words, lambda: robot.send(**{**REST, **fields}))
     assert status.level == b"\x01"
-    assert values(status)["what to do"]
+    assert values(status)["remedy"]
     assert words in values(status)["last command clipped"]
     assert robot.count("commands clipped", before + 1) > before
     status = robot.peer.status(NAME, lambda s: s.message == "commanded", lambda: robot.go(HOME))
@@ -352,7 +352,7 @@ def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_kille
     )
     status = bench.status(words)
     assert status.level == b"\x02"
-    assert "stop or deactivate one of them" in values(status)["what to do"]
+    assert "stop or deactivate one of them" in values(status)["remedy"]
     graph.until(lambda: np.abs(bench.dq).max() < STANDS, "standstill")
     q, stamp, refused = bench.q, bench.stamp, bench.count("commands of a second controller")
     bench.count("commands of a second controller", refused + 50)
@@ -489,7 +489,7 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
     )
     assert stopped.level == b"\x02"
     assert "more than 1.5 times its limit 3.15" in stopped.message
-    assert values(stopped)["what to do"]
+    assert values(stopped)["remedy"]
     assert bench.count("protective stops", 1) >= 1
     assert bench.count("commands refused in a stop", 1) >= 1
     fastest = max(abs(state.velocity[0]) for state in bench.states)
@@ -510,7 +510,7 @@ def test_after_a_protective_stop_the_robot_stands_and_says_so_until_a_command(
     assert said.level == b"\x02"
     status = bench.status(words)
     assert status.level == b"\x02"
-    assert "the next command is taken" in values(status)["what to do"]
+    assert "the next command is taken" in values(status)["remedy"]
     assert np.abs(bench.dq).max() < STANDS
     assert bench.status("commanded", lambda: bench.send(effort=[0.0] * 6)).level == b"\x00"
 
@@ -580,7 +580,7 @@ def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is
     pushes.publish(push(1e5))
     status = bench.status("which no brakes could stop: locked where it was, and the push let go")
     assert status.level == b"\x02"
-    assert "a push" in values(status)["what to do"]
+    assert "a push" in values(status)["remedy"]
     assert bench.count("protective stops", 1) == 1
     assert bench.status("commanded", lambda: bench.send(**command)).level == b"\x00"
     fastest = max(np.abs(state.velocity[:6]).max() for state in bench.states)

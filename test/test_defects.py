@@ -38,7 +38,7 @@ def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(
     status = node.status(lambda s: "internal error" in s.message)
     assert status.level == b"\x02"
     assert "ZeroDivisionError: planted in the law (broken_node.py:" in status.message
-    assert values(status)["what to do"].startswith("report it")
+    assert values(status)["remedy"].startswith("report it")
     commands = node.arm.ticks(1000)
     assert np.abs(node.arm.dq).max() < AT_REST
     assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)

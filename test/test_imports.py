@@ -17,7 +17,7 @@ ROS = {"rclpy", "ament_index_python", *MESSAGES}
 
 # The floors, from the ground up: a module imports what is on its own floor or below.
 FLOORS = (
-    ("errors", "resources", "command_line"),
+    ("errors", "events", "resources", "command_line"),
     ("laws.rotations", "laws.rotations_batch"),
     ("motion.frames", "motion.trajectories", "motion.desired_motion"),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
@@ -122,7 +122,7 @@ def test_what_a_robot_needs_imports_nothing_of_bags_analysis_or_lab(module):
 
 def test_few_modules_lie_flat():
     flat = sorted(path.name for path in (ROOT / "eulerparams_control").glob("*.py"))
-    assert flat == ["__init__.py", "command_line.py", "errors.py", "resources.py"]
+    assert flat == ["__init__.py", "command_line.py", "errors.py", "events.py", "resources.py"]
 
 
 def test_only_robot_imports_pinocchio_and_only_the_engine_imports_pybullet():

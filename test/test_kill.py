@@ -17,7 +17,8 @@ from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.bags import Bag, recover
-from eulerparams_control.messages.from_ros import BEGAN, ns_from_ros
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.keys import BEGAN
 
 ros_processes.MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
 
@@ -218,7 +219,7 @@ def test_without_the_controller_the_robot_brakes_and_its_successor_begins_withou
     status = cell.until_said(BRIDGE, f"no command for {COMMAND_TIMEOUT} s: braked", since)
     graph.peer.catch_up()
     assert status.level == b"\x02"
-    assert "see whether the controller is alive" in values(status)["what to do"]
+    assert "see whether the controller is alive" in values(status)["remedy"]
     graph.until(lambda: np.abs(cell.states[-1].velocity).max() < STANDS, "standstill")
     last = stamp(cell.commands[-1])
     after = [s for s in cell.states if stamp(s) > last + COMMAND_TIMEOUT + COMMAND_AGE]

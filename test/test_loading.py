@@ -26,7 +26,7 @@ from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.rotations import exp
-from eulerparams_control.messages.from_ros import BEGAN
+from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory

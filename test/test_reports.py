@@ -55,7 +55,7 @@ def write_story(
     plain = write_run(folder / "plain", measured, lasting=lasting)
     sayings = []
     for t, name, level, message, remedy in story:
-        values = [KeyValue(key="what to do", value=remedy)] if remedy else []
+        values = [KeyValue(key="remedy", value=remedy)] if remedy else []
         status = DiagnosticStatus(
             name=namespace + name, level=level, message=message, values=values
         )

@@ -10,7 +10,7 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.labels import colour, dash, labels
 from eulerparams_control.analysis.table import MISSING, Row
-from eulerparams_control.messages.from_ros import REMEDY
+from eulerparams_control.messages.keys import REMEDY
 
 if TYPE_CHECKING:
     from eulerparams_control.lab.experiments.criteria import Verdict

@@ -14,7 +14,7 @@ from eulerparams_control.analysis.topic_buffer import LATEST, Parse
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
-from eulerparams_control.messages.from_ros import BEGAN
+from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import FOLLOWING, FROZEN, REMEDY, SLOWED
+from eulerparams_control.messages.from_ros import FOLLOWING, FROZEN, SLOWED
+from eulerparams_control.messages.keys import REMEDY
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""

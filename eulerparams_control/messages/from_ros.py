@@ -126,13 +126,6 @@ class _JointReader:
         return picked
 
 
-BEGAN = "reference began at [ns]"
-"""Key in /diagnostics of the stamp at which a controller began to follow a trajectory."""
-
-
-REMEDY = "what to do"
-"""Key in /diagnostics of what is to be done about the state."""
-
 FOLLOWING, SLOWED, FROZEN = "following a reference", "slowed down", "the compliant frame is frozen"
 """Words in the state of a controller: it follows a reference, and what makes the motion wait."""
 

@@ -12,7 +12,8 @@ from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.scheme import Tick
-from eulerparams_control.messages.from_ros import BEGAN, SLOWED
+from eulerparams_control.messages.from_ros import SLOWED
+from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.control_parameters import ControlParameters

@@ -10,7 +10,10 @@ from rclpy.node import Node
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import kind_of
-from eulerparams_control.messages.from_ros import REMEDY
+from eulerparams_control.messages.keys import CAUSE, MODE, REMEDY, SINCE
+from eulerparams_control.ros.qos import QOS_LATCHED
+
+Values = dict[str, str | int | float]
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -41,11 +44,13 @@ class Health:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._status_publisher = node.create_publisher(DiagnosticStatus, "~/status", QOS_LATCHED)
         self._level, self._message, self._remedy = WARN, "starting", ""
-        self._since = steady()
+        self._mode = self._cause = ""
+        self._since = self._now
         self._passing: dict[str, float] = {}  # warnings, and until when they last
         self._logged: dict[str, float] = {}
-        self.values: dict[str, str | int | float] = {}
+        self.values: Values = {}
         self.check: Callable[[], None] = lambda: None
         node.create_timer(1.0, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -53,26 +58,38 @@ class Health:
         self.check()
         self.publish()
 
-    def set(self, level: bytes, message: str, remedy: str = "") -> None:
+    @property
+    def _now(self) -> float:
+        """The time [s] of the node's clock."""
+        return float(self._node.get_clock().now().nanoseconds / 1e9)
+
+    def set(
+        self, level: bytes, message: str, remedy: str = "", *, mode: str = "", cause: str = ""
+    ) -> None:
         """Change the state; what is new is logged and published at once.
 
         Args:
             level: OK, WARN or ERROR.
-            message: what happened.
+            message: what happened, for people.
             remedy: what to do about it; "" if nothing, or if the message says so.
+            mode: what the node does, for programs.
+            cause: why, for programs; "" if as it was asked to.
         """
-        if (level, message) == (self._level, self._message):
+        if (level, message, mode, cause) == (self._level, self._message, self._mode, self._cause):
             return
+        if (mode, cause) != (self._mode, self._cause) or not mode:
+            self._since = self._now
         self._level, self._message, self._remedy = level, message, remedy
-        self._since = steady()
+        self._mode, self._cause = mode, cause
         if level == ERROR:
             self.count("faults")
             self.values["last fault"] = message
-            self.values["last fault at [s]"] = self._node.get_clock().now().nanoseconds / 1e9
+            self.values["last fault at [s]"] = self._now
         if level == OK:
             self._node.get_logger().info(message)
         else:
             self.complain(message, error=level == ERROR)
+        self._status_publisher.publish(self._status(level, message, self._state()))
         self.publish()
 
     def complain(self, message: str, *, error: bool = False, about: str = "") -> None:
@@ -121,23 +138,31 @@ class Health:
 
     def publish(self) -> None:
         """Publish the state now."""
-        state: dict[str, str | int | float] = {"in this state for [s]": steady() - self._since}
-        if self._remedy:
-            state[REMEDY] = self._remedy
         level, message = self._level, self._message
         passing = sorted(text for text, until in self._passing.items() if steady() < until)
         if level == OK and passing:
             level, message = WARN, "; ".join([message, *passing])
-        status = DiagnosticStatus(
+        msg = DiagnosticArray(status=[self._status(level, message, self._state() | self.values)])
+        msg.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(msg)
+
+    def _state(self) -> Values:
+        """Return what programs read of the state."""
+        return {
+            MODE: self._mode,
+            CAUSE: self._cause,
+            SINCE: f"{self._since:.9f}",
+            REMEDY: self._remedy,
+        }
+
+    def _status(self, level: bytes, message: str, values: Values) -> DiagnosticStatus:
+        return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
             message=message,
             hardware_id="",
-            values=[KeyValue(key=k, value=_text(v)) for k, v in (state | self.values).items()],
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
-        msg = DiagnosticArray(status=[status])
-        msg.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(msg)
 
 
 def _text(value: str | float) -> str:

@@ -1,0 +1,16 @@
+"""Keys of what nodes say of themselves, on /diagnostics and latched on ``~/status``."""
+
+MODE = "mode"
+"""What the node does: a value of the enumeration of its modes."""
+
+CAUSE = "cause"
+"""Why it does that, if it is not what it was asked for; a value of an enumeration, or ""."""
+
+SINCE = "since"
+"""Since when it does: [s] of the clock of the node."""
+
+REMEDY = "remedy"
+"""What is to be done about it; "" if nothing."""
+
+BEGAN = "reference began at [ns]"
+"""The stamp at which a controller began to follow a trajectory."""
