@@ -11,6 +11,8 @@ import traceback
 from collections.abc import Iterable
 from typing import ClassVar
 
+from eulerparams_control.events import ExitCode
+
 # A message is no longer than this.
 _LONGEST = 2000
 
@@ -23,9 +25,11 @@ class EulerParamsError(Exception):
 
     Attributes:
         remedy: what is to be done when it stops a motion; "" if the message says it all.
+        exit_code: with which a process ends because of it.
     """
 
     remedy: ClassVar[str] = ""
+    exit_code: ExitCode = ExitCode.ERROR
 
     def __str__(self) -> str:
         """Return the message in one line of bounded length: it quotes what came from outside."""
@@ -85,7 +89,16 @@ class BagError(EulerParamsError):
 
 
 class SimulationError(EulerParamsError):
-    """The simulator was asked for something impossible, or lost its controller."""
+    """The simulator was asked for something impossible, or lost its controller.
+
+    Args:
+        message: what was wrong.
+        exit_code: with which a process ends because of it.
+    """
+
+    def __init__(self, message: str, exit_code: ExitCode = ExitCode.ERROR) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
 
     def __str__(self) -> str:
         """Return the message as it is: it quotes lines of a log."""

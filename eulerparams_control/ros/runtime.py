@@ -47,7 +47,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
     The default handlers of rclpy kill the context before a last command can be
     published, so the signals are handled here.  Errors of this package end the
-    process with one line on stderr and exit code 1.
+    process with one line on stderr and their exit code.
     """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -73,7 +73,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         return 0
     except EulerParamsError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
-        return 1
+        return error.exit_code
     except Exception as error:  # a defect: said in one line, after the arm was brought to rest
         print(f"error: {defect(error)}; please report it", file=sys.stderr, flush=True)
         return 1
