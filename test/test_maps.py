@@ -18,33 +18,31 @@ import pyarrow.parquet as pq
 import pytest
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.maps import MapKind, Variant, arm_map
+from eulerparams_control.lab.maps import MapKind, MapVariant, arm_map
 from eulerparams_control.lab.maps import definition as definition_module
 from eulerparams_control.lab.maps.arm_map import ArmMap
-from eulerparams_control.lab.maps.arm_picture import difference
 from eulerparams_control.lab.maps.base import Table, of_variant, run_batch
+from eulerparams_control.lab.maps.chart_pictures import difference
 from eulerparams_control.lab.maps.definition import load_map
-from eulerparams_control.lab.maps.deflection_map import DeflectionMap
 from eulerparams_control.lab.maps.engine import Batches, Engine, engine
-from eulerparams_control.lab.maps.error_map import ErrorMap
 from eulerparams_control.lab.maps.gain_map import GainMap
 from eulerparams_control.lab.maps.main import main
-from eulerparams_control.lab.maps.orientation_map import OrientationMap
-from eulerparams_control.lab.maps.run import DIVERGED, FAST, FINE, UNSETTLED, Outcome, failure
+from eulerparams_control.lab.maps.pressed_maps import DeflectionMap, StiffnessMap
+from eulerparams_control.lab.maps.run import DIVERGED, FAST, FINE, UNSETTLED, TurnOutcome, failure
 from eulerparams_control.lab.maps.sampling import away, directions, passing, with_tool_axis
-from eulerparams_control.lab.maps.stiffness_map import StiffnessMap
 from eulerparams_control.lab.maps.sweep import batches_of, sweep
+from eulerparams_control.lab.maps.turning_maps import ErrorMap, OrientationMap
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
 
-XYZ = Variant("XYZ", "euler_angles", "XYZ")
-ZYZ = Variant("ZYZ", "euler_angles", "ZYZ")
-RELATIVE = Variant("relative", "relative_euler_angles")
-ANGLE_AXIS = Variant("angle/axis", "angle_axis")
-VECTOR = Variant("vector", "rotation_vector")
-PARAMETERS = Variant("parameters", "euler_parameters", k_factor=2.0)
+XYZ = MapVariant("XYZ", "euler_angles", "XYZ")
+ZYZ = MapVariant("ZYZ", "euler_angles", "ZYZ")
+RELATIVE = MapVariant("relative", "relative_euler_angles")
+ANGLE_AXIS = MapVariant("angle/axis", "angle_axis")
+VECTOR = MapVariant("vector", "rotation_vector")
+PARAMETERS = MapVariant("parameters", "euler_parameters", k_factor=2.0)
 
 SMALL = OrientationMap(
     variants=(XYZ, PARAMETERS), samples=6, trials=1, errors=(100.0,), speeds=(), batch=3
@@ -132,7 +130,9 @@ def test_small_errors_of_dynamic_control_peak_like_a_critically_damped_oscillato
 
 
 @pytest.mark.parametrize(("variant", "row"), [(XYZ, 0), (ZYZ, 2)])
-def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(variant: Variant, row: int) -> None:
+def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(
+    variant: MapVariant, row: int
+) -> None:
     """K / (1 + s), K / (1 - s) with s = |sin(beta_d)| of XYZ, |cos(beta_d)| of ZYZ."""
     kind = StiffnessMap(variants=(variant,), samples=8, moment=1e-5)
     table = table_of(kind)
@@ -220,7 +220,7 @@ def test_an_arm_does_what_the_free_frame_does() -> None:
 
 
 def test_a_failure_says_what_failed() -> None:
-    good = Outcome(peak=1.0, travel=1.0, worst=0.1, final=0.0, settled=0.2, diverged=False)
+    good = TurnOutcome(peak=1.0, travel=1.0, worst=0.1, final=0.0, settled=0.2, diverged=False)
     assert failure(good, 1.5) == FINE
     assert failure(good, 0.5) == FAST
     assert failure(good._replace(settled=math.inf), 0.5) == UNSETTLED
@@ -280,9 +280,7 @@ def _fails(kind: MapKind, batches: Batches) -> Iterator[object]:
 
 
 @pytest.mark.parametrize("damage", ["empty", "truncated", "garbage", "flipped", "other", "rows"])
-def test_a_part_that_is_damaged_or_foreign_is_simulated_again(
-    tmp_path: Path, damage: str
-) -> None:
+def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, damage: str) -> None:
     definition = replace(load_map("failure"), kind=SMALL)
     expected = sweep(definition, tmp_path, engine_here, lambda *_: None)
     sweep(definition, tmp_path, _fails, lambda *_: None)  # all is finished
@@ -327,10 +325,10 @@ def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
     ("name", "counts"),
     [
         ("eulerparams_control/lab/maps/tip.py", True),
-        ("eulerparams_control/lab/maps/turning.py", True),
+        ("eulerparams_control/lab/maps/turning_maps.py", True),
         ("eulerparams_control/laws/orientation/euler_angles.py", True),
         ("eulerparams_control/laws/rotations.py", True),
-        ("eulerparams_control/lab/maps/arm_picture.py", False),
+        ("eulerparams_control/lab/maps/chart_pictures.py", False),
         ("eulerparams_control/lab/maps/page.py", False),
     ],
 )
@@ -341,7 +339,7 @@ def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(
     before = definition.fingerprint
     assert before == load_map("arm").fingerprint
     read = Path.read_bytes
-    path = Path(definition_module.__file__).parents[2] / name
+    path = Path(definition_module.__file__).parents[3] / name
     assert path.is_file()
     monkeypatch.setattr(Path, "read_bytes", lambda p: read(p) + b"#" * (p == path))
     definition_module._code.cache_clear()

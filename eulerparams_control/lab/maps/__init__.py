@@ -2,22 +2,23 @@
 
 from eulerparams_control.lab.maps import (
     arm_map,
-    deflection_map,
-    error_map,
+    chart_pictures,
     gain_map,
-    orientation_map,
-    stiffness_map,
+    pressed_maps,
+    sphere_pictures,
+    turning_maps,
 )
-from eulerparams_control.lab.maps.base import MapKind, Picture, Variant
+from eulerparams_control.lab.maps.base import MapKind, MapVariant, Picture, pictures
 
 __all__ = [
     "MapKind",
+    "MapVariant",
     "Picture",
-    "Variant",
     "arm_map",
-    "deflection_map",
-    "error_map",
+    "chart_pictures",
     "gain_map",
-    "orientation_map",
-    "stiffness_map",
+    "pictures",
+    "pressed_maps",
+    "sphere_pictures",
+    "turning_maps",
 ]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.lab.maps.base import Picture, Row, Table
+from eulerparams_control.lab.maps.base import Row
 from eulerparams_control.lab.maps.sampling import away, over_directions, random_axis, with_tool_axis
 from eulerparams_control.lab.maps.tip import ArmTip, FreeTip
-from eulerparams_control.lab.maps.turning import TurningMap
+from eulerparams_control.lab.maps.turning_maps import TurningMap
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import Array
@@ -88,9 +88,3 @@ class ArmMap(TurningMap):
             return None
         J = robot.state(q, np.zeros_like(q)).J
         return q if smallest_singular_value(J) > self.least_singular else None
-
-    def pictures(self, table: Table) -> list[Picture]:
-        """Return arm against free frame."""
-        from eulerparams_control.lab.maps.arm_picture import picture
-
-        return [picture(self, table)]

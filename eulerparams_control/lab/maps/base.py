@@ -1,13 +1,14 @@
 """What a map is: cells that are simulated one by one, and pictures of all of them.
 
-A new kind of map is one file with a subclass of :class:`MapKind`, and a line in
-``maps/__init__.py``; a new map of a kind is one YAML file in ``config/maps``.
+A new kind of map is a subclass of :class:`MapKind`, a function that is registered with
+``pictures``, and a line in ``maps/__init__.py``; a new map of a kind is one YAML file in
+``config/maps``.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, singledispatch
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ type Table = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class Variant:
+class MapVariant:
     """A representation of the orientation displacement, with its fair gain.
 
     Attributes:
@@ -91,7 +92,7 @@ class MapKind(ABC):
     kind: ClassVar[str]
     registry: ClassVar[dict[str, type["MapKind"]]] = {}
 
-    variants: tuple[Variant, ...]
+    variants: tuple[MapVariant, ...]
     samples: int = 100
     batch: int = 20
     seed: int = 1
@@ -113,15 +114,11 @@ class MapKind(ABC):
     def simulate(self, cell: Row) -> dict[str, float]:
         """Return the outcomes of a cell; a function of the cell alone, wherever it runs."""
 
-    @abstractmethod
-    def pictures(self, table: Table) -> list[Picture]:
-        """Return the pictures of all cells."""
-
     def besides(self) -> Any:
         """Return what the outcomes depend on besides options and code, as JSON can hold it."""
         return None
 
-    def variant(self, cell: Row) -> Variant:
+    def variant(self, cell: Row) -> MapVariant:
         """Return the representation of a cell."""
         return self.variants[int(cell["variant"])]
 
@@ -136,6 +133,16 @@ def run_batch(kind: MapKind, cells: Sequence[Row]) -> list[Row]:
         {**cell, **{name: float(value) for name, value in kind.simulate(cell).items()}}
         for cell in cells
     ]
+
+
+@singledispatch
+def pictures(kind: MapKind, table: Table) -> list[Picture]:
+    """Return the pictures of all cells of a map.
+
+    Registered for each kind in a file ``*_pictures.py``: a map is not simulated again when its
+    picture changes.
+    """
+    raise NotImplementedError(f"no pictures of the kind '{kind.kind}'")
 
 
 def of_variant(table: Table, variant: int, **equal: float) -> Table:

@@ -12,7 +12,7 @@ import yaml
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.experiments.fingerprint import digest, imported, version
 from eulerparams_control.lab.experiments.yaml_checks import check_name, known
-from eulerparams_control.lab.maps.base import MapKind, Variant
+from eulerparams_control.lab.maps.base import MapKind, MapVariant
 from eulerparams_control.resources import config_file
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
@@ -47,7 +47,7 @@ class MapDefinition:
 @cache
 def _code(module: str) -> str:
     """Return the version of what simulates, of a kind in this module; pictures do not."""
-    return version(imported([module], but="_picture.py"))
+    return version(imported([module], but="_pictures.py"))
 
 
 def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDefinition:
@@ -91,13 +91,13 @@ def _definition(name: str, told: Any, quick: bool, samples: int) -> MapDefinitio
     return MapDefinition(name, title, question, kind, _like(99, "place", told.get("place", 99)))
 
 
-def _variant(label: str, about: Any) -> Variant:
+def _variant(label: str, about: Any) -> MapVariant:
     if not isinstance(about, dict):
         raise ConfigurationError(f"variant '{label}': expected the key orientation")
     for key in about:
         if key not in _OF_VARIANT:
             raise UnknownNameError("key of a variant", str(key), _OF_VARIANT)
-    variant = Variant(label, **{"orientation": "", **about})
+    variant = MapVariant(label, **{"orientation": "", **about})
     _ = variant.representation  # raises if it is unknown
     return replace(variant, k_factor=_like(1.0, "k_factor", variant.k_factor))
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.maps.base import Picture, Row, Table, Variant
+from eulerparams_control.lab.maps.base import MapVariant, Row
 from eulerparams_control.lab.maps.run import Sampling, run
 from eulerparams_control.lab.maps.sampling import passing
 from eulerparams_control.lab.maps.tip import Drive, FreeTip
-from eulerparams_control.lab.maps.turning import TurningMap
+from eulerparams_control.lab.maps.turning_maps import TurningMap
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -75,12 +75,6 @@ class GainMap(TurningMap):
             outcome = outcome._replace(settled=math.inf)
         return self.row(outcome, speed, arc)
 
-    def pictures(self, table: Table) -> list[Picture]:
-        """Return the highest speed over distance and gain."""
-        from eulerparams_control.lab.maps.gain_picture import picture
-
-        return [picture(self, table)]
-
 
 def _spaced(ends: tuple[float, ...], count: int) -> list[float]:
     """Return numbers from end to end, evenly spaced in their logarithms."""
@@ -88,6 +82,6 @@ def _spaced(ends: tuple[float, ...], count: int) -> list[float]:
     return values
 
 
-def _pole(variant: Variant) -> int:
+def _pole(variant: MapVariant) -> int:
     """Return the base axis to pass; of what has no pole there, x as for XYZ."""
     return 0 if variant.pole_axis is None else variant.pole_axis

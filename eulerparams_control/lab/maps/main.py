@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.lab.maps.base import pictures
 from eulerparams_control.lab.maps.definition import MapDefinition, load_map
 from eulerparams_control.lab.maps.engine import Engine, engine
 from eulerparams_control.lab.maps.page import Finished, write_page, write_pictures
@@ -94,13 +95,13 @@ def _make(definition: MapDefinition, out: Path, run: Engine, console: Console) -
             lambda done, total: progress.update(task, completed=done, total=total),
         )
     with console.status("drawing"):
-        pictures = definition.kind.pictures(table)
-        write_pictures(folder, pictures)
+        drawn = pictures(definition.kind, table)
+        write_pictures(folder, drawn)
     count, seconds = len(table["variant"]), time.monotonic() - started
     say(console, f"  {definition.name}: {count} simulations, {seconds:.1f} s")
-    for picture in pictures:
+    for picture in drawn:
         say(console, f"  {picture.title}")
-    return Finished(definition, count, pictures)
+    return Finished(definition, count, drawn)
 
 
 if __name__ == "__main__":

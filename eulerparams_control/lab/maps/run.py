@@ -16,7 +16,7 @@ _FASTEST = 1e6  # [rad/s] beyond it has diverged
 FINE, FAST, UNSETTLED, DIVERGED = 0, 1, 2, 3
 
 
-class Outcome(NamedTuple):
+class TurnOutcome(NamedTuple):
     """What became of a run.
 
     Attributes:
@@ -57,7 +57,7 @@ def run(
     desired: Callable[[float], DesiredFrame],
     sampling: Sampling,
     random: np.random.Generator,
-) -> Outcome:
+) -> TurnOutcome:
     """Return what becomes of a tip that is driven to a desired frame over time."""
     dt, steps = sampling.dt, round(sampling.duration / sampling.dt)
     noise = sampling.noise * random.normal(size=(steps, 3))
@@ -77,21 +77,21 @@ def run(
     return _outcome(speeds, errors, sampling)
 
 
-def _outcome(speeds: Array, errors: Array, sampling: Sampling) -> Outcome:
+def _outcome(speeds: Array, errors: Array, sampling: Sampling) -> TurnOutcome:
     outside = np.flatnonzero(errors > sampling.bound)
     last = int(outside[-1]) + 1 if len(outside) else 0
     settled = last * sampling.dt if last < len(errors) else math.inf
     travel = float(speeds.sum() * sampling.dt)
     worst = float(errors[1:].max())
-    return Outcome(float(speeds.max()), travel, worst, float(errors[-1]), settled, False)
+    return TurnOutcome(float(speeds.max()), travel, worst, float(errors[-1]), settled, False)
 
 
-def _diverged(speeds: Array, errors: Array, dt: float) -> Outcome:
+def _diverged(speeds: Array, errors: Array, dt: float) -> TurnOutcome:
     travel = float(speeds.sum() * dt)
-    return Outcome(_FASTEST, travel, float(errors.max()), math.pi, math.inf, True)
+    return TurnOutcome(_FASTEST, travel, float(errors.max()), math.pi, math.inf, True)
 
 
-def failure(outcome: Outcome, highest: float) -> float:
+def failure(outcome: TurnOutcome, highest: float) -> float:
     """Return how a run that had to settle failed: FINE, FAST, UNSETTLED or DIVERGED.
 
     One that never had an error has settled at once.

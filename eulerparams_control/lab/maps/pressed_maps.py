@@ -1,4 +1,4 @@
-"""Kind "stiffness": what rotational stiffness the contact meets, over the desired orientation.
+"""Kinds "stiffness" and "deflection": how moments turn the compliant frame.
 
 A constant moment is applied to the compliance law at rest until it is at rest again.
 """
@@ -9,8 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.lab.maps.base import MapKind, Picture, Row, Table, Variant
-from eulerparams_control.lab.maps.sampling import over_directions, with_tool_axis
+from eulerparams_control.lab.maps.base import MapKind, MapVariant, Row
+from eulerparams_control.lab.maps.sampling import (
+    directions,
+    over_directions,
+    random_axis,
+    with_tool_axis,
+)
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.rotations import Array, log
@@ -36,7 +41,7 @@ class PressedMap(MapKind):
     dt: float = 5e-3
     duration: float = 0.8
 
-    def law(self, variant: Variant) -> ComplianceLaw:
+    def law(self, variant: MapVariant) -> ComplianceLaw:
         """Return the compliance law."""
         K = np.diag(self.K_o)
         M = min(self.K_o) / self.rate**2 * np.eye(3)
@@ -102,8 +107,47 @@ class StiffnessMap(PressedMap):
         worst = math.degrees(math.acos(float(np.clip(cosines.min(), -1, 1))))
         return {"k_min": float(relative[0]), "k_max": float(relative[-1]), "deviation": worst}
 
-    def pictures(self, table: Table) -> list[Picture]:
-        """Return the apparent stiffness, or the deviation, over the sphere of tool axes."""
-        from eulerparams_control.lab.maps.stiffness_picture import deviation, stiffness
 
-        return [stiffness(self, table) if self.shown == "stiffness" else deviation(self, table)]
+@dataclass(frozen=True, kw_only=True)
+class DeflectionMap(PressedMap):
+    """Moments about random axes at random orientations, from small to almost the stiffness.
+
+    ``samples`` counts the sizes of the moment.
+
+    Attributes:
+        trials: orientations and axes for each size.
+        largest: moment over stiffness [rad].
+    """
+
+    kind = "deflection"
+
+    trials: int = 20
+    largest: float = 0.98
+
+    def cells(self) -> list[Row]:
+        """Return variants x sizes x trials; a trial has the same orientation for each size."""
+        sizes = self.largest * np.arange(1, self.samples + 1) / self.samples
+        return [
+            {"variant": v, "place": trial, "moment": moment}
+            for v in range(len(self.variants))
+            for moment in sizes.tolist()
+            for trial in range(self.trials)
+        ]
+
+    def simulate(self, cell: Row) -> dict[str, float]:
+        """Return the angle [deg] of the turn, and that between its axis and the moment."""
+        random = self.random(cell)
+        z = directions(self.trials)[int(cell["place"])]
+        R_d = with_tool_axis(z, random.uniform(-math.pi, math.pi))
+        axis = random_axis(random)
+        mu = float(cell["moment"]) * self.K_o[0] * axis
+        try:
+            turn = self.turn(self.law(self.variant(cell)), R_d, mu)
+        except SingularityError:
+            return {"turn": math.nan, "deviation": math.nan}
+        theta = math.sqrt(turn @ turn)
+        if not theta > 0:  # it does not come to rest
+            return {"turn": math.nan, "deviation": math.nan}
+        cosine = float(turn @ (R_d.T @ axis)) / theta
+        deviation = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+        return {"turn": math.degrees(theta), "deviation": deviation}
