@@ -1,4 +1,4 @@
-# eulerparams_control: `make demo` and `make test` set up .venv by themselves.
+# eulerparams_control: each target sets up .venv by itself.
 
 SHELL := /bin/bash
 VENV := .venv
@@ -10,7 +10,7 @@ JOBS ?=
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test bench paper map faults soak two-hosts lint clean
+.PHONY: setup demo test test-long bench paper map faults soak two-hosts lint clean
 
 setup: $(READY)
 
@@ -22,7 +22,12 @@ demo: $(READY)
 	@$(VENV)/bin/experiment demo --out $(OUT)
 
 test: $(READY)
-	@$(PYTHON) -m pytest $(ARGS)
+	@$(PYTHON) -m pytest -n 2 --dist loadfile -m "not slow" \
+	  --hypothesis-profile quick --durations 20 $(ARGS)
+
+# One after the other: many of these tests run in real time. Fuzzing has all its examples here.
+test-long: $(READY)
+	@$(PYTHON) -m pytest -m "slow or hypothesis" --durations 20 $(ARGS)
 
 bench: $(READY)
 	@$(PYTHON) benchmarks/run.py

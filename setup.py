@@ -62,7 +62,8 @@ setup(
         "rich",
     ],
     extras_require={
-        "test": ["pytest", "hypothesis", "rosbags", "playwright", "colcon-common-extensions"],
+        "test": ["pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright"]
+        + ["colcon-common-extensions"],
         "dev": ["ruff", "mypy", "pin-pink", "quadprog"],
     },
     zip_safe=False,

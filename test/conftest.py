@@ -13,8 +13,9 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 from ros_processes import Graph
 
-# The same examples in every run, however slow the machine is.
+# The same examples in every run, however slow the machine is; `make test` takes the first few.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("quick", settings.get_profile("repeatable"), max_examples=20)
 settings.load_profile("repeatable")
 
 

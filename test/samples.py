@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 from tolerances import POLE_CLEARANCE, STEP
 
@@ -21,6 +22,12 @@ K_STAR, K_STAR_TURN = (20.0, 50.0, 100.0), (0.4, -0.7, 1.1)
 
 # Distances [rad] to the pole of a sequence, on both sides of where extraction changes.
 POLE_DISTANCES = (0.0, 1e-15, 1e-13, 3e-12, 1e-11, 1e-10, 1e-9, 1e-7, 1e-5, 1e-3, 0.1)
+
+
+def examples(count: int) -> settings:
+    """Return settings of so many examples; fewer where `make test` takes fewer."""
+    part = settings.default.max_examples / settings.get_profile("repeatable").max_examples
+    return settings(max_examples=math.ceil(part * count), suppress_health_check=list(HealthCheck))
 
 
 def generator(*key: int) -> np.random.Generator:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Header, Metadata, Statistics
@@ -23,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from samples import examples
 
 from eulerparams_control.bags import Bag, BagWriter, recover
 from eulerparams_control.bags.format import Topic, qos_profile
@@ -675,9 +676,7 @@ def test_a_full_disk_stops_recovery_without_loss(small_bag: Path, tmp_path: Path
 
 # --- property tests: no deadline, for nothing here is about time -----------------------
 
-anything = settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+anything = examples(100)
 
 
 def decoded_or_refused(bag: Bag) -> None:

@@ -399,6 +399,7 @@ def test_a_few_sequences_hold_what_they_must(controller):
         )
 
 
+@pytest.mark.slow
 def test_a_sequence_in_real_time_has_commands_states_and_a_story():
     outcome = run(make_plan(KILLED_SEED["clik"], "clik", REALTIME))
     assert not outcome.error
@@ -521,6 +522,7 @@ def processes_with(text: str) -> list[str]:
     return [line for line in found if text in line]
 
 
+@pytest.mark.slow
 def test_a_campaign_that_is_told_to_end_ends_its_workers_and_their_nodes(tmp_path, graph):
     command = [sys.executable, "-m", "eulerparams_control.lab.campaign.main", "--mode", REALTIME]
     env = environment(tmp_path, graph.domain) | {"TMPDIR": str(tmp_path)}

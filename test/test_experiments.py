@@ -711,6 +711,7 @@ def test_a_run_leaves_its_numbers_a_page_and_no_process(finished: tuple[Path, Pr
     assert nodes_of(folder.parent.parent) == []
 
 
+@pytest.mark.slow
 def test_only_what_changed_or_is_not_whole_is_run_again(
     finished: tuple[Path, Process], tmp_path: Path
 ) -> None:
@@ -734,6 +735,7 @@ def test_only_what_changed_or_is_not_whole_is_run_again(
         assert (before == now) is is_same, name
 
 
+@pytest.mark.slow
 def test_an_experiment_that_cannot_run_does_not_stop_the_others(tmp_path: Path) -> None:
     content = changed(variants={"only": {"clik": {"k_Po": -5.0}}})
     process = run(tmp_path, str(write(tmp_path, content)), "e2", "--paper")
@@ -746,6 +748,7 @@ def test_an_experiment_that_cannot_run_does_not_stop_the_others(tmp_path: Path) 
     assert nodes_of(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_criterion_that_is_not_met_gives_exit_code_1(tmp_path: Path) -> None:
     process = run(tmp_path, str(write(tmp_path, criterion(below=1e-9))), "--variant", "first")
     assert process.end() == 1, process.log
@@ -755,6 +758,7 @@ def test_a_criterion_that_is_not_met_gives_exit_code_1(tmp_path: Path) -> None:
     assert only["measured"] > 1e-3  # rad/s: it moved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("nodes", "words"),
     [
@@ -816,6 +820,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
     return folder / "out/short", process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "scale"), [("kinematic", 1.0), ("dynamic", 800.0)])
 def test_a_way_point_at_time_0_is_a_step_that_holds(
     mixed: tuple[Path, Process], name: str, scale: float
@@ -832,6 +837,7 @@ def test_a_way_point_at_time_0_is_a_step_that_holds(
     assert found.lyapunov.V[0] == pytest.approx(scale * V_1, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_efforts_of_dynamic_control_are_in_the_bag(mixed: tuple[Path, Process]) -> None:
     found = Recording.load(mixed[0] / "dynamic")
     assert found.command is None
@@ -841,6 +847,7 @@ def test_the_efforts_of_dynamic_control_are_in_the_bag(mixed: tuple[Path, Proces
     assert Recording.load(mixed[0] / "kinematic").effort is None
 
 
+@pytest.mark.slow
 def test_a_run_that_may_diverge_ends_early_and_is_judged(mixed: tuple[Path, Process]) -> None:
     folder, process = mixed
     summary = json.loads((folder / "summary.json").read_text())
@@ -851,6 +858,7 @@ def test_a_run_that_may_diverge_ends_early_and_is_judged(mixed: tuple[Path, Proc
     assert "wild diverged at 0." in (folder / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_without_leave_is_an_error(tmp_path: Path) -> None:
     content = changed(nodes={}, variants={"wild": DIVERGING | {"may_diverge": False}})
     process = run(tmp_path, str(write(tmp_path, content)))
@@ -896,6 +904,7 @@ def compliant(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
     return folder / "out/short", process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("first", "second"), ("third", "fourth")])
 @pytest.mark.parametrize("topic", ["/compliant_frame", "command", "/joint_states", "/wrench"])
 def test_two_runs_with_an_impedance_are_the_same_to_the_bit(
@@ -908,6 +917,7 @@ def test_two_runs_with_an_impedance_are_the_same_to_the_bit(
     assert first == second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["first", "third"])
 def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(
     compliant: tuple[Path, Process], name: str
@@ -936,6 +946,7 @@ def test_a_name_that_does_not_exist_gives_one_line_and_exit_code_2(tmp_path: Pat
     assert process.stderr == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_experiment_and_all_its_nodes(
     tmp_path: Path, number: signal.Signals

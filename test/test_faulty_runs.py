@@ -414,6 +414,7 @@ def log(folder: Path, node: str) -> str:
     return (folder / f"logs/killed/{node}.log").read_text()
 
 
+@pytest.mark.slow
 def test_each_node_that_was_killed_was_started_again_without_a_last_word(
     killed: tuple[Path, Process],
 ) -> None:
@@ -428,6 +429,7 @@ def test_each_node_that_was_killed_was_started_again_without_a_last_word(
     assert nodes_of(folder.parent.parent) == []
 
 
+@pytest.mark.slow
 def test_the_bag_is_whole_and_has_what_each_recorder_left(killed: tuple[Path, Process]) -> None:
     folder, _ = killed
     files = sorted(path.name for path in (folder / "killed").glob("*.mcap"))
@@ -444,6 +446,7 @@ def test_the_bag_is_whole_and_has_what_each_recorder_left(killed: tuple[Path, Pr
     assert not list((folder / "logs/killed").glob("part_*"))
 
 
+@pytest.mark.slow
 def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(
     killed: tuple[Path, Process],
 ) -> None:
@@ -458,6 +461,7 @@ def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(
     assert "command rejected: joint_reference has a non-finite" in log(killed[0], "pybullet_bridge")
 
 
+@pytest.mark.slow
 def test_what_the_injector_did_is_in_its_log_and_in_the_bag(killed: tuple[Path, Process]) -> None:
     said = log(killed[0], "fault_injector")
     for words in ("begins", "ends"):
@@ -472,6 +476,7 @@ def test_what_the_injector_did_is_in_its_log_and_in_the_bag(killed: tuple[Path, 
     assert "no fault at work, 0 to come" in told
 
 
+@pytest.mark.slow
 def test_a_run_with_faults_is_judged_and_known_the_next_time(killed: tuple[Path, Process]) -> None:
     folder, _ = killed
     summary = json.loads((folder / "summary.json").read_text())
@@ -482,6 +487,7 @@ def test_a_run_with_faults_is_judged_and_known_the_next_time(killed: tuple[Path,
     assert "short killed: was run before" in again.stdout
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_by_itself_ends_a_run_with_faults(tmp_path: Path) -> None:
     content = WITH_KILLS | {"nodes": {"reference": GOAL, "clik": {"k_Pp": -1.0}}}
     process = run(tmp_path, str(write(tmp_path, content)))
@@ -491,6 +497,7 @@ def test_a_node_that_dies_by_itself_ends_a_run_with_faults(tmp_path: Path) -> No
     assert nodes_of(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_node_that_ends_on_the_way_ends_a_run_with_faults(tmp_path: Path) -> None:
     nodes = {"reference": GOAL, "pybullet_bridge": {"rate": 100.0, "duration": 8.0}}
     content = WITH_KILLS | {"nodes": nodes, "duration": 60.0, "faults": [DROP]}

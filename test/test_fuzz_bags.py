@@ -20,11 +20,12 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.serialization import serialize_message
+from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from synthetic_runs import _TYPES, write_run
@@ -490,7 +491,7 @@ def analysed(data: bytes, folder: Path) -> int:
     return code
 
 
-few = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = examples(25)
 IMPOSSIBLE = [
     *(struct.pack("<d", value) for value in (float("nan"), float("inf"), 1e308, -1e308, 5e-324)),
     *(b"\xff\xff\xff\xff", b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x00"),

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from test_fuzz_parameters import SCALARS, VALUES, WORDS, examples
+from test_fuzz_parameters import SCALARS, VALUES, WORDS, forty
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
@@ -34,7 +34,7 @@ def replaced(content: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 
 @pytest.mark.parametrize(("folder", "load"), [("experiments", load_experiment), ("maps", load_map)])
-@examples
+@forty
 @given(data=st.data())
 def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(
     data: st.DataObject, folder: str, load: Any, tmp_path: Path

@@ -28,7 +28,7 @@ from geometry_msgs.msg import (
     Wrench,
     WrenchStamped,
 )
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from ros_processes import (
     FRAMES,
@@ -41,6 +41,7 @@ from ros_processes import (
     pose,
     reference,
 )
+from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -221,7 +222,7 @@ def test_commands_are_finite_or_refused(msg: JointState) -> None:
         assert np.isfinite(np.square(values)).all()  # nothing overflows in the robot
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(references("base", "tip"), st.lists(st.floats(-1.0, 5.0), min_size=3, max_size=3))
 def test_a_reference_is_finite_at_every_time_or_refused(
     msg: MultiDOFJointTrajectory, times: list[float]
@@ -356,7 +357,7 @@ def assert_within_limits(command: Any) -> None:
         assert (np.abs(command.velocity) <= limits.velocity + ROUNDING).all()
 
 
-@settings(max_examples=12, suppress_health_check=list(HealthCheck))
+@examples(12)
 @given(messages=st.lists(MESSAGES, min_size=10, max_size=30))
 def test_a_controller_survives_any_messages_and_then_holds_again(
     messages: list[Any], node: Controlled

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from ros_processes import FRAMES, HOME, MODEL, UR5, Graph, Process, pose
+from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from test_fuzz_messages import TEXT, joint_states, poses, wrenches
@@ -16,7 +17,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 
-storms = settings(max_examples=12, suppress_health_check=list(HealthCheck))
+storms = examples(12)
 
 # Joints pass a limit by what they go in a step, at most [of the limit].
 STOPPING = 0.02

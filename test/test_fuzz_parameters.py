@@ -13,12 +13,13 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from ros_processes import MODULES, Graph, free_domain
+from samples import examples
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
@@ -44,7 +45,7 @@ KINDS = {
     "bag_recorder": RecorderParameters,
     "identify_tool": IdentifyToolParameters,
 }
-examples = settings(max_examples=40, suppress_health_check=list(HealthCheck))
+forty = examples(40)
 
 WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), max_size=8)
 NUMBERS = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, math.nan, math.inf, 1e400])
@@ -103,7 +104,7 @@ def assert_of_their_types(found: Any) -> None:
 
 
 @pytest.mark.parametrize("executable", KINDS)
-@examples
+@forty
 @given(data=st.data())
 def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
     data: st.DataObject, executable: str, tmp_path: Path
@@ -124,7 +125,7 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
 
 
 @pytest.mark.parametrize("executable", KINDS)
-@examples
+@forty
 @given(data=st.data())
 def test_a_name_with_a_letter_wrong_is_refused_with_the_right_one(
     data: st.DataObject, executable: str, tmp_path: Path
@@ -141,7 +142,7 @@ def test_a_name_with_a_letter_wrong_is_refused_with_the_right_one(
     assert f"unknown parameter '{wrong}' (did you mean '" in str(refusal.value)
 
 
-@examples
+@forty
 @given(st.dictionaries(WORDS, st.dictionaries(WORDS, SCALARS, max_size=2), max_size=3))
 def test_nested_names_are_refused_by_their_full_name_or_by_rcl(
     tmp_path: Path, overrides: dict[str, Any]

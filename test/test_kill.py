@@ -20,6 +20,8 @@ from eulerparams_control.bags import Bag, recover
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.keys import BEGAN
 
+pytestmark = pytest.mark.slow
+
 ros_processes.MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
 
 RATE = 100.0

@@ -18,6 +18,8 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 
 AGREES = 1e-9
 
+SLOW = pytest.mark.slow
+
 REFERENCE = {
     "motion": "way_points",
     "times": [0.1, 0.6],
@@ -53,17 +55,20 @@ def record(folder: Path, controller: str, **parameters: Any) -> Path:
     return folder / "bag"
 
 
-CASES = [
-    ("clik", {"orientation": "euler_parameters", "k_Po": 10.0}),
-    ("clik", {"orientation": "euler_angles", "euler_sequence": "ZYZ", "k_Po": 10.0}),
-    ("dynamic_control", {"orientation": "euler_parameters"}),
-    ("dynamic_control", {"orientation": "angle_axis"}),
-    ("impedance_control", {"orientation": "euler_parameters"}),
-    ("impedance_control", {"orientation": "rotation_vector"}),
-]
+ANGLES = {"orientation": "euler_angles", "euler_sequence": "ZYZ", "k_Po": 10.0}
 
 
-@pytest.mark.parametrize(("controller", "parameters"), CASES)
+@pytest.mark.parametrize(
+    ("controller", "parameters"),
+    [
+        ("impedance_control", {"orientation": "euler_parameters"}),
+        pytest.param("impedance_control", {"orientation": "rotation_vector"}, marks=SLOW),
+        pytest.param("dynamic_control", {"orientation": "euler_parameters"}, marks=SLOW),
+        pytest.param("dynamic_control", {"orientation": "angle_axis"}, marks=SLOW),
+        pytest.param("clik", {"orientation": "euler_parameters", "k_Po": 10.0}, marks=SLOW),
+        pytest.param("clik", ANGLES, marks=SLOW),
+    ],
+)
 def test_analyze_recomputes_what_the_node_published(
     tmp_path: Path, controller: str, parameters: dict[str, Any]
 ) -> None:

@@ -356,6 +356,7 @@ def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch: pytest.MonkeyPa
     assert free.fingerprint == before[1]
 
 
+@pytest.mark.slow
 def test_the_numbers_are_the_same_in_this_process_and_in_workers_of_its_own() -> None:
     with engine(0) as here:
         expected = rows_of(here, SMALL)
@@ -363,6 +364,7 @@ def test_the_numbers_are_the_same_in_this_process_and_in_workers_of_its_own() ->
         assert rows_of(local, SMALL) == expected
 
 
+@pytest.mark.slow
 def test_the_numbers_are_the_same_with_a_scheduler_started_separately(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

@@ -57,6 +57,7 @@ def assert_is_installed(prefix):
     assert yaml_files(share / "eulerparams_control/config") == yaml_files(ROOT / "config")
 
 
+@pytest.mark.slow
 def test_pip_installs_executables_where_ros2_run_looks(source, tmp_path):
     environment = shutil.copytree(source, tmp_path / "source", symlinks=True)
     # without --ignore-installed pip would take the package out of this environment
@@ -71,6 +72,7 @@ def test_pip_installs_executables_where_ros2_run_looks(source, tmp_path):
     assert "demo" in run(str(script), "--list", cwd=tmp_path, env=env)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--symlink-install",)])
 def test_colcon_installs_executables_where_ros2_run_looks(source, tmp_path, options):
     workspace = tmp_path / "workspace"
@@ -83,6 +85,11 @@ def test_colcon_installs_executables_where_ros2_run_looks(source, tmp_path, opti
         "bash", "-c", ". install/setup.bash && $0 --list",
         str(prefix / "lib/eulerparams_control/experiment"), cwd=workspace, env=env,
     )  # fmt: skip
+
+
+def test_setup_installs_executables_and_definitions_where_they_are_looked_for(source, tmp_path):
+    run(sys.executable, "setup.py", "-q", "install_data", "-d", str(tmp_path), cwd=source)
+    assert_is_installed(tmp_path)
 
 
 def test_each_executable_is_an_entry_point_with_a_main():

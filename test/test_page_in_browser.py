@@ -24,6 +24,8 @@ from eulerparams_control.laws.rotations import EulerParameters
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
+pytestmark = pytest.mark.slow
+
 EVIL = "<img src=x onerror=window.hacked=1>"
 ARM = load_robot("ur5")
 URDF = ARM.urdf.replace(

@@ -269,6 +269,7 @@ def test_results_of_a_former_soak_are_not_overwritten(
     assert "exists; remove it" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_a_short_soak_sees_all_nodes_their_round_trips_and_their_memory(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "eulerparams_control.lab.soak.main"]
     options = ["--seconds", "25", "--controller", "clik", "--rate", "100", "--out", str(tmp_path)]

@@ -49,6 +49,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return summary
 
 
+@pytest.mark.slow
 def test_the_robot_brakes_when_the_link_is_cut_and_goes_on_by_itself_when_it_is_mended(
     result: dict[str, Any],
 ) -> None:
@@ -60,6 +61,7 @@ def test_the_robot_brakes_when_the_link_is_cut_and_goes_on_by_itself_when_it_is_
     assert numbers["longest_gap_of_commands_s"] > 1.5  # it was cut, for 2 s
 
 
+@pytest.mark.slow
 def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are_braked_in(
     result: dict[str, Any],
 ) -> None:
@@ -70,6 +72,7 @@ def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are
     assert delay > calm + 2 * 15.0  # it was delayed: both ways by 15 ms at least
 
 
+@pytest.mark.slow
 def test_the_exit_code_and_the_report_say_what_was_met(result: dict[str, Any]) -> None:
     assert result["met"] == all(one["met"] for one in result["criteria"])
     assert result["exit"] == (0 if result["met"] else 1)
