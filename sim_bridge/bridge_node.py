@@ -25,9 +25,10 @@ from std_msgs.msg import String
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run

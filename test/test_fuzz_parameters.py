@@ -25,9 +25,9 @@ from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
-from eulerparams_control.ros.clik_node import ClikParameters
-from eulerparams_control.ros.dynamic_control_node import DynamicParameters
-from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
+from eulerparams_control.parameters.clik import ClikParameters
+from eulerparams_control.parameters.dynamic_control import DynamicParameters
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters

@@ -25,6 +25,7 @@ FLOORS = (
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),
     ("laws",),
     ("control",),
+    ("parameters",),
     ("messages",),
     ("ros", "bags"),
     ("tool",),

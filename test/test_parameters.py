@@ -16,8 +16,9 @@ from rclpy.parameter import Parameter
 from ros_processes import free_domain
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.ros.clik_node import ClikParameters
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.parameters.clik import ClikParameters
+from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
 from sim_bridge.bridge_node import BridgeParameters
 

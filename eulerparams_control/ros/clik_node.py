@@ -1,47 +1,16 @@
 """The node ``clik``: kinematic control, section III; publishes ``joint_reference``."""
 
 import sys
-from dataclasses import dataclass
 
-from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.control_node import ControlNode
-from eulerparams_control.ros.control_parameters import ControlParameters
-from eulerparams_control.ros.parameters import parameter
 from eulerparams_control.ros.qos import QOS_STREAM
 from eulerparams_control.ros.runtime import run
-
-
-@dataclass(frozen=True)
-class ClikParameters(ControlParameters):
-    """Parameters of the node ``clik``."""
-
-    k_Pp: float = parameter(100.0, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
-    k_Po: float = parameter(100.0, "orientation gain", unit="1/s", bounds=(0.0, 1e4), live=True)
-    feedback: str = parameter("internal", "which q closes the loop", choices=FEEDBACKS)
-    max_deviation: float = parameter(
-        0.3,
-        "a joint farther from its command than this stops the motion",
-        unit="rad",
-        bounds=(0.001, 100.0),
-    )
-    k_posture: float = parameter(
-        1.0, "gain of the posture", unit="1/s", bounds=(0.0, 1e3), live=True
-    )
-
-    def law(self) -> ClikLaw:
-        """Return the law with these parameters."""
-        return ClikLaw(
-            self.representation(),
-            self.k_Pp,
-            self.k_Po,
-            self.inverse(),
-            self.posture_or_none(),
-            self.k_posture,
-        )
 
 
 class ClikNode(ControlNode):

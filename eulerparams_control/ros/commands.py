@@ -1,7 +1,7 @@
 """The joint command as a message: the types that ros2_control's controllers take."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
@@ -46,12 +46,10 @@ class CommandPublisher:
     Args:
         node: the node that publishes.
         topic: where.
-        kind: one of ``TYPES``.
+        kind: one of these types.
         joints: names of the joints, in the order of the commands.
         qos: of the publisher.
     """
-
-    TYPES: ClassVar[tuple[str, ...]] = ("joint_state", "joint_trajectory", "forward")
 
     def __init__(
         self, node: Node, topic: str, kind: str, joints: Sequence[str], qos: QoSProfile

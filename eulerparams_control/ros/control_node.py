@@ -35,10 +35,10 @@ from eulerparams_control.laws.orientation import SEPARATE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.messages.from_ros import JointStateReader, motion_from_ros, ns_from_ros
+from eulerparams_control.parameters.common import LATEST, ControlParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import Commands
-from eulerparams_control.ros.control_parameters import LATEST, ControlParameters
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers

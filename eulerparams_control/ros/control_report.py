@@ -15,8 +15,8 @@ from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import SLOWED
 from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
+from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.control_parameters import ControlParameters
 from eulerparams_control.ros.meter import Meter
 
 Values = dict[str, str | int | float]

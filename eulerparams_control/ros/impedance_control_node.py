@@ -17,10 +17,10 @@ from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
 from eulerparams_control.messages.from_ros import FROZEN
 from eulerparams_control.motion.frames import Placement
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
-from eulerparams_control.ros.impedance_parameters import ImpedanceParameters
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_STREAM
 from eulerparams_control.ros.runtime import run

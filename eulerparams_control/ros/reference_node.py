@@ -21,9 +21,10 @@ from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
+from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
 

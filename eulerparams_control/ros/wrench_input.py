@@ -10,7 +10,7 @@ from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.ros.control_parameters import LATEST
+from eulerparams_control.parameters.common import LATEST
 
 
 class WrenchInput:

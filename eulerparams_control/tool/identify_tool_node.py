@@ -27,9 +27,10 @@ from eulerparams_control.errors import (
 )
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
+from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.urdf import UrdfTree
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.tool.identification import (

@@ -21,7 +21,8 @@ from eulerparams_control.bags.ros.recorder_parameters import RemoteParameters
 from eulerparams_control.bags.schema import message_definition
 from eulerparams_control.bags.writer import BagWriter
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.runtime import run
 
 _TICK_SECONDS = 0.1

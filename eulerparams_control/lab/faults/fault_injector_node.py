@@ -41,8 +41,9 @@ from eulerparams_control.lab.faults import (
     parse_fault,
 )
 from eulerparams_control.lab.faults.intruder_node import Intruder
+from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.parameters import declare, parameter
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 

@@ -11,10 +11,10 @@ from eulerparams_control.laws.impedance_control import ImpedanceLaw
 from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
 from eulerparams_control.laws.wrench import WrenchOptions
 from eulerparams_control.motion.frames import Placement
+from eulerparams_control.parameters.common import LATEST, PAIRINGS
+from eulerparams_control.parameters.efforts import EffortParameters, require_size
+from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.robot import Robot, Tool
-from eulerparams_control.ros.control_parameters import LATEST, PAIRINGS
-from eulerparams_control.ros.dynamic_control_node import DynamicParameters, require_size
-from eulerparams_control.ros.parameters import parameter
 
 # A push [1/s] along each axis has to fade at least as fast.
 _LEAST_DAMPING = 0.5
@@ -25,7 +25,7 @@ _MOST_TOOL = 0.5
 
 
 @dataclass(frozen=True)
-class ImpedanceParameters(DynamicParameters):
+class ImpedanceParameters(EffortParameters):
     """Parameters of the node ``impedance_control``."""
 
     command_type: str = parameter(

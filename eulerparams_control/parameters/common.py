@@ -19,8 +19,10 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.ros.commands import CommandPublisher
-from eulerparams_control.ros.parameters import parameter
+from eulerparams_control.parameters.fields import parameter
+
+COMMAND_TYPES = ("joint_state", "joint_trajectory", "forward")
+"""Message types of the command; see :class:`eulerparams_control.ros.commands.CommandPublisher`."""
 
 LATEST = "latest"
 PAIRINGS = (LATEST, "stamp")
@@ -78,7 +80,7 @@ class ControlParameters:
         live=True,
     )
     command_type: str = parameter(
-        "joint_state", "message type of the command", choices=CommandPublisher.TYPES
+        "joint_state", "message type of the command", choices=COMMAND_TYPES
     )
     state_timeout: float = parameter(
         0.1, "gap of joint_states that ends commands", unit="s", bounds=(0.001, 60.0)

@@ -1,0 +1,1 @@
+"""The parameters of the nodes, and what is made of them."""

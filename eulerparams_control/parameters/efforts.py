@@ -1,0 +1,169 @@
+"""Parameters of the schemes that command efforts, and what is made of them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.dynamic_control import (
+    EffortLimits,
+    InverseDynamics,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.impedance_matrices import symmetric_matrix
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.robot.robot import Robot, Tool
+
+
+@dataclass(frozen=True)
+class EffortParameters(ControlParameters):
+    """Parameters of every scheme that commands efforts by inverse dynamics."""
+
+    command_type: str = parameter(
+        "joint_state", "message type of the command", choices=("joint_state", "forward")
+    )
+    max_latency: float = parameter(
+        0.03,
+        "joint_states that come later than the best ones by this are dropped",
+        unit="s",
+        bounds=(0.001, 60.0),
+    )
+    k_Pp: float = parameter(400.0, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vo: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_posture: float = parameter(
+        10.0, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
+    )
+    k_null: float = parameter(
+        10.0,
+        "damping of motions that do not move the tip",
+        unit="1/s",
+        bounds=(0.0, 1e3),
+        live=True,
+    )
+    compensate_gravity: bool = parameter(True, "false: the robot does it itself")
+    compensate_coriolis: bool = parameter(True, "false: the robot does it itself")
+    compensate_friction: bool = parameter(
+        False, "true only where the friction is known: too much of it drives the joints"
+    )
+    friction_viscous: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: of the URDF", unit="Nm s/rad", bounds=(0.0, 1e4)
+    )
+    friction_coulomb: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: of the URDF", unit="Nm", bounds=(0.0, 1e4)
+    )
+    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the root link", unit="m/s^2")
+    tool_mass: float = parameter(0.0, "that the URDF lacks", unit="kg", bounds=(0.0, 1000.0))
+    tool_com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "its centre of mass in the tip frame", unit="m"
+    )
+    tool_inertia: tuple[float, ...] = parameter(
+        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
+    )
+    max_effort_rate: float = parameter(
+        1e4, "of each joint; too little cannot stop it", unit="Nm/s", bounds=(100.0, 1e9), live=True
+    )
+    max_error_position: float = parameter(
+        0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True
+    )
+    max_error_rotation: float = parameter(
+        0.5,
+        "a larger orientation error stops the motion; pi: none does",
+        unit="rad",
+        bounds=(1e-3, math.pi),
+        live=True,
+    )
+
+    def robot(self, urdf: str) -> Robot:
+        """Return the robot of a URDF with its tool.
+
+        Raises:
+            ConfigurationError: if the numbers of the tool or of gravity are impossible.
+            RobotError: if the URDF lacks a frame or a joint.
+        """
+        require_size("gravity", self.gravity, 3)
+        return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
+
+    def law(self) -> ResolvedAcceleration:
+        """Return the law with these parameters."""
+        return ResolvedAcceleration(
+            self.representation(), self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
+        )
+
+    def dynamics(self, robot: Robot) -> InverseDynamics:
+        """Return the inverse dynamics of a robot with these parameters."""
+        friction = JointFriction(
+            _each("friction_viscous", self.friction_viscous, robot.friction.viscous, robot),
+            _each("friction_coulomb", self.friction_coulomb, robot.friction.coulomb, robot),
+        )
+        return InverseDynamics(
+            self.inverse(),
+            self.compensate_gravity,
+            self.compensate_coriolis,
+            friction if self.compensate_friction else None,
+            self.posture_or_none(),
+            self.k_posture,
+            self.k_null,
+        )
+
+    def effort_limits(self, limits: JointLimits | None) -> EffortLimits:
+        """Return what bounds the efforts."""
+        return EffortLimits(
+            limits, self.max_effort_rate, self.max_error_position, self.max_error_rotation
+        )
+
+    def tool(self) -> Tool | None:
+        """Return the tool; None if it has no mass.
+
+        Raises:
+            ConfigurationError: if its numbers are impossible.
+        """
+        return self.body("tool")
+
+    def body(self, name: str) -> Tool | None:
+        """Return the body of the parameters NAME_mass, NAME_com, NAME_inertia; None if massless.
+
+        Raises:
+            ConfigurationError: if its numbers are impossible.
+        """
+        mass, com, six = (getattr(self, f"{name}_{part}") for part in ("mass", "com", "inertia"))
+        require_size(f"{name}_com", com, 3)
+        require_size(f"{name}_inertia", six, 6)
+        inertia = symmetric_matrix(f"{name}_inertia", six)
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[-1] > (moments[0] + moments[1]) * (1 + 1e-9) or moments[0] < 0:
+            raise ConfigurationError(
+                f"{name}_inertia has the principal moments {moments.tolist()}; of a body none is "
+                "negative or larger than the sum of the two others"
+            )
+        if mass == 0:
+            if any(six) or any(com):
+                raise ConfigurationError(
+                    f"{name}_com or {name}_inertia is given, but {name}_mass is 0"
+                )
+            return None
+        return Tool(mass, np.array(com), inertia)
+
+
+def require_size(name: str, values: tuple[float, ...], size: int) -> None:
+    """Raise ConfigurationError unless there are ``size`` values."""
+    if len(values) != size:
+        raise ConfigurationError(f"{name} has {len(values)} values; expected {size}")
+
+
+def _each(name: str, given: tuple[float, ...], stated: Array, robot: Robot) -> Array:
+    """Return one value a joint (n,): those given, or as the URDF states them."""
+    if not given:
+        return stated
+    if len(given) not in (1, robot.n):
+        raise ConfigurationError(
+            f"{name} has {len(given)} values; expected one for each of the {robot.n} joints "
+            f"{', '.join(robot.joints)}, or one for all"
+        )
+    return np.full(robot.n, given[0]) if len(given) == 1 else np.array(given)
