@@ -19,6 +19,7 @@ from eulerparams_control.analysis.format import number, quantity
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.headline import describe, fill, placeholders
 from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, quotient
@@ -48,7 +49,7 @@ def run(tmp_path: Path) -> Recording:
     """A run with all topics, whose measured motion is up to 0.2 rad off its command."""
     parameters = {"tip_frame": "tip", "euler_sequence": "XYZ"}
     folder = tmp_path / "run"
-    return Recording.load(
+    return load(
         write_run(folder, MEASURED, COMMAND, speeds=SPEEDS, parameters=parameters)
     )
 
@@ -57,14 +58,14 @@ def run(tmp_path: Path) -> Recording:
 def dynamic(tmp_path: Path) -> Recording:
     """A run of dynamic control: it moves as MEASURED and SPEEDS say."""
     folder = tmp_path / "dynamic"
-    return Recording.load(
+    return load(
         write_run(folder, MEASURED, speeds=SPEEDS, efforts=EFFORTS, parameters=GAINS)
     )
 
 
 def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
     """Return a run of which the command moves through q [rad], a sample every 10 ms."""
-    return Recording.load(write_run(folder / "moved", q, q, **options))
+    return load(write_run(folder / "moved", q, q, **options))
 
 
 # --- numbers -------------------------------------------------------------------------
@@ -134,7 +135,7 @@ def test_metrics_of_dynamic_control_are_of_the_efforts_and_the_measured_motion(
 def test_an_effort_at_its_limit_but_for_rounding_counts_as_saturated(tmp_path: Path) -> None:
     efforts = [9.99, 10.0 * (1 - 1e-12), 12.0, 10.0]  # the last lasts for no known time
     folder = write_run(tmp_path / "run", MEASURED, efforts=efforts)
-    assert measure("saturated_time", Recording.load(folder)) == pytest.approx(0.02, rel=EXACT)
+    assert measure("saturated_time", load(folder)) == pytest.approx(0.02, rel=EXACT)
 
 
 def test_what_does_not_fit_the_recording_is_refused(run: Recording) -> None:
@@ -189,7 +190,7 @@ def test_every_metric_says_what_it_is() -> None:
 def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", [0.3], parameters={"euler_sequence": "ZYZ"})
     assert get_metric("closest_approach").compute(
-        Recording.load(folder), of="measured"
+        load(folder), of="measured"
     ) == pytest.approx(math.degrees(0.3), rel=EXACT)
 
 
@@ -204,7 +205,7 @@ def test_times_start_at_the_first_joint_states(run: Recording) -> None:
 
 def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False, urdf="")
-    run = Recording.load(folder, URDF, "tip")
+    run = load(folder, URDF, "tip")
     assert run.command is None
     assert run.leading is run.measured
     assert np.isnan(run.measured.orientation_error).all()
@@ -218,7 +219,7 @@ def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path: Path
 
 def test_a_bag_that_names_no_tip_asks_for_it(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="--tip-frame"):
-        Recording.load(write_run(tmp_path / "run", MEASURED, desired=False))
+        load(write_run(tmp_path / "run", MEASURED, desired=False))
 
 
 def test_topics_of_another_type_are_not_taken(tmp_path: Path) -> None:
@@ -227,7 +228,7 @@ def test_topics_of_another_type_are_not_taken(tmp_path: Path) -> None:
             bag.add_topic(Topic(name, "std_msgs/msg/String"))
         bag.write("/joint_states", serialize_message(String(data="stopped")), 1, 1)
     with pytest.raises(BagError, match="no joint_states"):
-        Recording.load(tmp_path / "run", URDF, "tip")
+        load(tmp_path / "run", URDF, "tip")
 
 
 @pytest.mark.parametrize("parameters", ["- 1", "/clik: 3", "/clik: {ros__parameters: [1]}"])
@@ -239,11 +240,11 @@ def test_parameters_of_another_form_are_left_out(tmp_path: Path, parameters: str
             bag.add_topic(Topic(name, info.type))
         for message in source.read_raw():
             bag.write(message.topic, message.data, message.log_time, message.publish_time)
-    assert Recording.load(tmp_path / "run").parameters == {}
+    assert load(tmp_path / "run").parameters == {}
 
 
 def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
-    runs = [Recording.load(write_run(tmp_path / p, MEASURED)) for p in ("a/x", "b/x", "b/y")]
+    runs = [load(write_run(tmp_path / p, MEASURED)) for p in ("a/x", "b/x", "b/y")]
     assert labels(runs) == [str(Path(*p)) for p in (("a", "x"), ("b", "x"), ("b", "y"))]
     assert labels(runs[1:]) == ["x", "y"]
     assert labels([runs[0], runs[0]]) == ["1: x", "2: x"]
@@ -264,7 +265,7 @@ def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic: Recording) 
 
 def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None:
     began = 5 * PERIOD_NS
-    run = Recording.load(write_run(tmp_path / "run", [0.0] * 30, lasting=0.1, began=began))
+    run = load(write_run(tmp_path / "run", [0.0] * 30, lasting=0.1, began=began))
     for index, along in ((4, 0.0), (5, 0.0), (10, 0.5), (15, 1.0), (29, 1.0)):
         expected = [1.0, 0.0, along * DISTANCE]
         assert run.measured.desired.p[index] == pytest.approx(expected, abs=1e-12)
@@ -281,7 +282,7 @@ def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
         for topic, log_time, publish_time, data in source.read_raw():
             late = log_time + (25_000_000 if topic == "/reference" else 0)
             bag.write(topic, data, late, publish_time if published else 0)
-    error = Recording.load(tmp_path / "run").measured.orientation_error
+    error = load(tmp_path / "run").measured.orientation_error
     assert np.count_nonzero(np.isfinite(error)) == known
 
 
@@ -368,7 +369,7 @@ def test_without_a_lyapunov_function_the_recording_says_why(
     tmp_path: Path, options: dict[str, Any], words: str
 ) -> None:
     folder = write_run(tmp_path / "run", MEASURED, COMMAND, **options)
-    run = Recording.load(folder, tip_frame="tip")
+    run = load(folder, tip_frame="tip")
     assert run.lyapunov is None
     assert words in run.why_no_lyapunov
     with pytest.raises(BagError, match="run: .*" + re.escape(words)):
@@ -389,7 +390,7 @@ def test_every_number_of_a_run_that_diverged_is_computed_without_a_warning(
 ) -> None:
     q, dq, tau = [0.1, 0.2, size, -size], [0.0, 1.0, size, -size], [1.0, 2.0, size, -size]
     folder = write_run(tmp_path / "run", q, speeds=dq, efforts=tau, parameters=GAINS)
-    run = replace(Recording.load(folder), diverged=0.03)
+    run = replace(load(folder), diverged=0.03)
     options = {
         "period_growth": {"period": 0.01},
         "growth_rate": {"low": 7.0, "high": 10.0},
@@ -451,7 +452,7 @@ def test_a_quantity_has_its_unit() -> None:
 
 def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> None:
     runs = {
-        name: Recording.load(write_run(tmp_path / name, [q], [q], speeds=[2.0]))
+        name: load(write_run(tmp_path / name, [q], [q], speeds=[2.0]))
         for name, q in (("near", 0.1), ("far", 0.5))
     }
     text = "{peak_orientation_error.far}, {peak_orientation_error.far/near} times, {other}"
@@ -470,7 +471,7 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> N
 
 def test_runs_with_nothing_desired_are_described_by_their_speed(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False)
-    assert describe([Digest.of(Recording.load(folder, tip_frame="tip"))]) == (
+    assert describe([Digest.of(load(folder, tip_frame="tip"))]) == (
         "Largest joint speed: 2.00 rad/s (run)."
     )
 

@@ -21,6 +21,7 @@ from ros_processes import Graph, Process, environment
 from synthetic_runs import write_run
 from tolerances import REST
 
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import (
     BagError,
@@ -550,7 +551,7 @@ def test_a_criterion_of_variants_that_did_not_run_is_left_out(tmp_path: Path) ->
 def recordings(folder: Path, **speeds: float) -> dict[str, Recording]:
     """Return runs whose largest joint speeds are these."""
     return {
-        name: Recording.load(write_run(folder / name, [0.1, 0.2], speeds=[speed, 0.0]))
+        name: load(write_run(folder / name, [0.1, 0.2], speeds=[speed, 0.0]))
         for name, speed in speeds.items()
     }
 
@@ -825,7 +826,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
 def test_a_way_point_at_time_0_is_a_step_that_holds(
     mixed: tuple[Path, Process], name: str, scale: float
 ) -> None:
-    found = Recording.load(mixed[0] / name)
+    found = load(mixed[0] / name)
     error = found.leading.orientation_error
     assert error[0] == pytest.approx(0.5, abs=1e-9)
     assert len(error) == 201
@@ -839,12 +840,12 @@ def test_a_way_point_at_time_0_is_a_step_that_holds(
 
 @pytest.mark.slow
 def test_the_efforts_of_dynamic_control_are_in_the_bag(mixed: tuple[Path, Process]) -> None:
-    found = Recording.load(mixed[0] / "dynamic")
+    found = load(mixed[0] / "dynamic")
     assert found.command is None
     assert found.effort is not None
     assert found.effort.tau.shape == (201, 6)
     assert 10 < found.effort.largest[-1] < 60  # Nm: it carries itself
-    assert Recording.load(mixed[0] / "kinematic").effort is None
+    assert load(mixed[0] / "kinematic").effort is None
 
 
 @pytest.mark.slow
@@ -923,7 +924,7 @@ def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(
     compliant: tuple[Path, Process], name: str
 ) -> None:
     folder, _ = compliant
-    found = Recording.load(folder / name)
+    found = load(folder / name)
     assert found.compliant is not None
     assert found.wrench is not None
     assert len(found.compliant.t) == len(found.wrench.t) == STEPS

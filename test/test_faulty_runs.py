@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from synthetic_runs import PERIOD_NS, URDF, write_run
 from test_experiments import GOOD, changed, nodes_of, run, write
 
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
@@ -215,7 +216,7 @@ PARAMETERS = {"tip_frame": "tip", "max_effort_rate": 100.0}
 
 
 def recording(folder: Path, measured: Any, *given: Any, **more: Any) -> Recording:
-    return Recording.load(
+    return load(
         write_run(folder / "run", measured, *given, parameters=PARAMETERS, **more)
     )
 
@@ -281,7 +282,7 @@ def of_messages(
             for topic, each in (("/joint_states", rest), ("/joint_effort", msg)):
                 each.header.stamp.sec, each.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
                 bag.write(topic, serialize_message(each), sent, sent)
-    return Recording.load(folder / "made", urdf=URDF)
+    return load(folder / "made", urdf=URDF)
 
 
 def efforts(*values: float) -> list[JointState]:
@@ -306,7 +307,7 @@ def test_a_jump_may_be_as_long_as_the_time_between_two_commands(
 
 
 def test_a_jump_of_efforts_needs_the_rate_that_the_controller_was_told(tmp_path: Path) -> None:
-    found = Recording.load(write_run(tmp_path / "run", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
+    found = load(write_run(tmp_path / "run", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
     with pytest.raises(BagError, match="no controller has told its max_effort_rate"):
         measure("command_jump_of_rate", found)
 

@@ -19,6 +19,7 @@ from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, 
 from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.main import main
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.metrics.contact import desired_rotations
@@ -56,7 +57,7 @@ IMPEDANCE: dict[str, Any] = {
 
 
 def loaded(folder: Path, **options: Any) -> Recording:
-    return Recording.load(write_run(folder / "run", **options))
+    return load(write_run(folder / "run", **options))
 
 
 def sensed(folder: Path, q: float, w: Sequence[float], **options: Any) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.bags import Bag
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import Variant
@@ -73,7 +73,7 @@ def test_analyze_recomputes_what_the_node_published(
     tmp_path: Path, controller: str, parameters: dict[str, Any]
 ) -> None:
     path = record(tmp_path, controller, **parameters)
-    run, bag = Recording.load(path), Bag(path)
+    run, bag = load(path), Bag(path)
     stamps, live = published_errors(bag, f"/{controller}/error")
     _, at, among = np.intersect1d(run.leading.t[run.known], stamps, return_indices=True)
     assert len(at) > 30  # a busy machine loses some

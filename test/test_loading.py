@@ -18,8 +18,7 @@ from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.loading import Options, blocks
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.loading import Options, blocks, load
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
@@ -47,7 +46,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("size", [1, 7, 50, 399, 400, 1000])
 def test_the_parts_of_a_run_are_the_run(bag: Path, size: int) -> None:
-    whole, parts = Recording.load(bag), list(blocks(bag, size=max(size, 2)))
+    whole, parts = load(bag), list(blocks(bag, size=max(size, 2)))
     assert len(parts) > 1 or size > 350
     for part, after in itertools.pairwise(parts):
         assert part.measured.t[-1] == after.measured.t[0]  # they share a sample
@@ -68,7 +67,7 @@ def test_the_parts_of_a_run_are_the_run(bag: Path, size: int) -> None:
 
 
 def test_only_the_time_that_is_asked_for_is_looked_at(bag: Path) -> None:
-    run, whole = Recording.load(bag, start=1.0, end=2.0), Recording.load(bag)
+    run, whole = load(bag, start=1.0, end=2.0), load(bag)
     assert run.measured.t[[0, -1]].tolist() == [1.0, 2.0]
     assert run.compliant is not None
     assert run.compliant.t[[0, -1]].tolist() == [1.0, 2.0]
@@ -77,7 +76,7 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag: Path) -> None:
     assert parts[0].measured.t[0] == 1.0
     assert parts[-1].measured.t[-1] == 2.0
     with pytest.raises(BagError, match="no joint_states from 9 to 10 s"):
-        Recording.load(bag, start=9.0, end=10.0)
+        load(bag, start=9.0, end=10.0)
 
 
 def _references(
@@ -199,9 +198,9 @@ def _two_arms(folder: Path, tmp_path: Path) -> Path:
 def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path: Path) -> None:
     bag = _two_arms(tmp_path / "both", tmp_path)
     with pytest.raises(BagError, match=r"has the arms /left, /right"):
-        Recording.load(bag)
+        load(bag)
     for side, q in (("/left", 0.1), ("/right", 0.2)):
-        run = Recording.load(bag, namespace=side)
+        run = load(bag, namespace=side)
         assert run.name == f"both{side}"
         assert run.leading.orientation_error.tolist() == pytest.approx([q] * 5)
 
@@ -214,19 +213,19 @@ def test_topics_may_have_other_names(tmp_path: Path) -> None:
         for _, log_time, publish_time, data in source.read_raw(["/joint_states"]):
             bag.write("/arm/measured", data, log_time, publish_time)
     options = {"urdf": URDF, "tip_frame": "tip"}
-    run = Recording.load(tmp_path / "run", names={"joint_states": "/arm/measured"}, **options)
+    run = load(tmp_path / "run", names={"joint_states": "/arm/measured"}, **options)
     assert run.measured.q[:, 0].tolist() == [0.1] * 5
     with pytest.raises(BagError, match="--topic joint_states:=/NAME"):
-        Recording.load(tmp_path / "run", **options)
+        load(tmp_path / "run", **options)
     with pytest.raises(UnknownNameError, match="/arm/measured"):
-        Recording.load(tmp_path / "run", names={"joint_states": "/arm/measurd"}, **options)
+        load(tmp_path / "run", names={"joint_states": "/arm/measurd"}, **options)
     with pytest.raises(BagError, match="is std_msgs/msg/String; expected"):
-        Recording.load(tmp_path / "run", names={"joint_states": "/chatter"}, **options)
+        load(tmp_path / "run", names={"joint_states": "/chatter"}, **options)
 
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path: Path) -> None:
     q = [0.1, math.nan, 0.3, math.inf, 0.5]
-    run = Recording.load(write_run(tmp_path / "run", q))
+    run = load(write_run(tmp_path / "run", q))
     assert run.measured.q[:, 0].tolist() == [0.1, 0.3, 0.5]
     assert "2 messages of joint_states are not valid and left out" in run.warning
 
@@ -290,7 +289,7 @@ def test_samples_without_stamps_are_counted(tmp_path: Path) -> None:
     run = _rewritten(source, tmp_path / "run", lambda message, _k: (
         _shifted(message, never) if message.topic == "/joint_states" else message_of(message)
     ))  # fmt: skip
-    assert "49 messages of joint_states have the stamp of another" in Recording.load(run).warning
+    assert "49 messages of joint_states have the stamp of another" in load(run).warning
 
 
 def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
@@ -301,13 +300,13 @@ def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
         for message in Bag(source).read_raw():
             for _ in range(2):
                 bag.write(message.topic, message.data, message.log_time, message.publish_time)
-    assert Recording.load(tmp_path / "run").warning == ""
+    assert load(tmp_path / "run").warning == ""
 
 
 def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path: Path) -> None:
     q = [0.0] * 100 + [0.02 * k for k in range(100)]
     source = write_run(tmp_path / "source", q, [0.0] * 200)
-    run = Recording.load(_rewritten(source, tmp_path / "run", lambda message, k: (
+    run = load(_rewritten(source, tmp_path / "run", lambda message, k: (
         None if message.topic == "/joint_reference" and k >= 100 else message_of(message)
     )))  # fmt: skip
     assert run.measured.orientation_error[-1] == pytest.approx(q[-1])
@@ -328,7 +327,7 @@ def test_velocities_that_are_missing_are_differences(
             message.velocity = velocity
             message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
             bag.write("/joint_states", bytes(serialize_message(message)), k, k)
-    run = Recording.load(tmp_path / "run", urdf=URDF, tip_frame="tip")
+    run = load(tmp_path / "run", urdf=URDF, tip_frame="tip")
     np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
     assert "joint_states lacks velocities" in run.warning
 
@@ -341,7 +340,7 @@ def test_the_sign_of_the_quaternion_is_that_of_the_run_from_its_start(
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
     path = write_run(tmp_path / "run", q, q, parameters=node)
-    whole = Recording.load(path).lyapunov
+    whole = load(path).lyapunov
     assert whole is not None
     for options in ({"size": 0}, {"size": 37}):
         parts = list(blocks(path, Options(start=start), **options))
@@ -367,7 +366,7 @@ def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Pa
                 else:
                     topic = side + topic
                 bag.write(topic, data, log_time, publish_time)
-    left, right = (Recording.load(tmp_path / "both", namespace=s) for s in ("/left", "/right"))
+    left, right = (load(tmp_path / "both", namespace=s) for s in ("/left", "/right"))
     assert left.measured.desired.p[5, 2] > 0.4 * DISTANCE
     assert right.measured.desired.p[5, 2] == 0.0
     assert right.measured.desired.p[20, 2] == pytest.approx(DISTANCE)
@@ -381,7 +380,7 @@ def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
     run = _rewritten(source, tmp_path / "run", lambda message, _k: (
         (*message_of(message)[:3], data) if message.topic == "/diagnostics" else message_of(message)
     ))  # fmt: skip
-    assert len(Recording.load(run).measured.t) == 30
+    assert len(load(run).measured.t) == 30
 
 
 @pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
@@ -391,7 +390,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
         (*message_of(message)[:3], message.data[:20]) if message.topic == topic
         else message_of(message)
     ))  # fmt: skip
-    found = Recording.load(run, tip_frame="tip")
+    found = load(run, tip_frame="tip")
     assert f"1 messages of {topic[1:]} are not valid" in found.warning
 
 
@@ -405,7 +404,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
 def test_parameters_that_are_not_valid_leave_the_rest(
     tmp_path: Path, wrong: dict[str, Any]
 ) -> None:
-    run = Recording.load(write_run(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong))
+    run = load(write_run(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong))
     assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
     assert "the parameters of the controller are not valid" in run.warning
     assert len(run.pole_distance) == 5
@@ -416,7 +415,7 @@ def test_an_impossible_timeout_of_the_parameters_is_the_default(
     tmp_path: Path, timeout: Any
 ) -> None:
     parameters = NODE | {"reference_timeout": timeout}
-    run = Recording.load(write_run(tmp_path / "run", [0.1] * 5, parameters=parameters))
+    run = load(write_run(tmp_path / "run", [0.1] * 5, parameters=parameters))
     assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
 
 
@@ -434,7 +433,7 @@ def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
 def test_before_the_first_wrench_there_is_none(tmp_path: Path) -> None:
     wrenches = [[50.0, 0, 0, 0, 0, 0]] * 30
     source = write_run(tmp_path / "source", [0.1] * 30, wrenches=wrenches)
-    run = Recording.load(_rewritten(source, tmp_path / "run", lambda message, k: (
+    run = load(_rewritten(source, tmp_path / "run", lambda message, k: (
         None if message.topic == "/wrench" and k < 10 else message_of(message)
     )))  # fmt: skip
     assert run.wrench is not None

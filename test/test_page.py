@@ -19,6 +19,7 @@ from synthetic_runs import URDF, write_run
 from eulerparams_control.analysis import figures, page_assets
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.headline import describe
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import figures_json, write_page
 from eulerparams_control.analysis.page_assets import SCRIPTS, script, viewer
 from eulerparams_control.analysis.plots import Figure
@@ -81,7 +82,7 @@ def pair(folder: Path) -> list[Recording]:
         write_run(folder / "calm", calm, calm, speeds=speed, parameters=parameters),
         write_run(folder / "wild", wild, wild, speeds=fast, parameters={**parameters, "k_Po": 2.5}),
     ]
-    return [Recording.load(path) for path in paths]
+    return [load(path) for path in paths]
 
 
 def panels_of(page: str) -> dict[str, list[dict[str, Any]]]:
@@ -231,7 +232,7 @@ def test_parameters_that_differ_are_highlighted_and_the_others_folded(page: str)
 def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
     evil_folder = EVIL.replace("/", "\\")
     parameters = {EVIL: EVIL, "euler_sequence": "XYZ"}
-    run = Recording.load(write_run(tmp_path / evil_folder, [0.1, 0.2], parameters=parameters))
+    run = load(write_run(tmp_path / evil_folder, [0.1, 0.2], parameters=parameters))
     run = replace(run, warning=EVIL, diverged=1.0)
     verdict = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
     text = page_of(tmp_path, [run, run], EVIL, EVIL, [verdict])
@@ -249,7 +250,7 @@ def test_the_json_of_the_plots_cannot_end_its_script_element() -> None:
 
 def test_a_bag_with_joint_states_only_has_a_page(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "real", [0.1, 0.2], speeds=[1.0, 1.0], desired=False)
-    text = page_of(tmp_path, [Recording.load(folder, tip_frame="tip")], "", "")
+    text = page_of(tmp_path, [load(folder, tip_frame="tip")], "", "")
     assert titles_of(text) == [
         "Joint speed",
         "Distance to the representation singularity",
@@ -267,7 +268,7 @@ GAINS = {"orientation": "euler_parameters", "k_Po": 100.0, "k_Vo": 15.0}
 def dynamic(folder: Path, efforts: Any, **options: Any) -> Recording:
     """Return a run of dynamic control that goes to rest, with these efforts."""
     q = np.geomspace(1.0, 1e-7, len(efforts))
-    return Recording.load(
+    return load(
         write_run(folder, q, speeds=-q, efforts=efforts, parameters=GAINS, **options)
     )
 
@@ -302,7 +303,7 @@ def test_a_run_of_dynamic_control_shows_its_efforts_and_its_lyapunov_function(
 
 def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", [0.2, 0.1], [0.2, 0.1], parameters=GAINS)
-    text = page_of(tmp_path, [Recording.load(folder)], "", "")
+    text = page_of(tmp_path, [load(folder)], "", "")
     assert figure_of(text, "Lyapunov function")["layout"]["yaxis"]["type"] == "log"
     assert figure_of(text, "Orientation error")["layout"]["yaxis"]["type"] == "linear"
 
@@ -319,7 +320,7 @@ def test_the_effort_of_each_joint_has_its_plot(tmp_path: Path) -> None:
 def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(
     tmp_path: Path,
 ) -> None:
-    kinematic = Recording.load(
+    kinematic = load(
         write_run(tmp_path / "clik", [1.0, 0.5], [1.0, 0.5], parameters=GAINS)
     )
     text = page_of(tmp_path, [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], "", "")
@@ -332,9 +333,9 @@ def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(
 
 
 def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path: Path) -> None:
-    kinematic = Recording.load(write_run(tmp_path / "clik", [1.0], [1.0], parameters=GAINS))
+    kinematic = load(write_run(tmp_path / "clik", [1.0], [1.0], parameters=GAINS))
     soft = dynamic(tmp_path / "soft", [3.0, 3.0])
-    stiff = Recording.load(
+    stiff = load(
         write_run(tmp_path / "stiff", [0.1], efforts=[0.0], parameters=GAINS | {"k_Po": 900.0})
     )
     text = page_of(tmp_path, [kinematic, soft, stiff], "", "")
@@ -348,7 +349,7 @@ def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path:
 def test_parameters_in_groups_are_compared_one_by_one(tmp_path: Path) -> None:
     plane = {"shape": "plane", "stiffness": 1e3}
     runs = [
-        Recording.load(
+        load(
             write_run(tmp_path / name, [0.1], parameters={"environment": {"plane": keys}})
         )
         for name, keys in (("soft", plane), ("stiff", plane | {"stiffness": 1e5}))
@@ -386,7 +387,7 @@ def test_the_page_of_a_run_that_diverged_says_so_and_its_axes_can_be_read(
     calm = dynamic(tmp_path / "calm", np.full(99, 5.0))
     q = np.append(np.full(50, 0.1), [size, -size])
     path = write_run(tmp_path / "wild", q, speeds=q, efforts=q, parameters=GAINS)
-    wild = replace(Recording.load(path), diverged=0.51)
+    wild = replace(load(path), diverged=0.51)
     text = page_of(tmp_path, [calm, wild], "", "")
     assert '<p class="warning">wild diverged at 0.510 s' in text
     assert "calm diverged" not in text

@@ -18,8 +18,8 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 from synthetic_runs import write_run
 
 from eulerparams_control.analysis.digest import Digest, Track
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.rotations import EulerParameters
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -71,7 +71,7 @@ def digests(folder: Path) -> list[Digest]:
     runs = []
     for name, values in (("calm", q), (EVIL, wild)):
         path = write_run(folder / name, error, error, speeds=error, parameters={"k_Po": name})
-        digest = Digest.of(Recording.load(path))
+        digest = Digest.of(load(path))
         runs.append(replace(digest, robot=robot(), urdf=URDF, track=track(values)))
     return runs
 

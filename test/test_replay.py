@@ -12,6 +12,7 @@ from synthetic_runs import URDF, write_run
 
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import drawn_robot
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.meshes import (
     Mesh,
     clustered,
@@ -22,7 +23,6 @@ from eulerparams_control.analysis.meshes import (
 )
 from eulerparams_control.analysis.packing import packed, packed_reals
 from eulerparams_control.analysis.page import as_json
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.replay import ARROW, replay
 from eulerparams_control.errors import RobotError
 from eulerparams_control.resources import config_names
@@ -223,7 +223,7 @@ def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_pa
     assert len(data["visuals"]) == 1
     assert missing == ["package://no_such/rod.dae"]
     assert data["bones"] == ["hinge", "roll", "end"]
-    run = Recording.load(write_run(tmp_path / "run", [0.1, 0.2], urdf=urdf))
+    run = load(write_run(tmp_path / "run", [0.1, 0.2], urdf=urdf))
     (note,) = replay([Digest.of(run)]).notes
     assert note == "Meshes not found, bones are drawn: package://no_such/rod.dae."
 
@@ -241,7 +241,7 @@ def test_numbers_that_are_none_are_refused(size: str) -> None:
 
 
 def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path: Path) -> None:
-    run = Digest.of(Recording.load(write_run(tmp_path / "run", [0.1, 0.2])))
+    run = Digest.of(load(write_run(tmp_path / "run", [0.1, 0.2])))
     found = replay([replace(run, urdf="<robot/>"), run])
     assert found.data["robots"][0] is None
     assert found.data["robots"][1] is not None
@@ -250,7 +250,7 @@ def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path: Path) ->
 
 def test_runs_of_the_same_robot_share_it(tmp_path: Path) -> None:
     paths = [write_run(tmp_path / name, [0.1, 0.2]) for name in ("a", "b")]
-    runs = [Digest.of(Recording.load(path)) for path in paths]
+    runs = [Digest.of(load(path)) for path in paths]
     longer = URDF.replace('<origin xyz="1 0 0"/>', '<origin xyz="2 0 0"/>')
     runs.append(replace(runs[0], urdf=longer, robot=Robot(longer, "base", "tip")))
     found = replay(runs).data
@@ -278,7 +278,7 @@ def track(count: int = 3, **values: Any) -> Track:
 
 @pytest.fixture
 def digest(tmp_path: Path) -> Digest:
-    return Digest.of(Recording.load(write_run(tmp_path / "run", [0.1, 0.2])))
+    return Digest.of(load(write_run(tmp_path / "run", [0.1, 0.2])))
 
 
 def motion(digest: Digest, **values: Any) -> dict[str, Any]:

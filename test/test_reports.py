@@ -12,9 +12,8 @@ from synthetic_runs import _START as START
 from synthetic_runs import write_run
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.loading import Options, blocks
+from eulerparams_control.analysis.loading import Options, blocks, load
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
@@ -96,7 +95,7 @@ def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
 
 
 def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path: Path) -> None:
-    run = Recording.load(write_story(tmp_path, STORY))
+    run = load(write_story(tmp_path, STORY))
     assert list(run.reports) == told(NEW)
     assert list(Digest.of(run).reports) == told(NEW)
 
@@ -134,7 +133,7 @@ def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path: Path) -
 
 def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_path: Path) -> None:
     before, after = (-0.5, "clik", OK, "waiting", ""), (2.5, "clik", WARN, "inactive", "")
-    run = Recording.load(write_story(tmp_path, [before, *STORY, after]))
+    run = load(write_story(tmp_path, [before, *STORY, after]))
     assert list(run.reports) == told([before, *NEW, after])
 
 
@@ -145,12 +144,12 @@ def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path: P
         ("/left", ["/left/tool/camera", "fault_injector", "left/clik"]),
         ("/right", ["fault_injector", "right/clik"]),
     ):
-        run = Recording.load(both, namespace=side)
+        run = load(both, namespace=side)
         assert sorted(report.node for report in run.reports) == names
 
 
 def test_a_name_with_a_slash_before_it_is_told_in_a_bag_without_namespaces(tmp_path: Path) -> None:
-    run = Recording.load(write_story(tmp_path, STORY[:1], "/"))
+    run = load(write_story(tmp_path, STORY[:1], "/"))
     assert [report.node for report in run.reports] == ["/clik"]
 
 
@@ -175,7 +174,7 @@ def test_of_what_flickers_the_first_and_the_last_are_told_and_all_errors_of_othe
 
 def test_texts_are_cut_to_a_length_and_printable(tmp_path: Path) -> None:
     story = [(0.1, "n" * 5000, WARN, "a\x1b\nb" + "x" * 1000, "y" * 1000)]
-    (report,) = Recording.load(write_story(tmp_path, story)).reports
+    (report,) = load(write_story(tmp_path, story)).reports
     for text in (report.node, report.message, report.remedy):
         assert len(text) == _LONGEST
         assert text.endswith(" ...")
@@ -184,14 +183,14 @@ def test_texts_are_cut_to_a_length_and_printable(tmp_path: Path) -> None:
 
 def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_path: Path) -> None:
     story = [(0.1, "clik", WARN, "waits", remedy) for remedy in ("one", "two")]
-    run = Recording.load(write_story(tmp_path / "1", story))
+    run = load(write_story(tmp_path / "1", story))
     assert [report.remedy for report in run.reports] == ["one", "two"]
-    run = Recording.load(write_story(tmp_path / "2", [(0.1, "clik", b"\x07", "odd", "")]))
+    run = load(write_story(tmp_path / "2", [(0.1, "clik", b"\x07", "odd", "")]))
     assert [report.level for report in run.reports] == ["level 7"]
 
 
 def test_the_page_tells_it_as_text(tmp_path: Path) -> None:
-    digest = Digest.of(Recording.load(write_story(tmp_path, STORY)))
+    digest = Digest.of(load(write_story(tmp_path, STORY)))
     page = tmp_path / "page.html"
     write_page(page, [digest], "", "")
     text = page.read_text(encoding="utf-8")
@@ -204,7 +203,7 @@ def test_the_page_tells_it_as_text(tmp_path: Path) -> None:
 
 
 def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) -> None:
-    digest = Digest.of(Recording.load(write_story(tmp_path, [])))
+    digest = Digest.of(load(write_story(tmp_path, [])))
     page = tmp_path / "page.html"
     write_page(page, [digest], "", "")
     assert "Reports</h2>" not in page.read_text(encoding="utf-8")
@@ -256,7 +255,7 @@ def test_a_motion_is_said_to_be_slowed_down_where_it_is(
 
 def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> None:
     path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, SLOW, "")], lasting=0.5)
-    assert "wait" not in Recording.load(path).warning
+    assert "wait" not in load(path).warning
 
 
 def test_of_an_arm_beside_one_without_a_namespace_what_its_nodes_say_is_told(
@@ -264,5 +263,5 @@ def test_of_an_arm_beside_one_without_a_namespace_what_its_nodes_say_is_told(
 ) -> None:
     both = write_arms(tmp_path, ("", "/left"), ("left/clik", "clik"))
     for side, name in (("", "clik"), ("/left", "left/clik")):
-        run = Recording.load(both, namespace=side)
+        run = load(both, namespace=side)
         assert [report.node for report in run.reports] == [name]

@@ -13,6 +13,7 @@ from synthetic_runs import write_run
 
 from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.digest import Curve, Digest
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import (
     JOINT_SPEED,
     JOINT_SPEEDS,
@@ -20,7 +21,6 @@ from eulerparams_control.analysis.quantities import (
     POSITION_ERROR,
 )
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import quantity_figure, svg, write_figures
 from eulerparams_control.analysis.static_image import plain
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
@@ -35,7 +35,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Digest:
     wrenches = np.outer(1 + T, [1.0, 2.0, 3.0, 0.1, 0.0, 0.0])
     folder = tmp_path_factory.mktemp("run") / "swing"
     write_run(folder, angles, speeds=0.3 * np.cos(3 * T), wrenches=wrenches)
-    return Digest.of(Recording.load(folder))
+    return Digest.of(load(folder))
 
 
 def with_curve(run: Digest, name: str, *columns: np.ndarray, **other: Any) -> Digest:

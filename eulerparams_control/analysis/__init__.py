@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export_table import columns
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["METRICS", "Digest", "Recording", "columns", "figure", "load", "measure"]
-
-load = Recording.load
 
 
 def figure(runs: Sequence[Recording], quantity: str) -> "Figure":

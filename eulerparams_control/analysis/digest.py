@@ -3,7 +3,7 @@
 A run of an hour at 1 kHz has millions of samples; its digest has some thousands of points, chosen
 so that every peak survives.
 
-    digest = Digest.of(Recording.load("out/demo/euler_parameters"))
+    digest = Digest.of(load("out/demo/euler_parameters"))
     digest.curves["orientation_error"]     # [Curve(t, y)], one a component
 """
 
@@ -28,6 +28,7 @@ from eulerparams_control.analysis.poles import (
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
+from eulerparams_control.analysis.table_numbers import together, values
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
@@ -159,8 +160,6 @@ class _Making:
 
     def add(self, part: Recording, share: float) -> None:
         """Take a part, which is a share of the whole."""
-        from eulerparams_control.analysis.table import values  # it takes digests
-
         for quantity in EVERYTHING:
             t, y = quantity.of(part)
             self._take(quantity.name, t, y, max(2, math.ceil(BINS * share)))
@@ -184,8 +183,6 @@ class _Making:
 
     def digest(self) -> Digest:
         """Return the digest of all parts."""
-        from eulerparams_control.analysis.table import together
-
         last = self._last
         joined_curves = {
             name: [Curve(*map(np.concatenate, zip(*column, strict=True)))

@@ -98,6 +98,26 @@ def blocks(
     return _Reader(bag, options or Options(), progress or (lambda _: None)).blocks(size)
 
 
+def load(
+    path: str | PathLike[str], urdf: str = "", tip_frame: str = "", **options: Any
+) -> Recording:
+    """Return the recording of a bag, read all at once.
+
+    Args:
+        path: folder or file of the bag.
+        urdf: a URDF, its text or its path; "" takes the robot_description in the bag.
+        tip_frame: the link to look at; "" takes that of the reference.
+        options: see :class:`Options`.
+
+    Raises:
+        BagError: if it is no bag, or holds no joint_states.
+        RobotError: if the URDF does not fit.
+    """
+    urdf = urdf if "<" in urdf or not urdf else read_urdf(urdf)
+    (recording,) = blocks(path, Options(urdf=urdf, tip_frame=tip_frame, **options))
+    return recording
+
+
 class _Reader:
     """One pass over the topics of an arm."""
 

@@ -5,23 +5,49 @@ impedance.  The displacement x_de is that of the controller: each follows from i
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.controllers import node_of
+from eulerparams_control.analysis.impedance_run import ImpedanceRun
 from eulerparams_control.analysis.impedances import (
     IMPEDANCE_NODE,
     impedance_node,
     rotational_impedance,
 )
+from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Lyapunov
 from eulerparams_control.laws.rotations import Array
 
-if TYPE_CHECKING:
-    from eulerparams_control.analysis.recording import Recording
+
+class ControlledRun(Protocol):
+    """What V needs of a run; a Recording has it."""
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Of the recorded nodes, by node and name."""
+
+    @property
+    def leading(self) -> Series:
+        """What the controller answers for."""
+
+    @property
+    def known(self) -> NDArray[np.intp]:
+        """Places of the leading series at which there is a desired frame."""
+
+    @property
+    def impedance(self) -> ImpedanceRun | None:
+        """What the impedance equations relate."""
+
+    def orientation(self, name: str) -> OrientationRepresentation:
+        """Return a representation with the options of the controller."""
+
+    def displacements(self, name: str) -> Any:
+        """Return x_de in a representation at the instants ``known``."""
 
 
 class LyapunovSeries(NamedTuple):
@@ -60,7 +86,7 @@ def _V_2(
 _FUNCTIONS: dict[str, _Function] = {"clik": _V_1, "dynamic_control": _V_2}
 
 
-def lyapunov_series(recording: "Recording") -> LyapunovSeries:
+def lyapunov_series(recording: ControlledRun) -> LyapunovSeries:
     """Return V of the controller that ran, along the motion that it answers for.
 
     Args:
@@ -83,7 +109,7 @@ def lyapunov_series(recording: "Recording") -> LyapunovSeries:
         return LyapunovSeries(t, np.asarray(V), np.asarray(dV), measured)
 
 
-def _along(recording: "Recording") -> tuple[Array, Lyapunov]:
+def _along(recording: ControlledRun) -> tuple[Array, Lyapunov]:
     """Return the instants at which there is a desired frame, and V_1 or V_2 there."""
     found = node_of(recording.parameters, *_FUNCTIONS)
     if found is None:
@@ -100,7 +126,7 @@ def _along(recording: "Recording") -> tuple[Array, Lyapunov]:
 
 
 def _of_impedance(
-    recording: "Recording", node: Mapping[str, Any]
+    recording: ControlledRun, node: Mapping[str, Any]
 ) -> tuple[Array, Lyapunov]:
     """Return the instants at which there is a desired frame, and V_3 there, eqs. (68), (69)."""
     impedance = recording.impedance

@@ -1,6 +1,6 @@
 """A recorded run as arrays: from a bag to what was measured, commanded and desired.
 
-    recording = Recording.load("out/demo/euler_parameters")
+    recording = load("out/demo/euler_parameters")             # of ``loading``
     recording.leading.orientation_error     # (N,) [rad]
 
 Needs no ROS.
@@ -9,7 +9,6 @@ Needs no ROS.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -76,36 +75,6 @@ class Recording:
     options: OrientationOptions | None = None
     began: int = 0
     reports: Sequence[Report] = ()
-
-    @classmethod
-    def load(
-        cls,
-        path: str | PathLike[str],
-        urdf: str = "",
-        tip_frame: str = "",
-        **options: Any,
-    ) -> "Recording":
-        """Read a bag, all of it at once.
-
-        Args:
-            path: folder or file of the bag.
-            urdf: a URDF, its text or its path; "" takes the robot_description in the bag.
-            tip_frame: the link to look at; "" takes that of the reference.
-            options: see :class:`loading.Options`.
-
-        Raises:
-            BagError: if it is no bag, or holds no joint_states.
-            RobotError: if the URDF does not fit.
-        """
-        from eulerparams_control.analysis.loading import (  # it makes Recordings
-            Options,
-            blocks,
-            read_urdf,
-        )
-
-        urdf = urdf if "<" in urdf or not urdf else read_urdf(urdf)
-        (recording,) = blocks(path, Options(urdf=urdf, tip_frame=tip_frame, **options))
-        return recording
 
     @property
     def name(self) -> str:

@@ -1,6 +1,6 @@
 """Static figures for papers: one column wide, each quantity its own file.
 
-digests = [Digest.of(Recording.load(bag)) for bag in bags]
+digests = [Digest.of(load(bag)) for bag in bags]
 write_figures("figures", digests, formats=("pdf",))
 """
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.headline import describe, fill
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
@@ -95,7 +96,7 @@ def _stamp(experiment: Experiment, runs: Mapping[str, Run]) -> str:
 
 def _see(experiment: Experiment, runs: Mapping[str, Run]) -> Seen:
     recordings = {
-        name: replace(Recording.load(run.bag), diverged=run.diverged) for name, run in runs.items()
+        name: replace(load(run.bag), diverged=run.diverged) for name, run in runs.items()
     }
     digests = {name: Digest.of(recording) for name, recording in recordings.items()}
     result = run_library(experiment.library) if experiment.library else Result()
