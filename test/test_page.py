@@ -33,8 +33,8 @@ from eulerparams_control.analysis.quantities import (
 )
 from eulerparams_control.analysis.quantity import Prediction, Quantity
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.experiments.criteria import Verdict
 from eulerparams_control.robot.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from eulerparams_control.analysis.verdict import Verdict, groups
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments.charts import Chart, ChartOf, Line
-from eulerparams_control.lab.experiments.criteria import Verdict, write_summary
+from eulerparams_control.lab.experiments.criteria import write_summary
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.display import Display
 from eulerparams_control.lab.experiments.equations import equation
@@ -27,7 +28,7 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_summary,
 )
 from eulerparams_control.lab.experiments.paper_page import write_paper_page
-from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, groups
+from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome
 from eulerparams_control.lab.experiments.schedule import Schedule
 
 EVIL = "<script>alert('x')</script> & \"more\""

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from plotly.offline import get_plotlyjs
 
@@ -22,10 +22,8 @@ from eulerparams_control.analysis.plots import Figure, time_range
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.replay import replay
 from eulerparams_control.analysis.table import rows
+from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import ConfigurationError
-
-if TYPE_CHECKING:
-    from eulerparams_control.lab.experiments.criteria import Verdict
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -58,7 +56,7 @@ def write_page(
     digests: Sequence[Digest],
     claim: str,
     sentence: str,
-    verdicts: Sequence["Verdict"] = (),
+    verdicts: Sequence[Verdict] = (),
     first: str = "orientation_error",
     predictions: Sequence[Prediction] = (),
 ) -> None:

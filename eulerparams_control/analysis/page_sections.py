@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.figures import Panels
@@ -20,9 +19,7 @@ from eulerparams_control.analysis.plots import Panel, prediction_dash
 from eulerparams_control.analysis.replay import Replay
 from eulerparams_control.analysis.replay_view import replay_section
 from eulerparams_control.analysis.table import Row
-
-if TYPE_CHECKING:
-    from eulerparams_control.lab.experiments.criteria import Verdict
+from eulerparams_control.analysis.verdict import Verdict
 
 _UNITS = "deg|mm/s|mm|rad/s|Nm/rad|Nm|N/m|N|1/s|s"
 _NUMBER = re.compile(rf"(\d\S*(?: (?:{_UNITS})\b)?)")
@@ -43,7 +40,7 @@ _SINGULAR_KEY = (
 
 
 def header(
-    digests: Sequence[Digest], claim: str, sentence: str, verdicts: Sequence["Verdict"]
+    digests: Sequence[Digest], claim: str, sentence: str, verdicts: Sequence[Verdict]
 ) -> str:
     """Return the sentence, the claim, and what is not as usual."""
     warnings = "\n".join(_warnings(digests))
@@ -54,7 +51,7 @@ def header(
 def body(
     digests: Sequence[Digest],
     drawn: Panels,
-    verdicts: Sequence["Verdict"],
+    verdicts: Sequence[Verdict],
     rows: Sequence[Row],
     replay: Replay,
 ) -> str:
@@ -88,7 +85,7 @@ def _with_whole_numbers(text: str) -> str:
     )
 
 
-def _claim(claim: str, verdicts: Sequence["Verdict"]) -> str:
+def _claim(claim: str, verdicts: Sequence[Verdict]) -> str:
     text = escape(" ".join(claim.split()))
     if verdicts:
         met = sum(verdict.met for verdict in verdicts)

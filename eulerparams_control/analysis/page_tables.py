@@ -3,17 +3,14 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
-from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.labels import colour, dash, labels
 from eulerparams_control.analysis.table import MISSING, Row
+from eulerparams_control.analysis.verdict import Verdict, groups
 from eulerparams_control.messages.keys import REMEDY
-
-if TYPE_CHECKING:
-    from eulerparams_control.lab.experiments.criteria import Verdict
 
 _DIGITS = '<button type="button" class="digits" aria-pressed="false">all digits</button>'
 _REPORTS = '<p class="note">What the nodes said on /diagnostics, each time that it changed.</p>'
@@ -23,17 +20,16 @@ _LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
 _DULL = ("qos_overrides", "robot_description", "start_type_description_service")
 
 
-def criteria(verdicts: Sequence["Verdict"]) -> str:
+def criteria(verdicts: Sequence[Verdict]) -> str:
     """Return each criterion with its verdicts; "" if there are none."""
     if not verdicts:
         return ""
     head = _head(["criterion", "run", "predicted", "measured", "bound", "met"], numbers=(3,))
-    groups = groupby(verdicts, key=lambda verdict: (verdict.text, verdict.predicted, verdict.bound))
-    body = "".join(_criterion(list(group)) for _, group in groups)
+    body = "".join(_criterion(group.verdicts) for group in groups(verdicts))
     return _with_digits(_table(head, body))
 
 
-def _criterion(verdicts: list["Verdict"]) -> str:
+def _criterion(verdicts: Sequence[Verdict]) -> str:
     span = f' rowspan="{len(verdicts)}"'
     lines = []
     for index, verdict in enumerate(verdicts):

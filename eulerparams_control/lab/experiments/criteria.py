@@ -3,39 +3,17 @@
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.verdict import Verdict, all_met
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments.library import Number
 from eulerparams_control.lab.experiments.model import Criterion, Experiment
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """One criterion judged.
-
-    Attributes:
-        text: what was measured, in words.
-        variant: of which variant, or of which of them together.
-        predicted: by theory or a prototype; "" if nothing.
-        measured: the number.
-        unit: of it.
-        bound: in words, such as ``< 0.001``.
-        met: whether it holds.
-    """
-
-    text: str
-    variant: str
-    predicted: str
-    measured: float
-    unit: str
-    bound: str
-    met: bool
 
 
 def judge(
@@ -114,11 +92,6 @@ def _verdict(criterion: Criterion, variant: str, measured: float, unit: str, tex
     return Verdict(text, variant, criterion.predicted, measured, unit, ", ".join(bounds), met)
 
 
-def all_met(verdicts: Sequence[Verdict]) -> bool | None:
-    """Return whether every criterion that was judged is met; None if none was judged."""
-    return all(verdict.met for verdict in verdicts) if verdicts else None
-
-
 def why_nothing(experiment: Experiment) -> str:
     """Return why nothing was judged, in words."""
     of = {name for c in experiment.criteria for name in c.variants or c.together}
@@ -156,11 +129,6 @@ def write_summary(
         **more,
     }
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-
-
-def verdict_from_json(content: Mapping[str, Any]) -> Verdict:
-    """Return a verdict from summary.json."""
-    return Verdict(**{**content, "measured": float(content["measured"])})
 
 
 def diverged(recordings: Mapping[str, Recording]) -> list[tuple[str, float]]:

@@ -4,9 +4,8 @@ import re
 from collections.abc import Iterable
 from html import escape
 
-from eulerparams_control.lab.experiments.criteria import Verdict
+from eulerparams_control.analysis.verdict import Verdict, VerdictGroup, groups, shown
 from eulerparams_control.lab.experiments.equations import equation
-from eulerparams_control.lab.experiments.result import Group, groups, shown
 
 MISSING = "-"
 NOT_JUDGED = "not judged"
@@ -116,7 +115,7 @@ def criteria(verdicts: Iterable[Verdict]) -> str:
     )
 
 
-def _criterion(group: Group) -> str:
+def _criterion(group: VerdictGroup) -> str:
     """Return the row of a criterion, with a line for each run; one for many that are the same."""
     verdicts = group.verdicts
     of = [escape(verdict.variant).replace("_", "_<wbr>") for verdict in verdicts]

@@ -9,9 +9,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from eulerparams_control.analysis.verdict import groups
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.model import Experiment
-from eulerparams_control.lab.experiments.result import Outcome, groups
+from eulerparams_control.lab.experiments.result import Outcome
 from eulerparams_control.resources import config_names
 
 _CLAIM = re.compile(r"e(\d+)")

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
+from eulerparams_control.analysis.verdict import VerdictGroup, groups
 from eulerparams_control.lab.experiments.html import (
     MISSING,
     NOT_JUDGED,
@@ -16,7 +17,7 @@ from eulerparams_control.lab.experiments.html import (
     picture,
 )
 from eulerparams_control.lab.experiments.paper import headline, number_of
-from eulerparams_control.lab.experiments.result import REPORT, Group, Outcome, groups
+from eulerparams_control.lab.experiments.result import REPORT, Outcome
 
 _TITLE = "The Role of Euler Parameters in Robot Control, reproduced"
 
@@ -91,7 +92,7 @@ def _row(outcome: Outcome) -> str:
     )
 
 
-def _criterion(group: Group | None) -> str:
+def _criterion(group: VerdictGroup | None) -> str:
     """Return what the numbers of a row are of."""
     if group is None:
         return ""

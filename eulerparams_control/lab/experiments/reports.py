@@ -8,7 +8,7 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.lab.experiments.criteria import Verdict
+from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.lab.experiments.html import NOT_JUDGED, criteria, equations, page, picture
 from eulerparams_control.lab.experiments.library import Result
 from eulerparams_control.lab.experiments.model import Experiment

@@ -1,15 +1,12 @@
 """What came of an experiment, as summary.json has it: for the terminal and for pages."""
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.format import quantity
-from eulerparams_control.lab.experiments.criteria import Verdict, all_met, verdict_from_json
+from eulerparams_control.analysis.verdict import Verdict, all_met, verdict_from_json
 from eulerparams_control.lab.experiments.model import Experiment
 
 SUMMARY, REPORT, FIGURE = "summary.json", "report.html", "figure.svg"
@@ -86,46 +83,3 @@ def _outcome(experiment: Experiment, folder: Path, content: dict[str, Any]) -> O
         content["diverged"],
         seconds=content["seconds"],
     )
-
-
-def shown(verdict: Verdict) -> str:
-    """Return what was measured, with more digits where it has to be between two bounds."""
-    if "," in verdict.bound and math.isfinite(verdict.measured):
-        return f"{f'{verdict.measured:#.5g}'.rstrip('.')} {verdict.unit}".rstrip()
-    return quantity(verdict.measured, verdict.unit)
-
-
-@dataclass(frozen=True)
-class Group:
-    """The verdicts on one criterion.
-
-    Attributes:
-        verdicts: one a variant, or one for several together.
-    """
-
-    verdicts: tuple[Verdict, ...]
-
-    @property
-    def first(self) -> Verdict:
-        """What all have in common is in the first."""
-        return self.verdicts[0]
-
-    @property
-    def met(self) -> bool:
-        """Whether all hold."""
-        return all(verdict.met for verdict in self.verdicts)
-
-    @property
-    def measured(self) -> str:
-        """The values in words: one, or from the least to the largest."""
-        ordered = sorted(self.verdicts, key=lambda verdict: verdict.measured)
-        least, most = shown(ordered[0]), shown(ordered[-1])
-        if least == most:
-            return least
-        return f"{least.removesuffix(self.first.unit).strip()} to {most}"
-
-
-def groups(verdicts: Sequence[Verdict]) -> list[Group]:
-    """Return the verdicts by criterion, in the order of the file."""
-    found = groupby(verdicts, key=lambda verdict: (verdict.text, verdict.predicted, verdict.bound))
-    return [Group(tuple(group)) for _, group in found]
