@@ -6,7 +6,6 @@ command stamped t_k arrives, so that runs repeat to the bit.
 
 import math
 import sys
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
@@ -198,7 +198,7 @@ class BridgeNode(Node):
         self._delayed: deque[Command] = deque()
         self._heard = self._answered = False
         self._stamp = 0  # of the present state [ns]
-        self._tally = Tally(time.monotonic())
+        self._tally = Tally(steady())
         self._conduct = Conduct(self._health, self._halt, self._reader.topic)
         self._health.check = self._check
         self._state: SimulatorState = self._simulator.read()
@@ -244,12 +244,12 @@ class BridgeNode(Node):
         self._description_publisher.publish(String(data=self._robot.urdf))
         p = self._params
         self._conduct.start(f"{self._robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz")
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
         if self._is_lockstep:
-            self.create_timer(_REPEAT_PERIOD, self._watch_lockstep, clock=steady)
+            self.create_timer(_REPEAT_PERIOD, self._watch_lockstep, clock=clock)
         else:
-            self._started = time.monotonic()
-            self.create_timer(1.0 / self._params.rate, self._keep_up, clock=steady)
+            self._started = steady()
+            self.create_timer(1.0 / self._params.rate, self._keep_up, clock=clock)
 
     # --- time --------------------------------------------------------------------------
 
@@ -260,7 +260,7 @@ class BridgeNode(Node):
             self._heard = there >= self._params.wait_for_subscribers
             self._publish_state()
             return
-        silence = time.monotonic() - self._tally.last
+        silence = steady() - self._tally.last
         if silence > self._params.lockstep_timeout:
             rejected = self._conduct.rejected
             self._fail(
@@ -276,7 +276,7 @@ class BridgeNode(Node):
 
         Those that are given up are missing in the stamps: no state is older than it says.
         """
-        passed = int((time.monotonic() - self._started) * self._params.rate)
+        passed = int((steady() - self._started) * self._params.rate)
         due = passed - self._state.step - self._lost
         if due > _MAX_CATCH_UP:
             self._conduct.count("steps given up", due - 1)
@@ -346,7 +346,7 @@ class BridgeNode(Node):
         if self._may_take(stamp, heeded=heeded):
             self._take(command, stamp)
         elif self._is_lockstep:
-            self._tally.last = time.monotonic()  # time goes on, though the robot stands
+            self._tally.last = steady()  # time goes on, though the robot stands
         if self._is_lockstep:
             self._answered = True
             self._advance()
@@ -364,7 +364,7 @@ class BridgeNode(Node):
         return False
 
     def _take(self, command: Command, stamp: int) -> None:
-        self._tally.take(time.monotonic(), self._stamp - stamp if stamp else 0)
+        self._tally.take(steady(), self._stamp - stamp if stamp else 0)
         if self._conduct.is_braked:
             self._conduct.obey()
         self._delayed.append(command)
@@ -400,7 +400,7 @@ class BridgeNode(Node):
 
     def _now(self) -> float:
         """Return the time by which messages age [s]: steady, or simulated in lock-step."""
-        return self._state.t if self._is_lockstep else time.monotonic()
+        return self._state.t if self._is_lockstep else steady()
 
     def _fail(self, error: SimulationError) -> None:
         """End the node; :func:`run` says the error, for rclpy shouts what a callback raises."""
@@ -414,7 +414,7 @@ class BridgeNode(Node):
     def _brake_on_silence(self) -> None:
         if self._conduct.is_braked:
             return
-        if time.monotonic() - self._tally.last > self._params.command_timeout:
+        if steady() - self._tally.last > self._params.command_timeout:
             self._conduct.brake(
                 f"no command for {self._params.command_timeout:g} s: braked",
                 "see whether the controller is alive and active; the next command is taken",
@@ -434,7 +434,7 @@ class BridgeNode(Node):
 
     def _check(self) -> None:
         """Bring the report up to date, once a second."""
-        self._health.values.update(self._tally.report(time.monotonic(), self._state.t))
+        self._health.values.update(self._tally.report(steady(), self._state.t))
         self._senders.review(self._now())
         self._senders.see(self._names_of_senders())
         if self._senders.contested or self._conduct.is_contested:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
@@ -12,6 +13,9 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 from ros_processes import Graph
+
+if TYPE_CHECKING:
+    from in_process import World
 
 # The same examples in every run, however slow the machine is; `make test` takes the first few.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -30,4 +34,22 @@ def graph(tmp_path: Path) -> Iterator[Graph]:
 def shared_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     """A ROS domain for all tests of a module."""
     with Graph(tmp_path_factory.mktemp("nodes")) as own:
+        yield own
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> "Iterator[World]":
+    """A ROS domain with nodes in this process, for one test."""
+    from in_process import World  # only where it is used: it needs ROS
+
+    with World(tmp_path / "nodes") as own:
+        yield own
+
+
+@pytest.fixture(scope="module")
+def shared_world(tmp_path_factory: pytest.TempPathFactory) -> "Iterator[World]":
+    """A ROS domain with nodes in this process, for all tests of a module."""
+    from in_process import World
+
+    with World(tmp_path_factory.mktemp("nodes")) as own:
         yield own

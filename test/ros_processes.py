@@ -35,6 +35,9 @@ PATIENCE = float(os.environ.get("PATIENCE", "200"))
 # A service that has not answered for so long [s] has lost the request, and is asked again.
 ASK_AGAIN = 1.0
 
+# The time [s] that a tick takes, whatever its stamps say.
+TICK = 0.001
+
 # An arm whose joints are all slower than this does not move [rad/s]; holding leaves 1e-13.
 STANDSTILL = 1e-9
 
@@ -50,6 +53,8 @@ MODULES = {
     "identify_tool": "eulerparams_control.tool.identify_tool_node",
     "pybullet_bridge": "sim_bridge.bridge_node",
     "experiment": "eulerparams_control.lab.experiments.main",
+    "bag_recorder": "eulerparams_control.bags.recorder",
+    "fault_injector": "eulerparams_control.lab.faults.fault_injector_node",
     # a controller with a defect that shows when it moves
     "clik broken in law": "broken_node clik law",
     "clik broken in timer": "broken_node clik timer",
@@ -183,7 +188,7 @@ class Graph:
         self._domain = Domain(DOMAINS)
         self.domain = self._domain.number
         self.processes: list[Process] = []
-        self._peer: Peer | None = None
+        self._peer: SpunPeer | None = None
         self._numbers = itertools.count()
 
     def __enter__(self) -> "Graph":
@@ -197,9 +202,9 @@ class Graph:
         self._domain.release()
 
     @property
-    def peer(self) -> "Peer":
+    def peer(self) -> "SpunPeer":
         if self._peer is None:
-            self._peer = Peer(self)
+            self._peer = SpunPeer(self)
         return self._peer
 
     def start(
@@ -245,50 +250,24 @@ class Graph:
                 self._peer.spin_once()
         return result
 
+    def advance(self, seconds: float) -> None:
+        """Time goes by itself."""
+
     def until_said(self, process: Process, words: str) -> None:
         """Wait until a process has said some words."""
         self.until(lambda: words in process.log, f"'{words}' in the log")
 
 
 class Peer:
-    """The node of the test in a domain; spun only while something is waited for."""
+    """The node of the test in a domain: what it hears, and what it asks of other nodes."""
 
-    def __init__(self, graph: Graph) -> None:
-        import rclpy
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
+    node: Any
 
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=graph.domain)
+    def __init__(self, graph: Any) -> None:
         self.graph = graph
-        self.node = rclpy.create_node("peer", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._statuses: dict[str, list[Any]] | None = None
-        self._received = 0
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()
-
-    def spin_once(self) -> None:
-        self._executor.spin_once(timeout_sec=0.02)
-
-    def catch_up(self) -> None:
-        """Receive all that waits, so that what comes after it is news."""
-        in_vain = 0
-        while in_vain < 3:  # a turn may also serve what is no message
-            before = self._received
-            self._executor.spin_once(timeout_sec=0)
-            in_vain = in_vain + 1 if self._received == before else 0
-
-    def another_node(self, name: str) -> Any:
-        """Return one more node of the test."""
-        import rclpy
-
-        return rclpy.create_node(name, context=self._context)
+        self.received = 0  # messages, of all lists
 
     def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
         return self.node.create_publisher(kind, topic, _qos(100, latched))
@@ -300,7 +279,7 @@ class Peer:
         messages: list[Any] = []
 
         def keep(msg: Any) -> None:
-            self._received += 1
+            self.received += 1
             messages.append(msg)
 
         def keep_with_info(msg: Any, received: Any) -> None:
@@ -311,37 +290,8 @@ class Peer:
         return messages
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the response of a service of a node, once it is there."""
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
-            self._make_known(service.rpartition("/")[0])
-        client = self._clients[service]
-        self.graph.until(client.service_is_ready, f"service {service}")
-        future = client.call_async(request)
-        self.graph.until(future.done, f"answer of {service}")
-        return future.result()
-
-    def _make_known(self, node: str) -> None:
-        """Wait until a node has discovered the clients made so far: else its answers are lost.
-
-        It discovers readers in the order of their making, so it is asked by a later client,
-        again and again, until an answer comes through.
-        """
-        from rcl_interfaces.srv import GetParameters
-
-        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
-        futures: list[Any] = []
-        asked = -math.inf
-
-        def answered() -> bool:
-            nonlocal asked
-            if client.service_is_ready() and time.monotonic() - asked > ASK_AGAIN:
-                futures.append(client.call_async(GetParameters.Request()))
-                asked = time.monotonic()
-            return any(future.done() for future in futures)
-
-        self.graph.until(answered, f"an answer of {node}")
-        self.node.destroy_client(client)
+        """Return the response of a service of a node."""
+        raise NotImplementedError
 
     def set_parameters(self, node: str, **wanted: Any) -> list[str]:
         """Set parameters of a node, each for itself; return the reasons of refusals."""
@@ -409,6 +359,77 @@ class Peer:
         return int(values(status).get(name, 0))
 
 
+class SpunPeer(Peer):
+    """A node that talks to processes; spun only while something is waited for."""
+
+    def __init__(self, graph: Graph) -> None:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+
+        super().__init__(graph)
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=graph.domain)
+        self.node = rclpy.create_node("peer", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin_once(self) -> None:
+        self._executor.spin_once(timeout_sec=0.02)
+
+    def catch_up(self) -> None:
+        """Receive all that waits, so that what comes after it is news."""
+        in_vain = 0
+        while in_vain < 3:  # a turn may also serve what is no message
+            before = self.received
+            self._executor.spin_once(timeout_sec=0)
+            in_vain = in_vain + 1 if self.received == before else 0
+
+    def another_node(self, name: str) -> Any:
+        """Return one more node of the test."""
+        import rclpy
+
+        return rclpy.create_node(name, context=self._context)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Return the response of a service of a node, once it is there."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+            self._make_known(service.rpartition("/")[0])
+        client = self._clients[service]
+        self.graph.until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.graph.until(future.done, f"answer of {service}")
+        return future.result()
+
+    def _make_known(self, node: str) -> None:
+        """Wait until a node has discovered the clients made so far: else its answers are lost.
+
+        It discovers readers in the order of their making, so it is asked by a later client,
+        again and again, until an answer comes through.
+        """
+        from rcl_interfaces.srv import GetParameters
+
+        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
+        futures: list[Any] = []
+        asked = -math.inf
+
+        def answered() -> bool:
+            nonlocal asked
+            if client.service_is_ready() and time.monotonic() - asked > ASK_AGAIN:
+                futures.append(client.call_async(GetParameters.Request()))
+                asked = time.monotonic()
+            return any(future.done() for future in futures)
+
+        self.graph.until(answered, f"an answer of {node}")
+        self.node.destroy_client(client)
+
+
 def _qos(depth: int, latched: bool) -> Any:
     from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -434,7 +455,7 @@ class WristSensor:
         sign: -1 reports what the tool exerts on the environment.
     """
 
-    def __init__(self, graph: Graph, robot: Any, namespace: str = "") -> None:
+    def __init__(self, graph: Any, robot: Any, namespace: str = "") -> None:
         from geometry_msgs.msg import WrenchStamped
 
         self._robot = robot
@@ -494,7 +515,7 @@ class Arm:
 
     topic = "joint_reference"
 
-    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+    def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import String
 
@@ -619,6 +640,7 @@ class Arm:
         """Advance the stamp, send the state, return its command and obey it."""
         self._pass(dt, q)
         self.t += round(dt * 1e9)
+        self.graph.advance(min(max(dt, 0.0), TICK))  # a jump of the stamps is none of the time
         msg = self.message()
         self.send(msg)
         command = self.answer(msg.header.stamp)
@@ -679,7 +701,7 @@ class TorqueArm(Arm):
 
     topic = "joint_effort"
 
-    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+    def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
         super().__init__(graph, robot, namespace, command)
         self._dynamics = Robot(robot.urdf, robot.base_frame, robot.tip_frame)
         self._effort = np.zeros(len(self.q))
@@ -702,7 +724,7 @@ class TorqueArm(Arm):
 class FeelingArm(TorqueArm):
     """A torque-controlled arm with a force/torque sensor."""
 
-    def __init__(self, graph: Graph, robot: Any, namespace: str = "", command: Any = None) -> None:
+    def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
         super().__init__(graph, robot, namespace, command)
         self.wear_sensor()
 
@@ -730,7 +752,7 @@ class Controlled:
 
     def __init__(
         self,
-        graph: Graph,
+        graph: Any,
         executable: str,
         parameters: dict[str, Any],
         namespace: str = "",

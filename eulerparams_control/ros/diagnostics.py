@@ -1,7 +1,6 @@
 """What a node reports on /diagnostics: counters, events, its health; 1 Hz and at changes."""
 
 import math
-import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -100,7 +99,7 @@ class Health:
             error: whether it is an error.
             about: what it is about; "" is the message itself.
         """
-        now, key = time.monotonic(), about or message
+        now, key = steady(), about or message
         if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
             return
         self._logged.pop(key, None)

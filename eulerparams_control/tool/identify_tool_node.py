@@ -5,7 +5,6 @@ It listens only: whoever moves the arm lets it rest in one orientation after the
 
 import math
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from eulerparams_control.command_line import make_console
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
@@ -110,7 +110,7 @@ class IdentifyToolNode(Node):
         self._mount: SensorMount | None = None
         self._collector: PoseCollector | None = None
         self._refused = ""  # the last wrench or joint_states that could not be used
-        self._started = time.monotonic()
+        self._started = steady()
         self._received = {"joint_states": self._started, "wrench": self._started}
         self._health.check = self._check_time
         self._health.values["poses"] = 0
@@ -170,7 +170,7 @@ class IdentifyToolNode(Node):
     # --- messages ----------------------------------------------------------------------
 
     def _on_joint_states(self, msg: JointState) -> None:
-        self._received["joint_states"] = time.monotonic()
+        self._received["joint_states"] = steady()
         if self._collector is None or self.done:
             return
         try:
@@ -184,7 +184,7 @@ class IdentifyToolNode(Node):
             self._health.complain(event)
 
     def _on_wrench(self, msg: WrenchStamped) -> None:
-        self._received["wrench"] = time.monotonic()
+        self._received["wrench"] = steady()
         if self._urdf is None or self.done:
             return
         try:
@@ -232,7 +232,7 @@ class IdentifyToolNode(Node):
 
     def _check_time(self) -> None:
         """Say that a topic is silent; give up after the timeout."""
-        now = time.monotonic()
+        now = steady()
         for topic, received in self._received.items():
             if now - received > _SILENCE:
                 self._health.complain(f"no {topic} within {_SILENCE:g} s", about=topic)

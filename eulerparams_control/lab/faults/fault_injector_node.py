@@ -15,7 +15,6 @@ YAML, ``"{fault: drop, topic: wrench, at: 1.0, for: 0.3}"``; see ``eulerparams_c
 """
 
 import sys
-import time
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -29,6 +28,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.faults import (
     FROM_ROBOT,
@@ -112,9 +112,9 @@ class FaultInjectorNode(Node):
             for topic in p.topics
         }
         self._unheard = list(p.topics)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_MEET, self._meet, clock=steady)
-        self.create_timer(_TICK, self._tick, clock=steady)
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_MEET, self._meet, clock=clock)
+        self.create_timer(_TICK, self._tick, clock=clock)
         self._health.set(diagnostics.OK, f"{len(self._faults)} faults to come")
         if not p.start_on:
             self._start()
@@ -122,10 +122,10 @@ class FaultInjectorNode(Node):
     @property
     def _now(self) -> float:
         """The time since the start [s]; before it below all times of faults."""
-        return -1.0 if self._started is None else time.monotonic() - self._started
+        return -1.0 if self._started is None else steady() - self._started
 
     def _start(self) -> None:
-        self._started = time.monotonic()
+        self._started = steady()
         self.get_logger().info("the time of the faults begins")
 
     def _meet(self) -> None:

@@ -1,0 +1,525 @@
+"""Nodes of the package in the test's own process, over real DDS, message by message.
+
+No executor spins and no time passes by itself.  What a node or the test publishes is taken from
+each subscription that it is for, and acted on, before ``publish`` returns to the test; timers are
+called when the test lets their time pass.  So a test repeats to the bit, however busy the machine.
+"""
+
+import importlib
+import io
+import signal
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from ros_processes import DOMAINS, MODULES, Peer
+
+from eulerparams_control.control.clock import set_steady
+from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.lab.experiments.domains import Domain
+
+# A guard against hanging, not a measure [s]: within a process a message is there at once.
+_HANGS = 30.0
+
+# Time [s] that goes by between two looks at a condition, and after which it is given up.
+STEP, PATIENCE = 0.02, 200.0
+
+# How long [s] a node may take to bring its arm to rest, as the executables have it.
+_STOP_SECONDS = 1.0
+
+CLASSES = {
+    "clik": "ClikNode",
+    "dynamic_control": "DynamicControlNode",
+    "impedance_control": "ImpedanceControlNode",
+    "reference": "ReferenceNode",
+    "identify_tool": "IdentifyToolNode",
+    "fault_injector": "FaultInjectorNode",
+    "pybullet_bridge": "BridgeNode",
+}
+
+
+def module_of(executable: str) -> Any:
+    """Return the module of an executable."""
+    return importlib.import_module(MODULES[executable])
+
+
+def ros_arguments(
+    folder: Path, parameters: dict[str, Any] | None, files: Sequence[Path], rules: Sequence[str]
+) -> list[str]:
+    """Return the arguments of a command line, with a file of the parameters as the last one."""
+    if parameters:
+        folder.mkdir(parents=True, exist_ok=True)
+        own = folder / f"{len(list(folder.iterdir()))}.yaml"
+        own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+        files = [*files, own]
+    words = [word for file in files for word in ("--params-file", str(file))]
+    return ["--ros-args", *words, *(word for rule in rules for word in ("-r", rule))]
+
+
+@dataclass
+class Ended:
+    """What an executable said until it ended, and its exit code."""
+
+    exit_code: int
+    stdout: str
+    stderr: str
+
+    def end(self) -> int:
+        """Return the exit code."""
+        return self.exit_code
+
+
+def run_to_its_end(
+    executable: str,
+    folder: Path,
+    parameters: dict[str, Any] | None = None,
+    *,
+    files: Sequence[Path] = (),
+) -> Ended:
+    """Call the ``main`` of an executable that refuses its parameters, as its users start it."""
+    arguments = ros_arguments(folder, parameters, files, ())
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    out, err = io.StringIO(), io.StringIO()
+    domain = Domain(DOMAINS)
+    try:
+        with (
+            redirect_stdout(out),
+            redirect_stderr(err),
+            patch.dict("os.environ", {"ROS_DOMAIN_ID": str(domain.number)}),
+            patch("sys.argv", [executable, *arguments]),
+        ):
+            code = module_of(executable).main(arguments)
+    finally:
+        domain.release()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return Ended(code, out.getvalue(), err.getvalue())
+
+
+class _Log:
+    """The logger of a node, which keeps what is said."""
+
+    def __init__(self, lines: list[str]) -> None:
+        self._lines = lines
+
+    def __getattr__(self, level: str) -> Callable[..., None]:
+        return lambda message, **_: self._lines.append(f"[{level.upper()}] {message}")
+
+
+class InProcess:
+    """Goes beside the class of a node: its world learns what it makes and publishes."""
+
+    world: "World"
+    log: list[str]
+
+    def get_logger(self) -> Any:
+        return _Log(self.log)
+
+    def create_publisher(self, *args: Any, **keywords: Any) -> Any:
+        return self.world.watch(super().create_publisher(*args, **keywords))  # type: ignore[misc]
+
+    def create_subscription(self, *args: Any, **keywords: Any) -> Any:
+        subscription = super().create_subscription(*args, **keywords)  # type: ignore[misc]
+        self.world.begin(self, subscription)
+        return subscription
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        self.world.change()
+        return bool(super().destroy_subscription(subscription))  # type: ignore[misc]
+
+    def create_timer(self, period: float, callback: Any, **keywords: Any) -> Any:
+        timer = super().create_timer(period, callback, **keywords, autostart=False)  # type: ignore[misc]
+        self.world.timers.append(_Timer(self, timer, period, self.world.now + period))
+        return timer
+
+
+@dataclass
+class _Timer:
+    """A timer of a node, and when it is due by the clock of the world [s]."""
+
+    node: Any
+    timer: Any
+    period: float
+    due: float
+
+    @property
+    def is_alive(self) -> bool:
+        return self.timer in self.node.timers
+
+
+@dataclass
+class Running:
+    """A node in a world, with what a process would have: a log, and an exit code in the end."""
+
+    world: "World"
+    name: str
+    node: Any = None
+    lines: list[str] = field(default_factory=list)
+    stdout: str = ""
+    stderr: str = ""
+    exit_code: int | None = None
+
+    @property
+    def log(self) -> str:
+        """All that it has said."""
+        return "\n".join([*self.lines, self.stdout, self.stderr])
+
+    def end(self) -> int:
+        """Let time pass until it has ended; return the exit code."""
+        self.world.until(lambda: self.exit_code is not None, f"the end of {self.name}")
+        assert self.exit_code is not None
+        return self.exit_code
+
+    def kill(self) -> None:
+        """Let the node be no more, without a last word."""
+        self._close(-9)
+
+    def stop(self) -> int:
+        """End the node as a signal does; return the exit code."""
+        deadline = self.world.now + _STOP_SECONDS
+        at_rest = getattr(self.node, "at_rest", lambda: True)
+        while not self.world.act(at_rest) and self.world.now < deadline:
+            self.world.advance(STEP)
+        self.finish()
+        assert self.exit_code is not None
+        return self.exit_code
+
+    def finish(self, error: EulerParamsError | None = None) -> None:
+        """End the node as the runtime does when it is done, or has failed."""
+        out, err = io.StringIO(), io.StringIO()
+        node = self.node
+        if error is not None:
+            self.stderr += f"error: {error}\n"
+        self.exit_code = error.exit_code if error is not None else 0
+        self.world.act(node.close)
+        self._close(self.exit_code)
+        if hasattr(node, "finish") and self.exit_code == 0:
+            with redirect_stdout(out), redirect_stderr(err):
+                self.exit_code = node.finish()
+            self.stdout, self.stderr = self.stdout + out.getvalue(), self.stderr + err.getvalue()
+
+    def review(self) -> None:
+        """End the node if it is done."""
+        if self.exit_code is None and getattr(self.node, "done", False):
+            self.finish(getattr(self.node, "error", None))
+
+    def _close(self, code: int) -> None:
+        if self.node is not None:
+            self.world.forget(self.node)
+        self.exit_code = code
+
+
+class World:
+    """A ROS domain with nodes in this process, and ``peer``, the node of the test.
+
+    Attributes:
+        now: the steady clock of all its nodes [s]; it goes on when the test says so.
+        timers: of all nodes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._domain = Domain(DOMAINS)
+        self.domain = self._domain.number
+        self.now = 1000.0
+        self.timers: list[_Timer] = []
+        self.running: list[Running] = []
+        self._nodes: list[Any] = []
+        self._publishers: list[Any] = []
+        self._sent: Counter[int] = Counter()  # messages by the id of a publisher
+        self._waiting: deque[tuple[Any, Subscription]] = deque()
+        self._outstanding: Counter[int] = Counter()  # by the id of a subscription
+        self._is_acting = False
+        self._has_changed = False
+        self._routes: dict[int, list[tuple[Any, Subscription]]] = {}
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=self.domain)
+        self.peer = WorldPeer(self)
+
+    def __enter__(self) -> "World":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            for node in list(self._nodes):
+                node.destroy_node()
+            self.context.try_shutdown()
+        finally:
+            set_steady()
+            self._domain.release()
+
+    # --- nodes -------------------------------------------------------------------------
+
+    def start(
+        self,
+        executable: str,
+        parameters: dict[str, Any] | None = None,
+        *,
+        files: Sequence[Path] = (),
+        namespace: str = "",
+        remap: Sequence[str] = (),
+    ) -> Running:
+        """Make the node of an executable; ``files`` of parameters come before ``parameters``."""
+        rules = [f"__ns:={namespace}", *remap] if namespace else remap
+        arguments = ros_arguments(self.folder, parameters, files, rules)
+        running = Running(self, executable)
+        self.running.append(running)
+        kind = getattr(module_of(executable), CLASSES[executable])
+        try:
+            running.node = self.make(kind, running.lines, cli_args=arguments)
+        except EulerParamsError as error:
+            running.stderr += f"error: {error}\n"
+            running.exit_code = error.exit_code
+        running.review()
+        return running
+
+    def make(
+        self, kind: type[Any], lines: list[str], *args: Any, cli_args: Any = None, **given: Any
+    ) -> Any:
+        """Return a node of a class in this world, which logs to ``lines``."""
+        initialize = Node.__init__
+
+        def with_context(node: Any, name: str, **keywords: Any) -> None:
+            keywords |= {"context": self.context, "cli_args": cli_args}
+            initialize(node, name, **keywords)
+            self._nodes.append(node)
+            self.change()
+
+        made = type(kind.__name__, (InProcess, kind), {"world": self, "log": lines})
+        with patch.object(Node, "__init__", with_context):
+            node = self.act(lambda: made(*args, **given))
+        return node
+
+    def forget(self, node: Any) -> None:
+        """Destroy a node."""
+        if node in self._nodes:
+            self._nodes.remove(node)
+            self.timers = [each for each in self.timers if each.node is not node]
+            gone = set(map(id, node.publishers))
+            self._publishers = [each for each in self._publishers if id(each) not in gone]
+            node.destroy_node()
+            self.change()
+
+    def logs(self) -> str:
+        """Return what all nodes have said."""
+        return "\n".join(f"--- {each.name}: {each.exit_code}\n{each.log}" for each in self.running)
+
+    # --- messages ----------------------------------------------------------------------
+
+    def watch(self, publisher: Any) -> Any:
+        """Let what a publisher sends be acted on."""
+        send = publisher.publish
+
+        def publish(msg: Any) -> None:
+            listeners = self._listeners(publisher)
+            _wait(
+                lambda: publisher.get_subscription_count() >= len(listeners),
+                f"the subscribers of {publisher.topic_name}",
+            )
+            send(msg)
+            self._sent[id(publisher)] += 1
+            for node, subscription in listeners:
+                self._expect(node, subscription)
+            self.act()
+
+        publisher.publish = publish
+        self._publishers.append(publisher)
+        self.change()
+        return publisher
+
+    def begin(self, node: Any, subscription: Subscription) -> None:
+        """Expect what was sent before a subscription to a latched topic."""
+        for publisher in self._publishers:
+            is_latched = subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            if is_latched and _match(publisher, subscription):
+                for _ in range(min(self._sent[id(publisher)], publisher.qos_profile.depth)):
+                    self._expect(node, subscription)
+        self.change()
+        self.act()
+
+    def change(self) -> None:
+        """Note that publishers or subscriptions come or go."""
+        self._has_changed = True
+        self._routes.clear()
+
+    def act(self, callback: Callable[[], Any] = lambda: None) -> Any:
+        """Call something of a node, and then let all messages be acted on; return its result."""
+        set_steady(lambda: self.now)
+        if self._is_acting:
+            return callback()
+        self._is_acting = True
+        try:
+            result = callback()
+            self._settle()
+        finally:
+            self._is_acting = False
+        for running in self.running:
+            running.review()
+        return result
+
+    def _listeners(self, publisher: Any) -> list[tuple[Any, Subscription]]:
+        """Return the subscriptions that a publisher is heard by, with their nodes."""
+        if id(publisher) not in self._routes:
+            heard = [(n, s) for n in self._nodes for s in n.subscriptions if _match(publisher, s)]
+            self._routes[id(publisher)] = heard
+        return self._routes[id(publisher)]
+
+    def _expect(self, node: Any, subscription: Subscription) -> None:
+        """Expect one message more, of those that its queue holds."""
+        if self._outstanding[id(subscription)] < subscription.qos_profile.depth:
+            self._outstanding[id(subscription)] += 1
+            self._waiting.append((node, subscription))
+
+    def _settle(self) -> None:
+        self._see_changes()
+        while self._waiting:
+            node, subscription = self._waiting.popleft()
+            self._outstanding[id(subscription)] -= 1
+            if node in self._nodes and subscription in node.subscriptions:
+                self._deliver(node, subscription)
+                self._see_changes()
+
+    def _deliver(self, node: Any, subscription: Subscription) -> None:
+        found: list[Any] = []
+
+        def is_there() -> bool:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            found.extend([taken] if taken is not None else [])
+            return bool(found)
+
+        _wait(is_there, f"a message on {subscription.topic_name}")
+        msg, info = found[0]
+        with self._failing(node):
+            if subscription._callback_type is Subscription.CallbackType.MessageOnly:
+                subscription.callback(msg)
+            else:
+                subscription.callback(msg, info)
+
+    @contextmanager
+    def _failing(self, node: Any) -> Iterator[None]:
+        """End a node by an error of the package, as the runtime does."""
+        try:
+            yield
+        except EulerParamsError as error:
+            running = next(each for each in self.running if each.node is node)
+            running.finish(error)
+
+    def _see_changes(self) -> None:
+        """Wait until the graph shows the publishers and subscriptions that there are."""
+        if not self._has_changed or not self._nodes:
+            return
+        self._has_changed = False
+        there = Counter(p.topic_name for n in self._nodes for p in n.publishers)
+        for topic, count in there.items():
+            _wait(
+                lambda t=topic, c=count: self._nodes[0].count_publishers(t) == c,
+                f"{count} publishers of {topic}",
+            )
+
+    # --- services ----------------------------------------------------------------------
+
+    def ask(self, client: Any, request: Any) -> Any:
+        """Let a service of a node answer a client; return the response."""
+        _wait(client.service_is_ready, f"service {client.srv_name}")
+        service = self._service(client.srv_name)
+        found: list[Any] = []
+
+        def take(take_one: Callable[[], Any], index: int) -> Any:
+            def is_there() -> bool:
+                taken = take_one()
+                found[:] = [taken] if taken is not None and taken[index] is not None else []
+                return bool(found)
+
+            _wait(is_there, f"a message of {client.srv_name}")
+            return found[0]
+
+        client.handle.send_request(request)
+        kind = service.srv_type
+        asked, header = take(lambda: service.handle.service_take_request(kind.Request), 1)
+        response = self.act(lambda: service.callback(asked, kind.Response()))
+        service.send_response(response, header)
+        return take(lambda: client.handle.take_response(kind.Response), 0)[1]
+
+    def _service(self, name: str) -> Any:
+        services = (service for node in self._nodes for service in node.services)
+        return next(s for s in services if s.service_name.strip("/") == name.strip("/"))
+
+    # --- time --------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, and call the timers that are due meanwhile, in their order."""
+        end = self.now + seconds
+        while True:
+            self.timers = [each for each in self.timers if each.is_alive]
+            due = min(self.timers, key=lambda each: each.due, default=None)
+            if due is None or due.due > end:
+                break
+            self.now = max(self.now, due.due)
+            due.due += due.period
+            self.act(lambda d=due: self._call(d))
+        self.now = end
+
+    def _call(self, due: _Timer) -> None:
+        with self._failing(due.node):
+            due.timer.callback()
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Let time pass until ``condition()`` is true; return what it returned."""
+        for _ in range(round(PATIENCE / STEP)):
+            if result := condition():
+                return result
+            self.advance(STEP)
+        raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
+
+    def until_said(self, running: Running, words: str) -> None:
+        """Let time pass until a node has said some words."""
+        self.until(lambda: words in running.log, f"'{words}' in the log")
+
+
+class WorldPeer(Peer):
+    """The node of the test in a world."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self.node = self.another_node("peer")
+
+    def another_node(self, name: str) -> Any:
+        """Return one more node of the test."""
+        return self.graph.make(Node, [], name)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Return the response of a service of a node."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        return self.graph.ask(self._clients[service], request)
+
+
+def _match(publisher: Any, subscription: Subscription) -> bool:
+    """Return whether DDS gives a subscription what a publisher sends."""
+    sends, takes = publisher.qos_profile, subscription.qos_profile
+    best, volatile = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
+    return (
+        publisher.topic_name == subscription.topic_name
+        and not (sends.reliability == best != takes.reliability)
+        and not (sends.durability == volatile != takes.durability)
+    )
+
+
+def _wait(condition: Callable[[], Any], what: str) -> None:
+    """Wait for something of DDS."""
+    deadline = time.monotonic() + _HANGS
+    while not condition():
+        assert time.monotonic() < deadline, f"{what}: has not happened within {_HANGS:g} s"
+        time.sleep(0.0002)
