@@ -88,6 +88,12 @@ class BagError(EulerParamsError):
     """A bag is broken, incomplete, or in the way."""
 
 
+class OccupiedError(BagError):
+    """What exists in the place of a new bag; nothing is overwritten."""
+
+    exit_code = ExitCode.REFUSED
+
+
 class SimulationError(EulerParamsError):
     """The simulator was asked for something impossible, or lost its controller.
 

@@ -5,6 +5,7 @@ Words for people go to stderr and to /diagnostics; no program reads them.
 
 import json
 import sys
+from contextlib import suppress
 from enum import IntEnum, StrEnum
 from typing import Any
 
@@ -28,12 +29,25 @@ class Event(StrEnum):
     SENT = "sent"  # a motion has left
     COMMANDED = "commanded"  # the robot has found its controller
     PROGRESS = "progress"  # ``t`` [s] of the simulation or of the work
+    FAULT = "fault"  # something is wrong; ``text`` says what
     ENDED = "ended"  # it ends; ``exit_code``, and ``text`` if it failed
 
 
+_is_mute = False
+
+
+def mute() -> None:
+    """Tell nothing in this process: its stdout is for people."""
+    global _is_mute
+    _is_mute = True
+
+
 def tell(event: Event, **fields: Any) -> None:
-    """Write an event as one JSON line to stdout: ``{"event": "ready", ...}``."""
-    print(json.dumps({"event": event.value, **fields}), flush=True, file=sys.stdout)
+    """Write an event as one JSON line to stdout, if that is open: ``{"event": "ready", ...}``."""
+    if _is_mute:
+        return
+    with suppress(OSError, ValueError):  # who listened has gone: no reason to end
+        print(json.dumps({"event": event.value, **fields}), flush=True, file=sys.stdout)
 
 
 def events_of(text: str) -> list[dict[str, Any]]:

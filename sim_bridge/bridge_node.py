@@ -23,6 +23,7 @@ from std_msgs.msg import String
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, SimulationError
+from eulerparams_control.events import Event, ExitCode, tell
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
 from eulerparams_control.parameters.fields import parameter
@@ -250,6 +251,7 @@ class BridgeNode(Node):
         else:
             self._started = steady()
             self.create_timer(1.0 / self._params.rate, self._keep_up, clock=clock)
+        tell(Event.READY)
 
     # --- time --------------------------------------------------------------------------
 
@@ -267,7 +269,8 @@ class BridgeNode(Node):
                 SimulationError(
                     f"no command for the state stamped {self._state.t:.3f} s within "
                     f"{self._params.lockstep_timeout:g} s; is the controller alive and active?"
-                    + (f" The last command was rejected: {rejected}" if rejected else "")
+                    + (f" The last command was rejected: {rejected}" if rejected else ""),
+                    ExitCode.STALLED,
                 )
             )
 
@@ -367,6 +370,7 @@ class BridgeNode(Node):
         self._tally.take(steady(), self._stamp - stamp if stamp else 0)
         if self._conduct.is_braked:
             self._conduct.obey()
+            tell(Event.COMMANDED)
         self._delayed.append(command)
         if len(self._delayed) <= self._params.command_delay:
             return
@@ -383,10 +387,11 @@ class BridgeNode(Node):
             self._step()
 
     def _report_progress(self) -> None:
-        """Log how far a run of limited duration is, ten times."""
+        """Say how far a run of limited duration is, ten times."""
         steps = round(self._params.duration * self._params.rate)
         if steps and self._state.step % max(1, steps // 10) == 0:
             self.get_logger().info(f"simulated {self._state.t:g} s of {self._params.duration:g} s")
+            tell(Event.PROGRESS, t=self._state.t)
 
     def _on_external_wrench(self, msg: WrenchStamped) -> None:
         try:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.events import ExitCode
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
@@ -363,7 +364,8 @@ class Simulator:
         effort = motors if self._effort is None else _text(self._effort)
         raise SimulationError(
             f"the state of the robot is not finite after step {self._count}: "
-            f"q {q}, dq {dq} ({NO_LIMIT:g} is infinite), effort {effort}, sensor {sensor}"
+            f"q {q}, dq {dq} ({NO_LIMIT:g} is infinite), effort {effort}, sensor {sensor}",
+            ExitCode.DIVERGED,
         )
 
     def _disturb(self, q: Array, dq: Array, wrench: Array) -> tuple[Array, Array, Array]:

@@ -27,6 +27,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from eulerparams_control.bags import Bag, recover
+from eulerparams_control.events import ExitCode, events_of
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,6 +75,7 @@ class Process:
 
     def __init__(self, command: list[Any], environment: dict[str, str]) -> None:
         self.output: list[str] = []
+        self.events: list[dict[str, Any]] = []
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._child = subprocess.Popen(
             [str(word) for word in command],
@@ -96,7 +98,9 @@ class Process:
         deadline = time.monotonic() + PATIENCE
         with contextlib.suppress(queue.Empty):
             while line := self._lines.get(timeout=max(0, deadline - time.monotonic())):
-                self.output.append(line)
+                found = events_of(line)
+                self.events += found
+                self.output += [] if found else [line]
                 if words in line:
                     return line
         raise AssertionError(f"no line with {words!r} in:\n{''.join(self.output)}")
@@ -438,11 +442,10 @@ def test_messages_before_a_silence_are_not_lost_with_the_recorder(
 def test_an_existing_folder_is_refused_in_one_line(start: Start, tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     recorder = record(start, tmp_path / "bag", "joint_states")
-    assert recorder.end() == 1
-    assert recorder.output == [
-        f"error: {tmp_path / 'bag'} exists; nothing is overwritten: "
-        "choose another folder or remove it\n"
-    ]
+    assert recorder.end() == ExitCode.REFUSED
+    text = f"{tmp_path / 'bag'} exists; nothing is overwritten: choose another folder or remove it"
+    assert recorder.output == [f"error: {text}\n"]
+    assert recorder.events == [{"event": "ended", "exit_code": ExitCode.REFUSED, "text": text}]
 
 
 @pytest.mark.parametrize(

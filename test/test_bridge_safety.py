@@ -13,6 +13,7 @@ from ros_processes import HOME, MODEL, UR5, Graph, Process, environment, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.events import ExitCode
 from eulerparams_control.messages.from_ros import ns_from_ros
 from sim_bridge.command_source import UNNUMBERED, Senders
 from sim_bridge.command_statistics import Tally
@@ -208,7 +209,7 @@ def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_
     bench = Bench(graph, mode="lockstep", lockstep_timeout=1.0)
     bench.answer(5 * MS, lambda state: {"position": list(state.position)})
     bench.send(5 * MS, position=[np.nan] * 6)
-    assert bench.process.end() == 1
+    assert bench.process.end() == ExitCode.STALLED
     assert "The last command was rejected: joint_reference has a non-finite position" in (
         bench.process.stderr
     )

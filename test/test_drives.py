@@ -10,6 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from ros_processes import Graph
 from sensor_msgs.msg import JointState
 
+from eulerparams_control.events import ExitCode
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.bridge_node import BridgeParameters
@@ -56,7 +57,7 @@ def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_fi
 
     graph.until(broken, "the end")
     words = f"the state of the robot is not finite after step {len(answered)}: q ["
-    assert process.end() == 1
+    assert process.end() == ExitCode.DIVERGED
     assert any(line.startswith(f"error: {words}") for line in process.stderr.splitlines())
     assert any("[ERROR]" in line and words in line for line in process.log.splitlines())
     assert "Traceback" not in process.log

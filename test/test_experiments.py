@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import signal
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from eulerparams_control.errors import (
     EulerParamsError,
     UnknownNameError,
 )
+from eulerparams_control.events import Event, ExitCode
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.criteria import judge, write_summary
 from eulerparams_control.lab.experiments.definition import Criterion, load_experiment
@@ -617,21 +619,23 @@ def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("bridge", "controller", "expected"),
     [
-        ("error: the state of the robot is not finite after step 12", "", True),
-        ("error: tau must be 6 finite numbers, got [1e308, ...", "", True),
-        ("no command for the state stamped 0.020 s", "[ERROR] [clik]: holding still", True),
-        ("no command for the state stamped 0.020 s", "[INFO] [clik]: active", False),
-        ("Segmentation fault", "[ERROR] [clik]: joint_states rejected", False),
+        (ExitCode.DIVERGED, Event.READY, True),
+        (ExitCode.STALLED, Event.FAULT, True),
+        (ExitCode.STALLED, Event.READY, False),
+        (ExitCode.ERROR, Event.FAULT, False),
     ],
 )
-def test_a_run_has_diverged_if_its_logs_say_so(
-    tmp_path: Path, bridge: str, controller: str, expected: bool
+def test_a_run_has_diverged_if_the_robot_or_its_controller_says_so(
+    tmp_path: Path, bridge: ExitCode, controller: Event, expected: bool
 ) -> None:
-    (tmp_path / "pybullet_bridge.log").write_text(bridge)
-    (tmp_path / "impedance_control.log").write_text("[INFO] [impedance_control]: active")
-    (tmp_path / "clik.log").write_text(controller)
-    assert has_diverged(Nodes(tmp_path), "clik") is expected
-    assert has_diverged(Nodes(tmp_path), "admittance") is expected
+    (tmp_path / "impedance_control.events").write_text('{"event": "ready"}')
+    (tmp_path / "clik.events").write_text(f'{{"event": "{controller}"}}')
+    nodes = Nodes(tmp_path)
+    code = f"raise SystemExit({bridge})"
+    nodes.processes["pybullet_bridge"] = subprocess.Popen([sys.executable, "-c", code])
+    nodes.processes["pybullet_bridge"].wait()
+    assert has_diverged(nodes, "clik") is expected
+    assert has_diverged(nodes, "admittance") is expected
 
 
 # --- whole runs ------------------------------------------------------------------------------
@@ -864,7 +868,7 @@ def test_a_run_that_diverges_without_leave_is_an_error(tmp_path: Path) -> None:
     content = changed(nodes={}, variants={"wild": DIVERGING | {"may_diverge": False}})
     process = run(tmp_path, str(write(tmp_path, content)))
     assert process.end() == 2, process.log
-    assert "the node pybullet_bridge died with exit code 1" in process.stdout
+    assert "the node pybullet_bridge died with exit code 4" in process.stdout
     assert "not finite after step" in process.stdout
     assert nodes_of(tmp_path) == []
 

@@ -22,6 +22,7 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments import faulty_run
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import load_experiment
@@ -380,7 +381,7 @@ class Nodes:
     def start_again(self, _node: str) -> None:
         self._begun = time.monotonic()
 
-    def wait_for(self, *_: Any, **__: Any) -> None: ...
+    def wait_for_event(self, *_: Any, **__: Any) -> None: ...
 
     def check(self) -> None: ...
 
@@ -388,8 +389,8 @@ class Nodes:
     def is_found(self) -> bool:
         return time.monotonic() >= self._begun + self._late
 
-    def log(self, _node: str) -> str:
-        return "commanded\n" * (1 + self.is_found)
+    def events(self, _node: str, kind: Event) -> list[Any]:
+        return [kind] * (1 + self.is_found)
 
 
 @pytest.mark.parametrize("late", [0.3, math.inf])

@@ -9,6 +9,7 @@ import pytest
 
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.bags import Bag
+from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import Variant
 from eulerparams_control.lab.experiments.processes import Nodes
@@ -48,7 +49,7 @@ def record(folder: Path, controller: str, **parameters: Any) -> Path:
     with Nodes(folder / "logs") as running:
         for name in ("bag_recorder", controller, "pybullet_bridge", "reference"):
             running.start(name, given[name])
-        running.wait_for("bag_recorder", "recording ", 60.0)
+        running.wait_for_event("bag_recorder", Event.READY, 60.0)
         while not running.ended("pybullet_bridge"):
             time.sleep(0.05)
         running.stop("reference", controller, "bag_recorder")

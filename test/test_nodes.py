@@ -47,6 +47,7 @@ from tolerances import (
 )
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
+from eulerparams_control.events import ExitCode
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
@@ -1146,7 +1147,7 @@ def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_r
     found = [ns_from_ros(state.header.stamp) for state in states]
     assert sorted(set(found)) == list(range(0, 10_000_001, 1_000_000))
     assert len(found) - found.count(0) == 10  # later states are not repeated
-    assert process.end() == 1
+    assert process.end() == ExitCode.STALLED
     (line,) = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
     assert "no command for the state stamped 0.010 s within 2 s" in line
     assert "Traceback" not in process.log

@@ -220,11 +220,11 @@ def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path: Path) -> 
     record = Record(tmp_path, "first")
     record.begin(MAKING)
     bag_of(tmp_path)  # after the run had looked
-    log = record.path.parent / "bag_recorder.log"
-    log.write_text("error: first exists; nothing is overwritten: choose another folder")
+    events = record.path.parent / "bag_recorder.events"
+    events.write_text('{"event": "ended", "exit_code": 3}')
     runner._claim(record)
     refused(record, NOT_OURS)
-    log.write_text("recording 4 topics")
+    events.write_text('{"event": "ready"}')
     runner._claim(record)
     record.clear()
 

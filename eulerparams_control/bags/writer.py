@@ -24,7 +24,7 @@ from eulerparams_control.bags.format import (
     write_metadata,
 )
 from eulerparams_control.bags.schema import message_definition
-from eulerparams_control.errors import BagError
+from eulerparams_control.errors import BagError, OccupiedError
 
 # What a killed process loses: the chunk in progress, no larger and no older than this.
 _CHUNK_BYTES = 64 * 1024
@@ -171,7 +171,7 @@ class BagWriter:
             self.folder.mkdir(parents=True)
             self._file = McapFile(self.folder / f"{self.folder.name}_0.mcap", self._advice)
         except FileExistsError as error:
-            raise BagError(
+            raise OccupiedError(
                 f"{self.folder} exists; nothing is overwritten: choose another folder or remove it"
             ) from error
         except OSError as error:

@@ -30,6 +30,7 @@ from eulerparams_control.errors import (
     InvalidMessageError,
     defect,
 )
+from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import SEPARATE
 from eulerparams_control.laws.rotations import Array
@@ -257,6 +258,7 @@ class ControlNode(LifecycleNode):
         self._received, self._commanded, self._heard = 0.0, False, False
         self._report.forget()
         self._say()
+        tell(Event.READY)
         return TransitionCallbackReturn.SUCCESS
 
     def _stale(self) -> str:

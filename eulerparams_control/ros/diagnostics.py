@@ -9,6 +9,7 @@ from rclpy.node import Node
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import kind_of
+from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.keys import CAUSE, MODE, REMEDY, SINCE
 from eulerparams_control.ros.qos import QOS_LATCHED
 
@@ -108,6 +109,7 @@ class Health:
             del self._logged[next(iter(self._logged))]
         if error:
             self._node.get_logger().error(message)
+            tell(Event.FAULT, text=message)
         else:
             self._node.get_logger().warning(message)
 

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
+from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.messages.from_ros import JointStateReader, pose_from_ros
 from eulerparams_control.messages.to_ros import motion_to_ros
@@ -251,6 +252,7 @@ class ReferenceNode(Node):
             diagnostics.OK,
             f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}",
         )
+        tell(Event.SENT)
 
     def close(self) -> None:
         """Nothing has to be undone."""

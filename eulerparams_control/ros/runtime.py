@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError, defect
+from eulerparams_control.events import Event, ExitCode, tell
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -49,36 +50,40 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     published, so the signals are handled here.  Errors of this package end the
     process with one line on stderr and their exit code.
     """
+    code, text = _run(make_node, args)
+    if text:
+        print(f"error: {text}", file=sys.stderr, flush=True)
+    tell(Event.ENDED, exit_code=code, text=text)
+    return code
+
+
+def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCode, str]:
+    """Run the node; return the exit code, and what was wrong."""
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
         text = " ".join(str(error).partition(", at /")[0].split())
-        print(f"error: {text}; in the folder {Path.cwd()}", file=sys.stderr, flush=True)
-        return 1
+        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}"
     if unknown := remove_ros_args(args)[1 if args is None else 0 :]:
-        print(
-            f"error: unknown argument '{unknown[0]}'; parameters are given as --ros-args -p "
-            "NAME:=VALUE or --ros-args --params-file FILE, see config/ and the README",
-            file=sys.stderr,
-            flush=True,
+        return ExitCode.ERROR, (
+            f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
+            "or --ros-args --params-file FILE, see config/ and the README"
         )
-        return 1
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped.append(received))
     node: Node | None = None
     try:
-        node = make_node()
-        _spin(node, stopped)
-        return 0
+        try:
+            node = make_node()
+            _spin(node, stopped)
+        finally:
+            _end(node)
     except EulerParamsError as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-        return error.exit_code
+        return error.exit_code, str(error)
     except Exception as error:  # a defect: said in one line, after the arm was brought to rest
-        print(f"error: {defect(error)}; please report it", file=sys.stderr, flush=True)
-        return 1
-    finally:
-        _end(node)
+        return ExitCode.ERROR, f"{defect(error)}; please report it"
+    return ExitCode.OK, ""
 
 
 def _spin(node: Node, stopped: list[int]) -> None:

@@ -25,6 +25,7 @@ from eulerparams_control.errors import (
     InvalidMessageError,
     UnknownNameError,
 )
+from eulerparams_control.events import mute
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.parameters.fields import parameter
@@ -320,6 +321,7 @@ def main(args: list[str] | None = None) -> int:
         made.append(IdentifyToolNode())
         return made[0]
 
+    mute()
     return run(make, args) or made[0].finish()
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +20,7 @@ from eulerparams_control.bags.ros.recorder_parameters import RemoteParameters
 from eulerparams_control.bags.schema import message_definition
 from eulerparams_control.bags.writer import BagWriter
 from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.events import Event, tell
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.runtime import run
@@ -122,6 +122,7 @@ class BagRecorder(Node):
         if not missing:
             count = len(self._recorded)
             self.get_logger().info(f"recording {count} topics to {self._bag.folder}")
+            tell(Event.READY)
             self._step = lambda: None
         self._remind(missing)
 
@@ -279,8 +280,4 @@ def _adapted_qos(publishers: list[TopicEndpointInfo], depth: int) -> QoSProfile:
 
 def run_recorder(args: list[str] | None = None) -> int:
     """Run the node; return the exit code."""
-    try:
-        return run(BagRecorder, args)
-    except BagError as error:  # raised by close
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    return run(BagRecorder, args)

@@ -11,6 +11,7 @@ from typing import Any
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.recovery import recover
 from eulerparams_control.errors import BagError
+from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import INJECTOR, recorded, remaps
 from eulerparams_control.lab.experiments.model import Parameters, Variant
@@ -20,14 +21,7 @@ from eulerparams_control.lab.faults import Fault, Kill
 
 RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
 
-WORKING = {RECORDER: "recording ", "reference": "sent a motion", BRIDGE: " control, "}
-"""What a node says when it is at work."""
-
-_COMMANDED = "commanded"  # what the robot says when its controller has found it
-_FIND_TIMEOUT = 15.0  # [s] for that; a fault may keep them apart
-
-_ACTIVE = "active with"  # what a controller says
-
+_FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
 _START_TIMEOUT = 60.0  # [s] for all nodes to have found each other
 _POLL = 0.01  # [s] between two looks at what is due
 
@@ -55,9 +49,9 @@ def record_faulty(
         start = (RECORDER, INJECTOR, *controller.executables, BRIDGE, "reference")
         for name in start:
             nodes.start(name, {**parameters, RECORDER: output}[name], remaps=others.get(name, {}))
-        nodes.wait_for(RECORDER, "recording ", _START_TIMEOUT)
+        nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
         record.claim()  # now: we may be killed
-        nodes.wait_for(INJECTOR, "the time of the faults begins", _START_TIMEOUT)
+        nodes.wait_for_event(INJECTOR, Event.READY, _START_TIMEOUT)
         parts = _Parts(record, nodes, output)
         _follow(settings, nodes, parts, progress)
         alive = [name for name in start if name in nodes.processes and name != BRIDGE]
@@ -104,14 +98,14 @@ def _follow(
 
 def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:
     """Start a node that was killed, and wait until it is at work."""
-    words = WORKING.get(node, _ACTIVE)
-    said, commanded = (nodes.log(node).count(text) for text in (words, _COMMANDED))
+    event = Event.SENT if node == "reference" else Event.READY
+    told, commanded = (len(nodes.events(node, kind)) for kind in (event, Event.COMMANDED))
     if node == RECORDER:
         parts.add()
     else:
         nodes.start_again(node)
-    nodes.wait_for(node, words, _START_TIMEOUT, times=said + 1)
-    if node == BRIDGE and nodes.processes.keys() - {*WORKING, INJECTOR}:
+    nodes.wait_for_event(node, event, _START_TIMEOUT, times=told + 1)
+    if node == BRIDGE and nodes.processes.keys() - {RECORDER, BRIDGE, "reference", INJECTOR}:
         _await_controller(nodes, commanded)
 
 
@@ -121,7 +115,7 @@ def _await_controller(nodes: Nodes, commanded: int) -> None:
     What is sent before that is a motion of the old robot.
     """
     deadline = time.monotonic() + _FIND_TIMEOUT
-    while nodes.log(BRIDGE).count(_COMMANDED) <= commanded and time.monotonic() < deadline:
+    while len(nodes.events(BRIDGE, Event.COMMANDED)) <= commanded and time.monotonic() < deadline:
         nodes.check()
         time.sleep(_POLL)
 

@@ -16,8 +16,12 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.events import Event, events_of
 from eulerparams_control.lab.experiments.domains import Domain
 from eulerparams_control.resources import PACKAGE
+
+LOG, EVENTS = ".log", ".events"
+"""How the names of the files end that nodes write: for people, and for programs."""
 
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
@@ -40,7 +44,7 @@ class Nodes:
     """Processes of nodes that end together, in a ROS domain of their own.
 
     Args:
-        folder: for their parameter files and logs.
+        folder: for their parameter files, logs (stderr) and events (stdout).
         stop: set from another thread when they are to end.
 
     Attributes:
@@ -58,7 +62,6 @@ class Nodes:
             **os.environ,
             "ROS_DOMAIN_ID": str(self._domain.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "RCUTILS_LOGGING_USE_STDOUT": "1",
             "RCUTILS_COLORIZED_OUTPUT": "0",
         }
         folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +92,8 @@ class Nodes:
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
         self._commands[executable] = command
-        self._log(executable).write_bytes(b"")
+        for kind in (LOG, EVENTS):
+            self._file(executable, kind).write_bytes(b"")
         self._launch(executable)
 
     def start_again(self, executable: str, parameters: dict[str, Any] | None = None) -> None:
@@ -118,22 +122,26 @@ class Nodes:
         return file
 
     def _launch(self, executable: str) -> None:
-        with open(self._log(executable), "ab") as log:
+        with (
+            open(self._file(executable, LOG), "ab") as log,
+            open(self._file(executable, EVENTS), "ab") as events,
+        ):
             self.processes[executable] = subprocess.Popen(
                 self._commands[executable],
                 stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
+                stdout=events,
+                stderr=log,
                 env=self.environment,
                 start_new_session=True,  # a Ctrl-C in the terminal is ours to pass on
             )
 
-    def _log(self, executable: str) -> Path:
-        return self._folder / f"{executable}.log"
+    def _file(self, executable: str, kind: str) -> Path:
+        return self._folder / f"{executable}{kind}"
 
-    def log(self, executable: str) -> str:
-        """Return what a node has said so far."""
-        return self._log(executable).read_text(encoding="utf-8", errors="replace")
+    def events(self, executable: str, kind: Event) -> list[dict[str, Any]]:
+        """Return the events of a kind that a node has told so far."""
+        text = self._file(executable, EVENTS).read_text(encoding="utf-8", errors="replace")
+        return [event for event in events_of(text) if event["event"] == kind]
 
     def ended(self, executable: str) -> bool:
         """Return whether a node has ended by itself, and well.
@@ -161,7 +169,7 @@ class Nodes:
             if process.poll() is not None and (process.returncode != 0 or name != may_end):
                 raise SimulationError(
                     f"the node {name} died with exit code {process.returncode}:\n"
-                    + self._last_words(name)
+                    + self.last_words(name)
                     + self.complaints(but=name)
                 )
 
@@ -177,34 +185,35 @@ class Nodes:
                 process.kill()
                 process.wait()
 
-    def wait_for(self, executable: str, words: str, timeout: float, times: int = 1) -> None:
-        """Wait until a node has said some words, as many times as that.
+    def wait_for_event(self, executable: str, event: Event, timeout: float, times: int = 1) -> None:
+        """Wait until a node has told an event, as many times as that.
 
         Raises:
             SimulationError: if it does not within ``timeout`` [s].
         """
         deadline = time.monotonic() + timeout
-        while self.log(executable).count(words) < times:
+        while len(self.events(executable, event)) < times:
             self.ended(executable)
             if time.monotonic() > deadline:
                 raise SimulationError(
-                    f"{executable} did not say '{words}' within {timeout:g} s:\n"
-                    + self._last_words(executable)
+                    f"{executable} was not {event} within {timeout:g} s:\n"
+                    + self.last_words(executable)
                     + self.complaints(but=executable)
                 )
             time.sleep(0.02)
 
-    def _last_words(self, executable: str) -> str:
-        lines = [line for line in self.log(executable).splitlines() if line.strip()]
-        return "\n".join(f"  {line}" for line in lines[-8:]) or "  (it said nothing)"
+    def last_words(self, executable: str, count: int = 8) -> str:
+        """Return the last lines of the log of a node."""
+        text = self._file(executable, LOG).read_text(encoding="utf-8", errors="replace")
+        lines = [line for line in text.splitlines() if line.strip()]
+        return "\n".join(f"  {line}" for line in lines[-count:]) or "  (it said nothing)"
 
     def complaints(self, but: str) -> str:
-        """Return the last error of each other node: the cause is often with a neighbour."""
+        """Return the last fault of each other node: the cause is often with a neighbour."""
         text = ""
         for name in self.processes:
-            errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]
-            if errors and name != but:
-                text += f"\n{name} said:\n  {errors[-1]}"
+            if name != but and (faults := self.events(name, Event.FAULT)):
+                text += f"\n{name} said:\n  {faults[-1]['text']}"
         return text
 
 

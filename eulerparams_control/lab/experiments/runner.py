@@ -4,7 +4,6 @@ In lock-step, but with faults in real time, see ``faulty``.
 """
 
 import math
-import re
 import struct
 import threading
 import time
@@ -16,11 +15,12 @@ import numpy as np
 
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
+from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments import faulty
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControlNode
-from eulerparams_control.lab.experiments.faulty_run import record_faulty, turn
+from eulerparams_control.lab.experiments.faulty_run import BRIDGE, RECORDER, record_faulty, turn
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
-from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.experiments.processes import EVENTS, Nodes
 from eulerparams_control.lab.experiments.run_cache import Making, Record, Run
 from eulerparams_control.lab.faults import FROM_ROBOT
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -35,15 +35,8 @@ _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
 
-# What the bridge says when the state, or a command, is beyond all numbers, and when it waits.
-_BEYOND = re.compile(r"not finite|must be \d+ finite numbers")
-_SILENCE = "no command for the state stamped"
-
 # A header begins a message: its stamp follows the four bytes that say how it is encoded.
 _CDR_HEADER, _STAMP = 4, struct.Struct("<iI")
-
-# What the recorder says before it ends, if it finds what it has not made.
-_NOT_ITS_OWN = "nothing is overwritten"
 
 Progress = Callable[[float], None]
 
@@ -139,22 +132,25 @@ def _record(
     controller = CONTROLLERS[settings.controller]
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
-    recorder = {"bag_recorder": {"output": str(record.bag), "topics": topics}}
+    recorder = {RECORDER: {"output": str(record.bag), "topics": topics}}
     remaps = {node.executable: node.remaps for node in controller.nodes}
     with Nodes(record.path.parent, stop) as nodes:
-        for name in ("bag_recorder", *controller.executables, "pybullet_bridge", "reference"):
+        for name in (RECORDER, *controller.executables, BRIDGE, "reference"):
             nodes.start(name, (parameters | recorder)[name], remaps=remaps.get(name, {}))
-        nodes.wait_for("bag_recorder", "recording ", _START_TIMEOUT)
+        nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
         record.claim()  # now: we may be killed
         diverged = _follow(nodes, settings, progress)
-        nodes.stop("reference", *controller.executables, "bag_recorder")
+        nodes.stop("reference", *controller.executables, RECORDER)
     return diverged
 
 
 def _claim(record: Record) -> None:
     """Mark the bag that the recorder has made as that of the run; it makes none that exists."""
-    log = record.path.parent / "bag_recorder.log"
-    if log.exists() and _NOT_ITS_OWN not in log.read_text(encoding="utf-8", errors="replace"):
+    told = record.path.parent / f"{RECORDER}{EVENTS}"
+    if told.exists() and not any(
+        event.get("exit_code") == ExitCode.REFUSED
+        for event in events_of(told.read_text(encoding="utf-8", errors="replace"))
+    ):
         record.claim()
 
 
@@ -170,17 +166,17 @@ def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
 
 
 def has_diverged(nodes: Nodes, controller: str) -> bool:
-    """Return whether the arm left all numbers, or the controller fell silent after a fault."""
-    said = nodes.log("pybullet_bridge")
-    faults = ("[ERROR]" in nodes.log(name) for name in CONTROLLERS[controller].executables)
-    return bool(_BEYOND.search(said)) or (_SILENCE in said and any(faults))
+    """Return whether the arm diverged, or the controller fell silent after a fault."""
+    code = nodes.processes[BRIDGE].poll()
+    faults = (nodes.events(name, Event.FAULT) for name in CONTROLLERS[controller].executables)
+    return code == ExitCode.DIVERGED or (code == ExitCode.STALLED and any(faults))
 
 
 def _wait(nodes: Nodes, progress: Progress) -> None:
     """Wait until the simulation ends; raise SimulationError if it stands still."""
     before, since = -1.0, time.monotonic()
-    while not nodes.ended("pybullet_bridge"):
-        now = _simulated(nodes.log("pybullet_bridge"))
+    while not nodes.ended(BRIDGE):
+        now = max((event["t"] for event in nodes.events(BRIDGE, Event.PROGRESS)), default=0.0)
         progress(now)
         if now != before:
             before, since = now, time.monotonic()
@@ -246,12 +242,6 @@ def _start(robot: RobotDescription, reference: dict[str, Any], turn: Array) -> l
         turned = DesiredFrame(first.p_d, first.R_d @ exp(turn * step / steps))
         q_0 = inverse_kinematics(arm, turned, q_0)
     return [float(q) for q in q_0]
-
-
-def _simulated(log: str) -> float:
-    """Return the simulated time [s] that the bridge reported last."""
-    times = re.findall(r"simulated ([\d.]+) s", log)
-    return float(times[-1]) if times else 0.0
 
 
 def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -> float:

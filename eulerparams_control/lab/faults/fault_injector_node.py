@@ -30,6 +30,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.events import Event, tell
 from eulerparams_control.lab.faults import (
     FROM_ROBOT,
     ROBOT,
@@ -127,6 +128,7 @@ class FaultInjectorNode(Node):
     def _start(self) -> None:
         self._started = steady()
         self.get_logger().info("the time of the faults begins")
+        tell(Event.READY)
 
     def _meet(self) -> None:
         """Take a topic once somebody listens to what is given on: so nothing sent once is lost."""

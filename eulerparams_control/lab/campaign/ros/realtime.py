@@ -195,8 +195,8 @@ class _Sequence:
         """Look whether all processes are there; a controller that has died is no error of ours."""
         process = self.nodes.processes.get(self.plan.controller)
         if process is not None and process.poll() is not None:
-            words = self.nodes.log(self.plan.controller).strip().splitlines()[-1:]
-            self.record.crash = f"it ended with {process.returncode}: {' '.join(words)}"
+            words = self.nodes.last_words(self.plan.controller, 1)
+            self.record.crash = f"it ended with {process.returncode}: {words}"
             del self.nodes.processes[self.plan.controller]
         self.nodes.check()
 
@@ -275,10 +275,9 @@ class _Sequence:
         if self.record.crash:
             return
         code = self.nodes.processes[self.plan.controller].returncode
-        log = self.nodes.log(self.plan.controller)
-        if code != 0 or "Traceback" in log:
-            words = log.strip().splitlines()[-1:]
-            self.record.crash = f"told to end, it ended with {code}: {' '.join(words)}"
+        if code != 0:
+            words = self.nodes.last_words(self.plan.controller, 1)
+            self.record.crash = f"told to end, it ended with {code}: {words}"
 
     def close(self) -> None:
         """End the node that leads and listens."""

@@ -5,12 +5,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
+from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.processes import Nodes
 from eulerparams_control.lab.soak.plan import Plan
 from eulerparams_control.robot.catalogue import load_robot
 
 _PATIENCE = 60.0  # [s] for a motion to be sent: a guard against hanging
-_SENT = "sent a motion"
 RECORDER = "bag_recorder"
 
 
@@ -36,7 +36,7 @@ class Station:
     def move(self, plan: Plan) -> None:
         """Start the reference, and wait until it has sent its motion."""
         self.nodes.start("reference", plan.reference(load_robot("ur5")), f"/{self.controller}")
-        self.nodes.wait_for("reference", _SENT, _PATIENCE)
+        self.nodes.wait_for_event("reference", Event.SENT, _PATIENCE)
 
     def move_again(self) -> None:
         """Start the reference anew: its motion begins where the arm is now."""
