@@ -26,7 +26,7 @@ from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments import faulty_run
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.faulty import remaps, topics_of
+from eulerparams_control.lab.experiments.faulty import remaps
 from eulerparams_control.lab.experiments.faulty_run import deeds, turn
 from eulerparams_control.lab.experiments.fingerprint import code_of_runs, digest
 from eulerparams_control.lab.experiments.model import Variant
@@ -106,7 +106,7 @@ def test_faults_that_cannot_be_are_refused_with_the_reason(
 def test_all_that_goes_between_robot_and_controller_goes_through_the_injector(
     controller: str, topics: tuple[str, ...]
 ) -> None:
-    assert topics_of(CONTROLLERS[controller]) == topics
+    assert CONTROLLERS[controller].topics == topics
     *inwards, command = topics
     assert remaps(CONTROLLERS[controller]) == {
         controller: {topic: f"faulty/{topic}" for topic in inwards},

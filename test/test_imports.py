@@ -17,15 +17,15 @@ ROS = {"rclpy", "ament_index_python", *MESSAGES}
 
 # The floors, from the ground up: a module imports what is on its own floor or below.
 FLOORS = (
-    ("errors", "events", "resources", "command_line"),
+    ("errors", "events", "resources", "command_line", "parameters.fields"),
     ("laws.rotations", "laws.rotations_batch"),
     ("motion.frames", "motion.trajectories", "motion.desired_motion"),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
     ("robot.urdf", "robot.urdf_xml", "robot.urdf_inertial"),
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),
-    ("laws",),
+    ("parameters.schemes", "parameters.common"),
+    ("laws", "parameters"),
     ("control",),
-    ("parameters",),
     ("messages",),
     ("ros", "bags"),
     ("tool",),

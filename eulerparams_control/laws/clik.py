@@ -94,8 +94,6 @@ class Clik(Scheme):
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
     """
 
-    name = "clik"
-
     def __init__(
         self,
         robot: Robot,

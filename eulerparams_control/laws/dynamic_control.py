@@ -197,8 +197,6 @@ class DynamicControl(Scheme):
         RobotError: if the model of the robot cannot give its efforts.
     """
 
-    name = "dynamic_control"
-
     def __init__(
         self,
         robot: Robot,

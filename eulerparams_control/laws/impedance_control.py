@@ -154,8 +154,6 @@ class ImpedanceControl(Scheme):
         chain: of the wrench, with its tare; None is a new one.
     """
 
-    name = "impedance_control"
-
     def __init__(
         self, motion: MotionLoop, law: ImpedanceLaw, chain: WrenchChain | None = None
     ) -> None:

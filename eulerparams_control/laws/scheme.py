@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,7 +78,6 @@ class Scheme(ABC):
         robot: the arm.
     """
 
-    name: ClassVar[str]
     robot: Robot
 
     def frame_at(self, q: Array) -> DesiredFrame:

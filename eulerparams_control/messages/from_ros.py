@@ -17,6 +17,7 @@ from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
+from eulerparams_control.parameters.schemes import COMMANDS
 
 # A unit quaternion of single precision, or printed with 4 digits, is this close to norm 1.
 QUATERNION_NORM_TOLERANCE = 1e-3
@@ -169,7 +170,7 @@ class CommandReader(_JointReader):
     _largest: ClassVar[float] = 1e100
 
     def __init__(self, joints: Sequence[str], control: str) -> None:
-        super().__init__(joints, "joint_reference" if control == "position" else "joint_effort")
+        super().__init__(joints, COMMANDS[control])
 
     def position_from_ros(self, msg: Any) -> tuple[Array, Array]:
         """Return q (n,) and dq (n,), 0 where the message has none; raises InvalidMessageError."""

@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 
-from eulerparams_control.laws.clik import FEEDBACKS, ClikLaw
+from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.schemes import POSITION
+from eulerparams_control.robot.robot import Robot
 
 
 @dataclass(frozen=True)
-class ClikParameters(ControlParameters):
+class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     """Parameters of the node ``clik``."""
 
     k_Pp: float = parameter(100.0, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
@@ -34,3 +37,12 @@ class ClikParameters(ControlParameters):
             self.posture_or_none(),
             self.k_posture,
         )
+
+    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
+        """Return CLIK for a robot."""
+        return Clik(robot, self.law(), self.feedback, limits, max_deviation=self.max_deviation)
+
+    def change_scheme(self, scheme: Clik, limits: JointLimits | None) -> None:
+        """Let a running CLIK go over to these parameters."""
+        scheme.replace_law(self.law())
+        scheme.limits = limits

@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from eulerparams_control.control.controller import ControllerOptions
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
@@ -20,9 +20,14 @@ from eulerparams_control.laws.orientation import (
 )
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.schemes import SchemeInfo
+from eulerparams_control.robot.robot import Robot
 
 COMMAND_TYPES = ("joint_state", "joint_trajectory", "forward")
 """Message types of the command; see :class:`eulerparams_control.ros.commands.CommandPublisher`."""
+
+NO_COMMANDS = "none"
+"""Instead of a message type: nothing is commanded."""
 
 LATEST = "latest"
 PAIRINGS = (LATEST, "stamp")
@@ -114,6 +119,19 @@ class ControlParameters:
     )
     autostart: bool = parameter(True, "configure and activate as soon as possible")
 
+    scheme: ClassVar[SchemeInfo]
+
+    def __init_subclass__(cls, scheme: str = "", **interface: Any) -> None:
+        """Register the scheme whose parameters these are; without a name they are of none.
+
+        Args:
+            scheme: its name.
+            interface: the further attributes of its :class:`SchemeInfo`.
+        """
+        super().__init_subclass__()
+        if scheme:
+            cls.scheme = SchemeInfo(scheme, cls, **interface)
+
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""
         options = OrientationOptions(
@@ -122,6 +140,10 @@ class ControlParameters:
         )
         return representation(self.orientation, options)
 
+    def robot(self, urdf: str) -> Robot:
+        """Return the robot of a URDF; raises RobotError if it lacks a frame or a joint."""
+        return Robot(urdf, self.base_frame, self.tip_frame, self.joints)
+
     def inverse(self) -> DampedInverse:
         """Return the inverse of the Jacobian."""
         return DampedInverse(self.damping_eps, self.damping_max)
@@ -129,16 +151,3 @@ class ControlParameters:
     def posture_or_none(self) -> Array | None:
         """Return the posture (n,) [rad or m], or None."""
         return np.array(self.posture) if self.posture else None
-
-    def controller_options(self) -> ControllerOptions:
-        """Return how the controller is to treat time and references."""
-        return ControllerOptions(
-            self.state_timeout,
-            self.reference_timeout,
-            self.max_jump_position,
-            self.max_jump_rotation,
-            self.require_reference,
-            self.enforce_limits,
-            self.slow_below,
-            self.max_latency,
-        )

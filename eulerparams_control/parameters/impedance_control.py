@@ -7,11 +7,18 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
-from eulerparams_control.laws.impedance_control import ImpedanceLaw
+from eulerparams_control.laws.dynamic_control import DynamicControl
+from eulerparams_control.laws.impedance_control import (
+    ImpedanceControl,
+    ImpedanceLaw,
+    MotionLoop,
+    NoMotionLoop,
+)
 from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
-from eulerparams_control.laws.wrench import WrenchOptions
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.parameters.common import LATEST, PAIRINGS
+from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
 from eulerparams_control.parameters.efforts import EffortParameters, require_size
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.robot import Robot, Tool
@@ -25,13 +32,18 @@ _MOST_TOOL = 0.5
 
 
 @dataclass(frozen=True)
-class ImpedanceParameters(EffortParameters):
+class ImpedanceParameters(
+    EffortParameters,
+    scheme="impedance_control",
+    inputs=("wrench",),
+    outputs=("compliant_frame",),
+):
     """Parameters of the node ``impedance_control``."""
 
     command_type: str = parameter(
         "joint_state",
         "message type of the command; none: compliant_frame only, for an arm that takes positions",
-        choices=("joint_state", "forward", "none"),
+        choices=("joint_state", "forward", NO_COMMANDS),
     )
     k_Pp: float = parameter(
         3600.0, "position gain of the motion loop", unit="1/s^2", bounds=(0.0, 1e6), live=True
@@ -210,6 +222,27 @@ class ImpedanceParameters(EffortParameters):
             self.max_contact_force,
             self.max_contact_torque,
         )
+
+    def make_scheme(
+        self, robot: Robot, limits: JointLimits | None, chain: WrenchChain | None = None
+    ) -> ImpedanceControl:
+        """Return impedance control for a robot; raises ConfigurationError.
+
+        Args:
+            robot: the arm.
+            limits: of its joints; None is none.
+            chain: that makes the contact of what is sensed; None: a new one.
+        """
+        bounds = self.effort_limits(limits)
+        motion: MotionLoop = NoMotionLoop(robot, bounds)
+        if self.command_type != NO_COMMANDS:
+            motion = DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
+        return ImpedanceControl(motion, self.impedance_law(robot), chain)
+
+    def change_scheme(self, scheme: ImpedanceControl, limits: JointLimits | None) -> None:
+        """Let a running scheme go over to these parameters; raises ConfigurationError."""
+        robot, bounds = scheme.robot, self.effort_limits(limits)
+        scheme.replace_law(self.impedance_law(robot), self.law(), self.dynamics(robot), bounds)
 
     def _refuse_tool(self, tool: Tool, compliance: ComplianceLaw) -> None:
         """Raise ConfigurationError for a tool that is too heavy for the impedance."""

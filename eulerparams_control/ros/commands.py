@@ -118,7 +118,7 @@ class ComplianceCommands:
     """
 
     def __init__(
-        self, node: Node, base_frame: str, tip_frame: str, efforts: CommandPublisher | None
+        self, node: Node, base_frame: str, tip_frame: str, efforts: Commands | None
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame

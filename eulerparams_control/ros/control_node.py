@@ -5,7 +5,7 @@ published under the stamp of the joint_states that it answers.  A lifecycle node
 default starts itself as soon as it has a robot description and a state.
 """
 
-from abc import abstractmethod
+import importlib
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.control.controller import REPORT_IT, Controller
+from eulerparams_control.control.controller import REPORT_IT, Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
@@ -36,14 +36,15 @@ from eulerparams_control.laws.orientation import SEPARATE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.messages.from_ros import JointStateReader, motion_from_ros, ns_from_ros
-from eulerparams_control.parameters.common import LATEST, ControlParameters
+from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, ControlParameters
+from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.commands import Commands
+from eulerparams_control.ros.commands import CommandPublisher, Commands
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
@@ -61,10 +62,10 @@ class ControlNode(LifecycleNode):
     """A lifecycle node that runs one scheme on one arm."""
 
     parameters_type: type[Any] = ControlParameters
-    needs_velocity = False
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self) -> None:
+        self.interface: SchemeInfo = self.parameters_type.scheme
+        super().__init__(self.interface.name)
         self.done = False
         self._health = diagnostics.Health(self)
         self._params = declare(self, self.parameters_type, self._on_change)
@@ -95,20 +96,27 @@ class ControlNode(LifecycleNode):
 
     def make_robot(self, urdf: str) -> Robot:
         """Return the robot of a URDF, from the parameters; raises RobotError."""
-        p = self._params
-        return Robot(urdf, p.base_frame, p.tip_frame, p.joints)
+        robot: Robot = self._params.robot(urdf)
+        return robot
 
-    @abstractmethod
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
         """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
+        scheme: Scheme = self._params.make_scheme(robot, limits)
+        return scheme
 
-    @abstractmethod
     def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
         """Change a running scheme to new parameters; raises ConfigurationError."""
+        parameters.change_scheme(scheme, limits)
 
-    @abstractmethod
     def make_commands(self, joints: tuple[str, ...]) -> Commands:
         """Return the publisher of the scheme's commands."""
+        kind = self._params.command_type
+        return CommandPublisher(self, self.interface.command, kind, joints, QOS_STREAM)
+
+    @property
+    def commands_joints(self) -> bool:
+        """Whether commands for the joints are published at all."""
+        return bool(self._params.command_type != NO_COMMANDS)
 
     def is_complete(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come."""
@@ -226,7 +234,8 @@ class ControlNode(LifecycleNode):
             self._health.set(diagnostics.ERROR, f"not configured: {error}")
             return TransitionCallbackReturn.FAILURE
         self._robot = robot
-        self._reader = JointStateReader(robot.joints, self.needs_velocity)
+        needs_velocity = self.interface.control == TORQUE and self.commands_joints
+        self._reader = JointStateReader(robot.joints, needs_velocity)
         self._commands = self.make_commands(robot.joints)
         self._health.set(diagnostics.OK, "configured, waiting for joint_states")
         return TransitionCallbackReturn.SUCCESS
@@ -248,7 +257,7 @@ class ControlNode(LifecycleNode):
             self._health.values.update(self.values_now())
             self._health.set(diagnostics.ERROR, f"not activated: {error}")
             return TransitionCallbackReturn.FAILURE
-        options = self._params.controller_options()
+        options = _controller_options(self._params)
         self._controller = Controller(scheme, options, self._measured[1])
         self._cut = self._restarts = 0
         # only now: who publishes a reference can see by it that somebody follows
@@ -480,7 +489,7 @@ class ControlNode(LifecycleNode):
             return
         self._complain_of_limits(self._controller)
         self._complain_of_restarts(self._controller)
-        if self._commands.count_subscribers() == 0 and self._params.command_type != "none":
+        if self._commands.count_subscribers() == 0 and self.commands_joints:
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
             )
@@ -525,6 +534,27 @@ class ControlNode(LifecycleNode):
         else:
             self._controller.fail_for_good(error)
             self._say()
+
+
+def node_class(scheme: SchemeInfo) -> type[ControlNode]:
+    """Return the class of the node of a scheme."""
+    found = vars(importlib.import_module(scheme.node)).values()
+    nodes = (item for item in found if isinstance(item, type) and issubclass(item, ControlNode))
+    return next(node for node in nodes if node.parameters_type is scheme.parameters)
+
+
+def _controller_options(p: ControlParameters) -> ControllerOptions:
+    """Return how the controller is to treat time and references."""
+    return ControllerOptions(
+        p.state_timeout,
+        p.reference_timeout,
+        p.max_jump_position,
+        p.max_jump_rotation,
+        p.require_reference,
+        p.enforce_limits,
+        p.slow_below,
+        p.max_latency,
+    )
 
 
 _SIMULATED_ONLY = {

@@ -9,8 +9,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
-from eulerparams_control.laws.dynamic_control import DynamicControl
-from eulerparams_control.laws.impedance_control import ImpedanceControl, MotionLoop, NoMotionLoop
+from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
@@ -19,10 +18,10 @@ from eulerparams_control.messages.from_ros import FROZEN
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.commands import CommandPublisher, ComplianceCommands
+from eulerparams_control.ros.commands import ComplianceCommands
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.publishers import refuse_two_publishers
-from eulerparams_control.ros.qos import QOS, QOS_STREAM
+from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.wrench_input import WrenchInput
 
@@ -37,11 +36,10 @@ class ImpedanceControlNode(ControlNode):
 
     def __init__(self) -> None:
         self._note_on_wrench = ""
-        super().__init__("impedance_control")
+        super().__init__()
 
     def _subscribe(self) -> None:
         p = self._params
-        self.needs_velocity = p.command_type != "none"
         self._input = WrenchInput(self.get_clock(), p.wrench_pairing, p.wrench_timeout)
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
@@ -52,32 +50,19 @@ class ImpedanceControlNode(ControlNode):
 
     # --- the scheme --------------------------------------------------------------------
 
-    def make_robot(self, urdf: str) -> Robot:
-        """Return the robot with its tool."""
-        robot: Robot = self._params.robot(urdf)
-        return robot
-
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> ImpedanceControl:
         """Return impedance control for a robot."""
-        p = self._params
-        law, bounds = p.impedance_law(robot), p.effort_limits(limits)
-        motion: MotionLoop
-        if p.command_type == "none":
-            motion = NoMotionLoop(robot, bounds)
-        else:
-            motion = DynamicControl(robot, p.law(), p.dynamics(robot), bounds)
-        scheme = ImpedanceControl(motion, law, self._chain)
+        p: ImpedanceParameters = self._params
+        scheme = p.make_scheme(robot, limits, self._chain)
         scheme.sense(self._input.fresh)
         return scheme
 
     def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
-        p: ImpedanceParameters = parameters
-        robot = scheme.robot
-        law = p.impedance_law(robot)
-        self._refuse_lunge(scheme, law.compliance.translation.K, law.compliance.rotation.K)
-        scheme.replace_law(law, p.law(), p.dynamics(robot), p.effort_limits(limits))
+        compliance = parameters.impedance_law(scheme.robot).compliance
+        self._refuse_lunge(scheme, compliance.translation.K, compliance.rotation.K)
+        parameters.change_scheme(scheme, limits)
         self._resting.clear()  # they are of another tool or bias
 
     def _refuse_lunge(self, scheme: ImpedanceControl, K_p: Array, K_o: Array) -> None:
@@ -101,11 +86,9 @@ class ImpedanceControlNode(ControlNode):
 
     def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
         """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
-        kind, robot = self._params.command_type, self._robot
+        robot = self._robot
         assert robot is not None
-        efforts = None
-        if kind != "none":
-            efforts = CommandPublisher(self, "joint_effort", kind, joints, QOS_STREAM)
+        efforts = super().make_commands(joints) if self.commands_joints else None
         return ComplianceCommands(self, robot.base_frame, robot.tip_frame, efforts)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -25,11 +25,13 @@ from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.parameters.fields import fields_of
+from eulerparams_control.parameters.schemes import TORQUE, schemes
 
 LOCKSTEP, REALTIME = "lockstep", "realtime"
 MODES = (LOCKSTEP, REALTIME)
 
-CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
+CONTROLLERS = tuple(schemes())
 
 WAY_POINTS, STREAM, NOTHING = "way points", "stream", "nothing"
 MOTIONS = (WAY_POINTS, STREAM, NOTHING)
@@ -46,15 +48,16 @@ _LAST_FARTHEST, _LAST_TURN = 0.08, 0.3
 _PUSH_FORCE, _PUSH_MOMENT = 20.0, 2.0  # [N], [Nm] at most, along each axis
 _NOISE = 20.0  # [N], [Nm]: four standard deviations of a fault
 
-# What else of a controller decides how it acts on messages.  At the rate of the sequences a loop
-# over the measured positions bears less gain than one over its own.
+# What else of a controller decides how it acts on messages: the first of these parameters that it
+# has.  At the rate of the sequences a loop over the measured positions bears less gain than one
+# over its own.
 _SETTINGS: dict[str, tuple[dict[str, str | float], ...]] = {
-    "clik": (
+    "feedback": (
         {"feedback": "internal"},
         {"feedback": "measured", "k_Pp": 30.0, "k_Po": 30.0},
     ),
-    "dynamic_control": ({"quaternion_sign": "hysteretic"}, {"quaternion_sign": "shortest"}),
-    "impedance_control": ({"wrench_pairing": "latest"}, {"wrench_pairing": "stamp"}),
+    "wrench_pairing": ({"wrench_pairing": "latest"}, {"wrench_pairing": "stamp"}),
+    "quaternion_sign": ({"quaternion_sign": "hysteretic"}, {"quaternion_sign": "shortest"}),
 }
 
 Pose = tuple[Array, Array]
@@ -88,7 +91,7 @@ class Plan:
     @property
     def control(self) -> str:
         """What a command is to the robot."""
-        return "position" if self.controller == "clik" else "torque"
+        return schemes()[self.controller].control
 
     @property
     def name(self) -> str:
@@ -106,9 +109,8 @@ class Plan:
     @property
     def contact(self) -> tuple[float, float]:
         """[N], [Nm] that may be felt along each axis, with noise."""
-        if self.controller != "impedance_control":
-            return 0.0, 0.0
-        return _PUSH_FORCE + _NOISE, _PUSH_MOMENT + _NOISE
+        senses = _senses_wrench(self.controller)
+        return (_PUSH_FORCE + _NOISE, _PUSH_MOMENT + _NOISE) if senses else (0.0, 0.0)
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of the controller, besides its defaults and the frames."""
@@ -116,9 +118,9 @@ class Plan:
             "orientation": self.orientation,
             "euler_sequence": "ZYX",  # whose pole is farthest from the poses
             "state_timeout": self.state_timeout,
-            **_SETTINGS[self.controller][self.setting],
+            **_settings(self.controller)[self.setting],
         }
-        if self.control == "torque":
+        if self.control == TORQUE:
             given["max_effort_rate"] = self.max_effort_rate
         return given
 
@@ -138,16 +140,25 @@ class Plan:
         return np.random.default_rng((self.seed, CONTROLLERS.index(self.controller), what))
 
 
+def _senses_wrench(controller: str) -> bool:
+    return "wrench" in schemes()[controller].inputs
+
+
+def _settings(controller: str) -> tuple[dict[str, str | float], ...]:
+    known = fields_of(schemes()[controller].parameters)
+    return next(settings for name, settings in _SETTINGS.items() if name in known)
+
+
 def make_plan(seed: int, controller: str, mode: str = LOCKSTEP) -> Plan:
     """Return the sequence of a seed."""
     random = np.random.default_rng((seed, CONTROLLERS.index(controller)))
     motion = str(random.choice(MOTIONS, p=(0.55, 0.3, 0.15)))
     orientation = str(random.choice(sorted(ORIENTATIONS)))
     push = None
-    if controller == "impedance_control" and random.uniform() < 0.5:
+    if _senses_wrench(controller) and random.uniform() < 0.5:
         force, moment = random.uniform(-1, 1, size=(2, 3))
         push = (*(_PUSH_FORCE * force).tolist(), *(_PUSH_MOMENT * moment).tolist())
-    setting = int(random.integers(len(_SETTINGS[controller])))
+    setting = int(random.integers(len(_settings(controller))))
     return Plan(seed, controller, mode, motion, orientation, setting, push)
 
 

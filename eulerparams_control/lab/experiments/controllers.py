@@ -5,8 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-_TURNED = {"max_jump_rotation": math.pi}
-_TURNED_DYNAMIC = _TURNED | {"max_error_rotation": math.pi}
+from eulerparams_control.parameters.common import NO_COMMANDS
+from eulerparams_control.parameters.fields import fields_of
+from eulerparams_control.parameters.schemes import COMMANDS, POSITION, SchemeInfo, schemes
+
+_TURNED = {"max_jump_rotation": math.pi, "max_error_rotation": math.pi}
+_PAIRED = {"wrench_pairing": "stamp"}
 
 _LISTENERS = 2  # to each command: who acts on it, and the recorder
 
@@ -25,18 +29,25 @@ class ControlNode:
     Attributes:
         executable: its name.
         own: parameters that it needs in this controller.
-        turned: parameters with which a start off the reference is no fault.
         remaps: names of its topics, and what they are to be instead.
     """
 
     executable: str
     own: Mapping[str, Any] = field(default_factory=dict)
-    turned: Mapping[str, Any] = field(default_factory=lambda: _TURNED)
     remaps: Mapping[str, str] = field(default_factory=dict)
 
     def parameters(self, is_turned: bool) -> dict[str, Any]:
         """Return what it needs in lock-step, and where the start is turned off the reference."""
-        return {**_LOCK_STEP, **self.own, **(self.turned if is_turned else {})}
+        return {**_LOCK_STEP, **self._known(_PAIRED), **self.own, **self.turned(is_turned)}
+
+    def turned(self, is_turned: bool = True) -> dict[str, Any]:
+        """Return the parameters with which a start off the reference is no fault, if it is one."""
+        return self._known(_TURNED) if is_turned else {}
+
+    def _known(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return those values of which the node has a parameter."""
+        known = fields_of(schemes()[self.executable].parameters)
+        return {name: value for name, value in values.items() if name in known}
 
 
 @dataclass(frozen=True)
@@ -47,12 +58,14 @@ class Controller:
         nodes: that run, in the order in which they start.
         command: topic of what the robot is told.
         control: what the robot takes it for.
+        inputs: topics that it takes besides joint_states and reference.
         records: further topics that it answers each state on.
     """
 
     nodes: tuple[ControlNode, ...]
     command: str
     control: str
+    inputs: tuple[str, ...] = ()
     records: tuple[str, ...] = ()
 
     @property
@@ -66,36 +79,36 @@ class Controller:
         return (*self.records, self.command)
 
     @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics between the robot, what leads it, and the controller; the command last."""
+        return ("joint_states", *self.inputs, "reference", self.command)
+
+    @property
     def followers(self) -> int:
         """How many of its nodes take ``reference``."""
         return sum("reference" not in node.remaps for node in self.nodes)
 
 
-_PAIRED = {"wrench_pairing": "stamp"}
+def _controller(scheme: SchemeInfo) -> Controller:
+    """Return the controller that is one scheme."""
+    node = ControlNode(scheme.name)
+    return Controller((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
 
-CONTROLLERS = {
-    "clik": Controller((ControlNode("clik"),), "joint_reference", "position"),
-    "dynamic_control": Controller(
-        (ControlNode("dynamic_control", turned=_TURNED_DYNAMIC),), "joint_effort", "torque"
-    ),
-    "impedance_control": Controller(
-        (ControlNode("impedance_control", _PAIRED, _TURNED_DYNAMIC),),
-        "joint_effort",
-        "torque",
-        ("compliant_frame",),
-    ),
+
+CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
     "admittance": Controller(
         (
-            ControlNode("impedance_control", _PAIRED | {"command_type": "none"}, _TURNED_DYNAMIC),
+            ControlNode("impedance_control", {"command_type": NO_COMMANDS}),
             ControlNode(
                 "clik",
                 {"reference_pairing": "stamp", "reference_timeout": 0.02},
                 remaps={"reference": "compliant_frame"},
             ),
         ),
-        "joint_reference",
-        "position",
+        COMMANDS[POSITION],
+        POSITION,
+        ("wrench",),
         ("compliant_frame",),
     ),
 }
-"""The controllers by name."""
+"""The controllers by name: each scheme by itself, and what is made of several."""

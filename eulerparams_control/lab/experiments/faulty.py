@@ -21,8 +21,9 @@ from typing import Any
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, Controller, ControlNode
+from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.yaml_checks import known, require
-from eulerparams_control.lab.faults import FROM_ROBOT, ROBOT, Fault, Kill, parse_faults
+from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
 
 INJECTOR = "fault_injector"
 FAULTY = "faulty/"
@@ -31,8 +32,6 @@ OTHERS = ("reference", "pybullet_bridge", "bag_recorder")
 
 RATE = 250.0
 """[Hz] of the robot unless the experiment says otherwise: all nodes share a machine."""
-
-_SENSING = "impedance_control"  # which takes wrench
 
 
 def read_faults(where: str, run: Mapping[str, Any]) -> tuple[Fault, ...]:
@@ -43,7 +42,7 @@ def read_faults(where: str, run: Mapping[str, Any]) -> tuple[Fault, ...]:
     """
     if run.get("faults") in (None, []):
         return ()
-    name = str(run.get("controller", "clik"))
+    name = str(run.get("controller", Variant.controller))
     controller = CONTROLLERS[name]
     require(len(controller.nodes) == 1, f"{where}: faults need one controller, not {name}")
     require(not run.get("may_diverge"), f"{where}: may_diverge does not go with faults")
@@ -61,20 +60,13 @@ def _check(fault: Fault, controller: Controller, duration: float) -> None:
     if isinstance(fault, Kill):
         known("node that can be killed", fault.node, (*controller.executables, *OTHERS))
     else:
-        topics = topics_of(controller)
-        known(f"topic with {controller.executables[0]}", fault.topic, (*topics, ROBOT))
+        known(f"topic with {controller.executables[0]}", fault.topic, (*controller.topics, ROBOT))
     require(fault.at < duration, f"it begins at {fault.at:g} s, the run ends at {duration:g} s")
-
-
-def topics_of(controller: Controller) -> tuple[str, ...]:
-    """Return the topics between the robot, the controller and what leads it."""
-    sensed = FROM_ROBOT if _SENSING in controller.executables else FROM_ROBOT[:1]
-    return (*sensed, "reference", controller.command)
 
 
 def remaps(controller: Controller) -> dict[str, dict[str, str]]:
     """Return the topics that have another name for each node: those that the injector gives on."""
-    *inwards, command = topics_of(controller)
+    *inwards, command = controller.topics
     to_controller = {topic: FAULTY + topic for topic in inwards}
     nodes = {node.executable: {**to_controller, **node.remaps} for node in controller.nodes}
     return {**nodes, "pybullet_bridge": {command: FAULTY + command}}
@@ -82,7 +74,7 @@ def remaps(controller: Controller) -> dict[str, dict[str, str]]:
 
 def control_parameters(node: ControlNode, is_turned: bool) -> dict[str, Any]:
     """Return what a control node needs in real time: what it has by default."""
-    return dict(node.turned) if is_turned else {}
+    return node.turned(is_turned)
 
 
 def bridge_parameters() -> dict[str, Any]:
@@ -95,7 +87,7 @@ def injector_parameters(
 ) -> dict[str, Any]:
     """Return what the injector is told."""
     told = [str(fault) for fault in faults if not isinstance(fault, Kill)]
-    topics = list(topics_of(controller))
+    topics = list(controller.topics)
     values: dict[str, Any] = {"topics": topics, "start_on": "reference", "seed": seed}
     return values | {"faults": told} if told else values
 

@@ -70,7 +70,7 @@ def _check_run(where: str, run: dict[str, Any]) -> None:
     duration, turn = run["duration"], run["start_turn"]
     positive = is_number(duration) and 0 < duration < math.inf
     require(positive, f"{where}: duration must be > 0 and finite")
-    known("controller", run.get("controller", "clik"), CONTROLLERS)
+    known("controller", run.get("controller", Variant.controller), CONTROLLERS)
     require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
     for key in ("start_at_reference", "may_diverge"):
         require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")

@@ -14,13 +14,7 @@ from eulerparams_control.lab.faults.nodes import Kill, SecondPublisher
 from eulerparams_control.lab.faults.order import Delay, Reorder
 from eulerparams_control.lab.faults.topics import ROBOT
 from eulerparams_control.lab.faults.values import Freeze, Nan, Noise, Stuck
-
-TOPICS_OF: Mapping[str, tuple[str, ...]] = {
-    "clik": ("joint_states", "reference", "joint_reference"),
-    "dynamic_control": ("joint_states", "reference", "joint_effort"),
-    "impedance_control": ("joint_states", "wrench", "reference", "joint_effort"),
-}
-"""The topics of each controller."""
+from eulerparams_control.parameters.schemes import schemes
 
 FIRST = 0.1
 """Part of the run before the first fault begins: the controller is to be at work."""
@@ -90,20 +84,21 @@ def random_faults(
 
     Args:
         seed: the same gives the same.
-        controller: name in ``TOPICS_OF``.
+        controller: name of its scheme.
         duration: of the run [s].
         nodes: that may be killed, and are started again; None: the controller, () none.
 
     Raises:
         UnknownNameError: if there is no such controller.
     """
-    if controller not in TOPICS_OF:
-        raise UnknownNameError("controller", controller, TOPICS_OF)
+    if controller not in schemes():
+        raise UnknownNameError("controller", controller, schemes())
+    topics = schemes()[controller].topics
     random = np.random.default_rng([seed, *controller.encode()])
     mortal = (controller,) if nodes is None else tuple(nodes)
     kinds = [*_DRAWS, *(["kill"] if mortal else [])]
     drawn = [
-        _draw(random, _any_of(random, kinds), TOPICS_OF[controller], mortal, duration)
+        _draw(random, _any_of(random, kinds), topics, mortal, duration)
         for _ in range(int(random.integers(1, _MOST + 1)))
     ]
     return tuple(sorted(drawn, key=lambda fault: fault.at))

@@ -4,9 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from eulerparams_control.parameters.schemes import TORQUE, schemes
 from eulerparams_control.robot.catalogue import RobotDescription
 
-CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
+CONTROLLERS = tuple(schemes())
 
 _WARM_UP = 60.0  # [s] at most, a quarter of the rest at most
 _QUARTERS, _PAGE = 4, 60.0
@@ -52,12 +53,11 @@ class Plan:
 
     def bridge(self, controller: str) -> dict[str, Any]:
         """Return the parameters of the robot of a controller."""
-        control = "position" if controller == "clik" else "torque"
-        return {"mode": "realtime", "control": control, "rate": self.rate}
+        return {"mode": "realtime", "control": schemes()[controller].control, "rate": self.rate}
 
     def control(self, controller: str, robot: RobotDescription) -> dict[str, Any]:
         """Return the parameters of a controller."""
-        gains = {} if controller == "clik" else _GAINS
+        gains = _GAINS if schemes()[controller].control == TORQUE else {}
         frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
         return frames | gains | {"state_rate": _STATE_RATE}
 

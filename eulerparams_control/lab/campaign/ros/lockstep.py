@@ -7,6 +7,7 @@ so that a sequence repeats to the bit and takes no longer than its computations.
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import rclpy
@@ -47,12 +48,10 @@ from eulerparams_control.lab.campaign.ros.in_process_dds import (
 from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
+from eulerparams_control.parameters.schemes import COMMANDS, schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.clik_node import ClikNode
-from eulerparams_control.ros.control_node import ControlNode
-from eulerparams_control.ros.dynamic_control_node import DynamicControlNode
-from eulerparams_control.ros.impedance_control_node import ImpedanceControlNode
+from eulerparams_control.ros.control_node import ControlNode, node_class
 from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
 
 RATE = 250.0
@@ -65,23 +64,11 @@ _BEGINNING = 1_000_000_000_000
 _WATCH, _SAY = 0.02, 1.0
 
 
-class _Clik(Counting, ClikNode):
-    """``clik``, counted."""
-
-
-class _Dynamic(Counting, DynamicControlNode):
-    """``dynamic_control``, counted."""
-
-
-class _Impedance(Counting, ImpedanceControlNode):
-    """``impedance_control``, counted."""
-
-
-_NODES: dict[str, type[Any]] = {
-    "clik": _Clik,
-    "dynamic_control": _Dynamic,
-    "impedance_control": _Impedance,
-}
+@cache
+def _counted(controller: str) -> type[Any]:
+    """Return the class of the node of a scheme, counted."""
+    node = node_class(schemes()[controller])
+    return type(node.__name__, (Counting, node), {})
 
 
 @contextmanager
@@ -147,8 +134,7 @@ class _Sequence:
         create = robot.create_publisher
         self._description = create(String, "robot_description", QOS_LATCHED)
         self._description.publish(String(data=self.robot.urdf))
-        command = "joint_reference" if self.plan.control == "position" else "joint_effort"
-        self._topic = command
+        self._topic = command = COMMANDS[self.plan.control]
         self._commands = robot.create_subscription(JointState, command, _never, 100)
         self._diagnostics = robot.create_subscription(DiagnosticArray, "/diagnostics", _never, 100)
         self._publishers = {
@@ -162,7 +148,7 @@ class _Sequence:
         """Start the controller."""
         self._life += 1
         self.record.events.append(Event(self.t, STARTS))
-        self.node = _NODES[self.plan.controller]()
+        self.node = _counted(self.plan.controller)()
         for subscription in (self._commands, self._diagnostics):
             drain(subscription)
         self._taken = dict(self.node.sent)

@@ -32,6 +32,7 @@ from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.parameters.schemes import COMMANDS
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_STREAM
@@ -86,7 +87,7 @@ class _Sequence:
         self._life, self._origin = 1, 0.0
         self._looked = 0.0  # when the last look was
         self._answered = False  # the present life has commanded
-        self._topic = "joint_reference" if plan.control == "position" else "joint_effort"
+        self._topic = COMMANDS[plan.control]
         self._connect()
 
     # --- the nodes ---------------------------------------------------------------------

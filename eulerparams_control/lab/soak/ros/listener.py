@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 
 from eulerparams_control.lab.soak.cause import Causes
 from eulerparams_control.lab.soak.ledger import Ledger
+from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.ros.qos import QOS_STREAM
 
 _QUEUE = 10  # states that wait for a controller, by its QoS
@@ -32,10 +33,9 @@ class Listener:
         self.ledger, self.causes = Ledger(), Causes(_QUEUE / rate)
         self._number: int | None = None
         self._node = node
-        command = "joint_reference" if controller == "clik" else "joint_effort"
         self._inputs = [
             self._listen("joint_states", self._on_state),
-            self._listen(command, self._on_command),
+            self._listen(schemes()[controller].command, self._on_command),
         ]
 
     def _listen(self, topic: str, callback: Callable[[bytes, Info], None]) -> tuple[Any, Any]:
