@@ -194,7 +194,7 @@ def test_T1_is_followed_10_deg_from_the_pole_with_every_representation(orientati
     for t in range(0, 5_000_000_001, 1_000_000):
         command = controller.step(t, q, dq)
         q, dq = command.q, command.dq
-        tick = controller.tick_now
+        tick = controller.guidance.tick_now
         worst = max(worst, angle_between(tick.desired.R_d, tick.state.R_e))
         fastest = max(fastest, np.abs(dq).max())
         assert not tick.saturated

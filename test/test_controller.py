@@ -118,9 +118,9 @@ def assert_holds(running, t, q):
 
 def test_at_first_the_measured_pose_is_held():
     running = controller()
-    assert running.tick_now is None
+    assert running.guidance.tick_now is None
     assert_holds(running, T_0, HOME)
-    np.testing.assert_array_equal(running.tick_now.desired.p_d, pose_of(HOME).p_d)
+    np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, pose_of(HOME).p_d)
 
 
 def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_nothing():
@@ -236,8 +236,8 @@ def test_a_reference_that_begins_near_is_followed_at_once(x, angle):
     frame = moved(x, angle)
     running.follow(SetPoint(frame, 0.1), None)
     running.step(T_0 + MS, HOME, STILL)
-    np.testing.assert_array_equal(running.tick_now.desired.p_d, frame.p_d)
-    np.testing.assert_array_equal(running.tick_now.desired.R_d, frame.R_d)
+    np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, frame.p_d)
+    np.testing.assert_array_equal(running.guidance.tick_now.desired.R_d, frame.R_d)
 
 
 def test_a_trajectory_to_a_far_pose_is_followed_from_the_present_desired_frame():
@@ -247,7 +247,7 @@ def test_a_trajectory_to_a_far_pose_is_followed_from_the_present_desired_frame()
     running.follow(way_points([2.0], [(goal.p_d, goal.R_d)]), None)
     running.step(T_0 + MS, HOME, STILL)
     np.testing.assert_allclose(
-        running.tick_now.desired.p_d, pose_of(HOME).p_d, rtol=0, atol=ALGEBRAIC
+        running.guidance.tick_now.desired.p_d, pose_of(HOME).p_d, rtol=0, atol=ALGEBRAIC
     )
     for step in range(2, 3000):
         command = running.step(T_0 + step * MS, HOME, STILL)
@@ -289,7 +289,7 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
     running = controller(ControllerOptions(require_reference=True))
     for step in range(50):
         assert running.step(T_0 + step * MS, HOME, STILL) is None
-    assert running.tick_now is None
+    assert running.guidance.tick_now is None
     with pytest.raises(InvalidMessageError):
         running.follow(SetPoint(moved(0.2), 0.1), None)
     assert running.step(T_0 + 50 * MS, HOME, STILL) is None  # one refused is no reference
@@ -382,7 +382,7 @@ def test_angle_axis_at_exactly_90_deg_holds_the_arm_until_the_next_reference(lim
     for step in range(600, 603):
         assert is_finite(running.step(T_0 + step * MS, q, STILL))
         assert running.fault == ""
-        assert running.tick_now.x_de.error.tolist() == [0.0, 0.0, 0.0]
+        assert running.guidance.tick_now.x_de.error.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_exactly_at_the_pole_dynamic_control_holds_the_arm_and_tells_the_fault():
@@ -487,7 +487,7 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     for step in range(500):
         running.step(T_0 + step * MS, HOME, STILL)
-    assert np.linalg.norm(running.tick_now.desired.dp_d) > 0.01
+    assert np.linalg.norm(running.guidance.tick_now.desired.dp_d) > 0.01
     scheme.works = False
     command = running.step(T_0 + 500 * MS, HOME, STILL)
     assert running.fault == "no answer"
@@ -500,8 +500,8 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     running.follow(way_points([1.0], [(start.p_d, start.R_d)]), None)
     assert running.fault == ""
     running.step(T_0 + 502 * MS, HOME, STILL)
-    np.testing.assert_array_equal(running.tick_now.desired.p_d, start.p_d)
-    np.testing.assert_array_equal(running.tick_now.desired.dp_d, np.zeros(3))
+    np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, start.p_d)
+    np.testing.assert_array_equal(running.guidance.tick_now.desired.dp_d, np.zeros(3))
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])

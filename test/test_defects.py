@@ -13,7 +13,7 @@ from ros_processes import (
     values,
 )
 
-from eulerparams_control.control.runaway import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 

@@ -830,7 +830,7 @@ def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_refer
     assert run.faults[-1] == ""
     fastest = assert_rate_is_kept(run.efforts, rate)
     assert np.sum(fastest > 0.999 * rate) > 20  # it was a bound
-    assert run.controller.saturated > 20
+    assert run.controller.guidance.saturated > 20
 
 
 def test_the_rate_is_kept_from_a_singularity_of_the_law_on():
@@ -1166,7 +1166,7 @@ def test_an_arm_that_is_held_by_others_is_held_until_the_next_reference():
     run.controller.follow(towards(displaced(0.1, 0.3, key=9), 0.5), None)
     run.steps(1000)
     assert run.faults[-1] == ""
-    tick = run.controller.tick_now
+    tick = run.controller.guidance.tick_now
     np.testing.assert_array_equal(tick.desired.p_d, displaced(0.1, 0.3, key=9).p_d)
     assert np.linalg.norm(tick.dp_de) < 1e-4
 
@@ -1201,7 +1201,7 @@ def test_the_measured_derivative_of_V_2_agrees_with_the_paper_and_V_2_never_incr
     values, rates, measured = [], [], []
     for _ in range(800):
         run.steps(1)
-        lyapunov = run.controller.lyapunov()
+        lyapunov = run.controller.guidance.lyapunov()
         for row, value in zip((values, rates, measured), lyapunov, strict=True):
             row.append(value)
     values, rates, measured = (np.array(row)[1:] for row in (values, rates, measured))
@@ -1221,9 +1221,9 @@ def test_over_a_fault_no_derivative_of_V_2_is_measured():
     assert run.faults[-1]
     run.controller.follow(towards(displaced(0.05, 0.3), 0.5), None)
     run.steps(1)
-    assert run.controller.lyapunov() is None  # the tick before is of before the fault
+    assert run.controller.guidance.lyapunov() is None  # the tick before is of before the fault
     run.steps(1)
-    _, rate, measured = run.controller.lyapunov()
+    _, rate, measured = run.controller.guidance.lyapunov()
     assert abs(measured - rate) < 1e-2
 
 
@@ -1231,14 +1231,14 @@ def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():
     run = Run(dynamic())
     run.controller.follow(towards(displaced(0.05, 0.3)), None)
     run.steps(100)
-    assert run.controller.lyapunov() is not None
+    assert run.controller.guidance.lyapunov() is not None
     run.scheme.replace_law(law(k_Po=100.0), InverseDynamics(), EffortLimits())
     run.controller.law_changed()
-    assert run.controller.lyapunov() is None
+    assert run.controller.guidance.lyapunov() is None
     run.steps(1)
-    assert run.controller.lyapunov() is None
+    assert run.controller.guidance.lyapunov() is None
     run.steps(1)
-    assert run.controller.lyapunov() is not None
+    assert run.controller.guidance.lyapunov() is not None
 
 
 # --- bad input -----------------------------------------------------------------------------

@@ -190,7 +190,7 @@ class Run:
             state = self.simulator.read()
             self.scheme.sense(SensedWrench(state.wrench, self.sensor) if sensing else None)
             command = self.controller.step(self.k * MS, state.q, state.dq)
-            self.ticks.append(self.controller.tick_now)
+            self.ticks.append(self.controller.guidance.tick_now)
             self.efforts.append(command.effort)
             self.frames.append(command.frame)
             self.simulator.command_effort(command.effort)
@@ -345,7 +345,7 @@ def test_E19_the_contact_force_is_the_one_predicted(arm):
     np.testing.assert_allclose(
         last.state.p_e - state.p_e, [0, 0, expected / 1000], rtol=0, atol=1e-5
     )
-    assert over.controller.saturated == 0
+    assert over.controller.guidance.saturated == 0
 
 
 @pytest.mark.parametrize(("sign", "inner_loop"), [(1, True), (1, False), (-1, True)])
@@ -673,7 +673,7 @@ def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
         w = np.array([20.0, -30.0, 0.0, 8 * math.sin(0.03 * k), 5.0, -4 * math.cos(0.05 * k)])
         scheme.sense(sensed_at_tip(w, R))
         controller.step(k * MS, at_the_middle(), STILL)
-        told = controller.lyapunov()
+        told = controller.guidance.lyapunov()
         if told is not None:
             rates.append(told)
     V, by_paper, measured = np.array(rates).T
@@ -681,7 +681,7 @@ def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
         measured[1:], (by_paper[1:] + by_paper[:-1]) / 2, rtol=0,
         atol=V_3_SAMPLED * np.abs(by_paper).max(),
     )  # fmt: skip
-    tick = controller.tick_now
+    tick = controller.guidance.tick_now
     there, desired = (f.carrying(CENTRE) for f in (tick.command.frame, tick.desired))
     x, turn = desired.R_d.T @ there.omega_d, turn_of(desired.R_d.T @ there.R_d)
     theta = np.linalg.norm(turn)
@@ -802,12 +802,12 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
         scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
         controller.step(k * MS, at_the_middle(), STILL)
         t = k if k < 100 else max(99, k - 100)
-        found, expected = controller.tick_now.desired, path.sample(t * DT)
+        found, expected = controller.guidance.tick_now.desired, path.sample(t * DT)
         np.testing.assert_allclose(found.p_d, expected.p_d, rtol=0, atol=1e-9)
     controller.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
     controller.step(400 * MS, at_the_middle(), STILL)
     controller.step(500 * MS, at_the_middle(), STILL)  # the next one waits no more
-    assert controller.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
+    assert controller.guidance.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
 
 
 def largest_step(efforts):
@@ -993,7 +993,7 @@ def test_after_a_fault_the_arm_is_held_and_goes_on_from_the_measured_pose():
     over.go(0.15)  # it is held, whatever it feels
     for frame in over.frames[-150:]:  # of where the hold began
         np.testing.assert_array_equal(frame.p_d, command.frame.p_d)
-    assert over.controller.tick_now is over.ticks[ticks]
+    assert over.controller.guidance.tick_now is over.ticks[ticks]
     state = over.simulator.read()
     assert np.abs(state.q - blocked.q).max() < 0.01
     assert np.abs(state.dq).max() < 0.05
@@ -1087,7 +1087,7 @@ def test_an_arm_that_begins_beside_the_desired_frame_approaches_it_as_the_impeda
     left = (s_2 * math.exp(s_1 * t) - s_1 * math.exp(s_2 * t)) / (s_2 - s_1)
     assert beside.p_d[0] - last.command.frame.p_d[0] == pytest.approx(0.03 * left, rel=1e-3)
     assert np.linalg.norm(last.state.p_e - last.command.frame.p_d) < 1e-5
-    assert over.controller.saturated == 0
+    assert over.controller.guidance.saturated == 0
 
 
 # --- a tool beyond the sensor ---------------------------------------------------------------------

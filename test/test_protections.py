@@ -42,7 +42,7 @@ from std_msgs.msg import String
 from tolerances import GUARD_ROUNDING, SIMULATED_POSE
 
 from eulerparams_control.bags import Bag
-from eulerparams_control.control.runaway import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.messages.from_ros import ns_from_ros

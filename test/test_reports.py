@@ -18,7 +18,6 @@ from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.control.speed_scaling import Nearness
-from eulerparams_control.messages.from_ros import SLOWED
 from eulerparams_control.ros import control_report
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
@@ -242,14 +241,14 @@ def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
         (1.0, Nearness.CLEAR, ""),
         (0.9, Nearness.CLEAR, ""),  # it gets up to speed again
         (1.0, Nearness.LEAVING, "leaving a kinematic singularity"),
-        (0.9, Nearness.INSIDE, f"{SLOWED}, inside a kinematic singularity"),
+        (0.9, Nearness.INSIDE, "slowed down, inside a kinematic singularity"),
     ],
 )
 def test_a_motion_is_said_to_be_slowed_down_where_it_is(
     pace: float, singularity: Nearness, words: str
 ) -> None:
     at = SimpleNamespace(now=pace, singularity=singularity, limit=Nearness.CLEAR)
-    controller: Any = SimpleNamespace(pace=at)
+    controller: Any = SimpleNamespace(guidance=SimpleNamespace(pace=at))
     assert control_report._nearness(controller) == words
 
 

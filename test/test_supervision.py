@@ -11,10 +11,11 @@ from test_controller import HOME, MS, STILL, T_0, UR5, clik, dynamic_control, mo
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 
 from eulerparams_control.control import clock
-from eulerparams_control.control.command_limiter import CommandGuard
+from eulerparams_control.control.admission import Latency
+from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.control.latency import Latency
-from eulerparams_control.control.speed_scaling import LEAST, Nearness, Pace
+from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.control.speed_scaling import LEAST, Nearness, SpeedScaling
 from eulerparams_control.errors import (
     ConfigurationError,
     InvalidMessageError,
@@ -48,7 +49,7 @@ CHECKED = ControllerOptions(check_states=True)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("limits", [LIMITS, None])
 def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(field, bad, limits):
-    guard = CommandGuard(limits)
+    guard = CommandLimiter(limits)
     command = JointCommand(**{field: np.array([0.0, bad, 0.0])})
     with pytest.raises(UnsafeCommandError, match=f"non-finite {field}"):
         guard(command, ZERO, DT)
@@ -57,12 +58,12 @@ def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(fi
 def test_a_compliant_frame_that_is_not_finite_is_refused():
     frame = DesiredFrame(np.array([0.0, math.nan, 0.0]), np.eye(3))
     with pytest.raises(UnsafeCommandError, match="compliant frame"):
-        CommandGuard(None)(JointCommand(frame=frame), ZERO, DT)
+        CommandLimiter(None)(JointCommand(frame=frame), ZERO, DT)
 
 
 def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
     random = generator(601)
-    guard = CommandGuard(LIMITS, RATE)
+    guard = CommandLimiter(LIMITS, RATE)
     before = guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
     for _ in range(500):
         scale = 10 ** random.uniform(-3, 6)
@@ -81,7 +82,7 @@ def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
 
 
 def test_a_command_within_all_bounds_is_handed_on_as_it_is():
-    guard = CommandGuard(LIMITS, RATE)
+    guard = CommandLimiter(LIMITS, RATE)
     for _ in range(2):
         command = JointCommand(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
         assert guard(command, ZERO, DT) is command
@@ -89,7 +90,7 @@ def test_a_command_within_all_bounds_is_handed_on_as_it_is():
 
 
 def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
-    guard = CommandGuard(LIMITS)
+    guard = CommandLimiter(LIMITS)
     outside = np.array([1.2, 0.0, 0.0])
     for asked, allowed in ((1.3, 1.2), (1.2, 1.2), (1.1, 1.1)):
         guard.forget()
@@ -98,7 +99,7 @@ def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
 
 
 def test_after_it_forgot_the_first_command_may_be_anywhere_within_the_limits():
-    guard = CommandGuard(LIMITS, RATE)
+    guard = CommandLimiter(LIMITS, RATE)
     guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
     far = JointCommand(np.full(3, 0.4), ZERO, np.full(3, 4.0))
     assert guard(far, ZERO, DT).effort[0] == pytest.approx(RATE * DT, rel=1e-6)
@@ -107,7 +108,7 @@ def test_after_it_forgot_the_first_command_may_be_anywhere_within_the_limits():
 
 
 def test_a_refused_command_leaves_the_one_before_in_force():
-    guard = CommandGuard(LIMITS, RATE)
+    guard = CommandLimiter(LIMITS, RATE)
     guard(JointCommand(effort=ZERO), ZERO, DT)
     with pytest.raises(UnsafeCommandError):
         guard(JointCommand(effort=np.full(3, math.nan)), ZERO, DT)
@@ -133,7 +134,7 @@ def passed(pace, sigmas, dt=0.01):
 
 
 def test_a_singularity_is_approached_inside_and_left_and_clear_again():
-    pace = Pace(None, 0.05)
+    pace = SpeedScaling(None, 0.05)
     sigmas = [0.2, 0.06, 0.045, 0.03, 0.011, 0.001, 0.0, 0.01, 0.02, 0.04, 0.06]
     found = [singularity for singularity, _ in passed(pace, sigmas)]
     c, a, i, leaving = Nearness
@@ -142,19 +143,19 @@ def test_a_singularity_is_approached_inside_and_left_and_clear_again():
 
 def test_towards_a_singularity_the_pace_goes_as_its_distance_but_never_to_zero():
     for sigma, expected in ((0.06, 1.0), (0.04, 0.8), (0.02, 0.4), (0.006, 0.12), (0.0, LEAST)):
-        pace = Pace(None, 0.05)
+        pace = SpeedScaling(None, 0.05)
         assert passed(pace, [sigma] * 100)[-1][1] == pytest.approx(expected, rel=RELATIVE)
 
 
 def test_the_way_out_is_taken_twice_as_fast():
-    pace = Pace(None, 0.05)
+    pace = SpeedScaling(None, 0.05)
     sigmas = np.linspace(0.013, 0.02, 200)
     assert passed(pace, [0.005] * 100)[-1][1] == pytest.approx(0.1, rel=RELATIVE)
     assert passed(pace, sigmas)[-1][1] == pytest.approx(2 * 0.02 / 0.05, rel=RELATIVE)
 
 
 def test_the_pace_changes_by_no_more_than_five_per_second_and_tells_its_rate():
-    pace, before, dt = Pace(None, 0.05), 1.0, 0.01
+    pace, before, dt = SpeedScaling(None, 0.05), 1.0, 0.01
     for sigma in [0.06] * 3 + [0.001] * 30 + [0.2] * 30:
         pace.update(dt, np.zeros(6), np.zeros(6), jacobian(sigma))
         assert abs(pace.now - before) <= 5 * dt + 1e-12
@@ -165,7 +166,7 @@ def test_the_pace_changes_by_no_more_than_five_per_second_and_tells_its_rate():
 
 
 def test_a_threshold_of_0_slows_nothing_down():
-    assert passed(Pace(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
+    assert passed(SpeedScaling(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -174,7 +175,7 @@ def test_a_joint_slows_the_motion_down_as_it_comes_near_its_limit(side):
     q, dq = np.zeros(6), np.zeros(6)
     distance = 0.02
     q[2], dq[2] = side * (1 - distance), side * 1.0
-    pace = Pace(limits, 0.0)
+    pace = SpeedScaling(limits, 0.0)
     pace.update(0.01, q, dq, jacobian(1.0))
     assert (pace.limit, pace.joint) == (Nearness.APPROACHING, 2)
     assert pace.now == pytest.approx(0.95)  # on its way to POSITION_RATE * distance = 0.2
@@ -267,7 +268,7 @@ def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     command = running.step(t + MS, q, dq)
     expected = r"internal error ZeroDivisionError: of all things \(test_supervision.py:\d+\)"
     assert re.fullmatch(expected, running.fault)
-    assert "report" in running.remedy
+    assert "report" in running.why.remedy
     if command.q is not None:
         np.testing.assert_allclose(command.dq, 0, atol=HELD)
     else:
@@ -319,7 +320,7 @@ def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
     for step in range(3, 600):
         effort = running.step(t + step * MS, q, dq).effort
     np.testing.assert_allclose(effort, UR5.limits.effort, rtol=RELATIVE)
-    assert running.guard.bounded > 0
+    assert running.limiter.bounded > 0
 
 
 def test_after_a_silence_by_the_steady_clock_it_holds_though_the_stamps_go_on():
@@ -330,8 +331,9 @@ def test_after_a_silence_by_the_steady_clock_it_holds_though_the_stamps_go_on():
     here = q + 0.05
     command = running.step(t + 180 * MS, here, STILL, now + 2 * TIMEOUT)
     assert running.resets == 1
-    assert "after a silence of joint_states of 0.11 s" in running.doing
-    assert "again" in running.remedy
+    assert (running.mode, running.why.cause) == (Mode.HOLDING, Cause.SILENCE)
+    assert running.why.note == "a silence of joint_states of 0.11 s"
+    assert "again" in running.why.remedy
     np.testing.assert_allclose(command.q, here, atol=HELD)
     np.testing.assert_allclose(command.dq, 0, atol=HELD)
 
@@ -511,11 +513,12 @@ def test_no_reference_is_followed_while_the_arm_runs_away_nor_after_a_defect():
 
 @pytest.mark.parametrize("duration", [0.0, 0.02])
 def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration):
-    running, _t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
+    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
     here = running.scheme.frame_at(q)
     motion = SetPoint(here, 0.1) if not duration else way_points([duration], [(here.p_d, here.R_d)])
     running.follow(motion, None, now - 0.02)
-    running.fail("something")
+    running.step(t, q + 1e-6, STILL, now)  # another state under the same stamp
+    assert running.why.cause is Cause.STAMP_STUCK
     for step in range(100):  # no states come meanwhile
         with pytest.raises(InvalidMessageError, match="paused"):
             running.follow(motion, None, now + 0.02 * step)
@@ -645,15 +648,15 @@ def test_that_set_points_have_stopped_is_told_and_the_last_pose_held_at_rest():
     running.follow(SetPoint(frame, 0.1), None)
     for step in range(1, 90):
         q, dq = running.step(T_0 + step * MS, q, dq)[:2]
-    assert running.doing == "following a reference"
+    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.NONE)
     assert np.abs(dq).max() > 0.01
     for step in range(90, 500):
         q, dq = running.step(T_0 + step * MS, q, dq)[:2]
-    assert running.doing == "holding the last desired pose: the set-points have stopped"
+    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.STREAM_ENDED)
     np.testing.assert_allclose(dq, 0, atol=1e-6)
     running.follow(SetPoint(pose_of(q), 0.1), None)
     running.step(T_0 + 501 * MS, q, dq)
-    assert running.doing == "following a reference"
+    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.NONE)
 
 
 def test_through_a_singularity_the_motion_slows_down_and_goes_on_to_its_end():
@@ -669,8 +672,8 @@ def test_through_a_singularity_the_motion_slows_down_and_goes_on_to_its_end():
         command = running.step(T_0 + step * MS, q, dq)
         assert running.fault == ""
         q, dq = command.q, command.dq
-        seen.add(running.pace.singularity)
-        slowest = min(slowest, running.pace.now)
+        seen.add(running.guidance.pace.singularity)
+        slowest = min(slowest, running.guidance.pace.now)
     assert seen == set(Nearness)
     assert LEAST <= slowest < 0.5
     assert np.linalg.norm(pose_of(q).p_d - goal.p_d) < 1e-3

@@ -1,12 +1,17 @@
-"""Which measured states are believed."""
+"""Which measured states are believed, and what they say of the time between them."""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control.latency import Latency
-from eulerparams_control.control.runaway import AT_REST
+from eulerparams_control.control.clock import Clock, Instant
+from eulerparams_control.control.mode import Why, restarted
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
+
+AT_REST = 0.01
+"""Slower than this [rad/s or m/s] a joint is at rest."""
 
 # A measured position may be this far [rad or m] from where the last one could have led, a speed
 # this many times its limit: further, it is the measurement that is wrong.
@@ -19,61 +24,172 @@ _SET_BACK = 3
 # far [rad or m] away, are not measured any more.
 _FROZEN = 0.01
 
+# After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
+# simulation that was started again: no command acts on it yet.
+_SAME_ARM = 0.03
 
-class StateCheck:
+# Two clocks may drift apart by this [s/s].
+_DRIFT = 1e-4
+
+# An arm that takes positions is controlled again when its states have been late for so long [s],
+# without a pause of so long [s]: that is how late they are from now on.
+_PATIENCE, _PAUSE = 1.0, 0.2
+
+
+class Repeat(NamedTuple):
+    """A state with the stamp of the last one.
+
+    Attributes:
+        is_same: whether it says the same.
+        silence: [s] since the stamp went on.
+    """
+
+    is_same: bool
+    silence: float
+
+
+class Restart(NamedTuple):
+    """The stamps jumped, or no state came for long.
+
+    Attributes:
+        why: which of them, and by how much.
+        is_silence: whether no state came for long.
+        is_same_arm: whether the arm is where it was.
+        acts: whether the last command still acts.
+    """
+
+    why: Why
+    is_silence: bool
+    is_same_arm: bool
+    acts: bool
+
+
+class Accept(NamedTuple):
+    """A new state.
+
+    Attributes:
+        dt: [s] since the last one; 0 at the first, and after a restart.
+        acted: [s] for which the command before has acted.
+        is_first: whether it is the first.
+        restart: what happened before it; None if it follows the last one.
+        is_frozen: whether its positions are not measured ones: they stay although the arm moves.
+    """
+
+    dt: float
+    acted: float
+    is_first: bool
+    restart: Restart | None
+    is_frozen: bool
+
+
+class Latency:
+    """Tells which states are too old to control by, by clocks that need not agree.
+
+    What a stamp is behind the steady clock has an unknown part, which is constant but for a
+    drift, and a delay.  The least of it that was seen is taken for the constant, so a state is as
+    late as it is behind the best one.
+
+    Args:
+        most: [s] by which a state may be later than the best one.
+    """
+
+    def __init__(self, most: float) -> None:
+        self.most = most
+        self.forget()
+
+    def forget(self) -> None:
+        """Start again: another clock makes the stamps."""
+        self._least: float | None = None
+        self._at = self._late_since = 0.0  # [s] when a state came last, and the first late one
+
+    def of(self, t: int, now: float, *, patient: bool) -> float:
+        """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
+
+        Args:
+            t: stamp [ns].
+            now: when it came, steady clock [s].
+            patient: whether states that stay late are those of a clock that was set back.
+        """
+        behind = now - t / 1e9
+        if self._least is None:
+            self._least, self._at = behind, now
+        pause = now - self._at
+        self._least, self._at = min(behind, self._least + _DRIFT * pause), now
+        late = behind - self._least
+        if late <= self.most or pause > _PAUSE:
+            self._late_since = now
+        elif patient and now - self._late_since > _PATIENCE:
+            self._least = behind
+            return 0.0
+        return late
+
+
+class Admission:
     """Refuses states that the robot cannot have reached, and those that come too late.
 
     Args:
         robot: the arm.
-        timeout: [s] gap in the stamps after which the arm may be anywhere.
+        timeout: [s] gap in the stamps, or silence, after which the arm may be anywhere.
         max_latency: [s] by which a state may come later than the best one did.
         strict: whether positions and speeds are checked; else stamps and ages only.
+
+    Attributes:
+        clock: of the states that were taken.
     """
 
     def __init__(self, robot: Robot, timeout: float, max_latency: float, strict: bool) -> None:
+        self.clock = Clock()
         self._robot, self._timeout, self._strict = robot, timeout, strict
         self._latency = Latency(max_latency)
-        self._last: tuple[int, Array] | None = None
+        self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)  # of the last state
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
         self._unmoved = np.zeros(robot.n)  # how far [rad or m] positions that stay should be
 
-    def refuse(
-        self, t: int, q: Array, dq: Array, now: float | None, *, patient: bool = False
-    ) -> None:
+    def refuse(self, at: Instant, q: Array, dq: Array, *, patient: bool = False) -> None:
         """Raise InvalidMessageError unless the state can be one of the robot, and of now.
 
         Args:
-            t: stamp [ns].
+            at: when it was.
             q, dq: (n,) measured.
-            now: when it came, steady clock [s]; None: in simulated time nothing is late.
             patient: whether states that stay late are taken in the end.
         """
-        dt = 0.0 if self._last is None else (t - self._last[0]) / 1e9
+        dt = self.clock.elapsed(at)
         if -self._timeout < dt < 0:
-            self._note_back(t)
+            self._back = self._back + 1 if at.stamp > self._back_at else 1
+            self._back_at = at.stamp
             raise InvalidMessageError(
                 f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
             )
-        if self._back >= _SET_BACK:
+        if self._back >= _SET_BACK:  # stamps that are behind, but go on: nothing is late
             self._latency.forget()
         self._back = 0
         if self._strict:
             self._refuse_impossible(dt, q, dq)
-        if now is not None:
-            self._refuse_late(t, dt, now, patient)
+        if at.receipt is not None and (dt != 0 or self.clock.last is None):
+            self._refuse_late(at.stamp, dt, at.receipt, patient)
 
-    def _note_back(self, t: int) -> None:
-        """Count stamps that are behind, but go on: then the clock was set back, nothing is late."""
-        self._back = self._back + 1 if t > self._back_at else 1
-        self._back_at = t
+    def admit(self, at: Instant, q: Array, dq: Array) -> Accept | Repeat:
+        """Take a state that is not refused: q, dq (n,) measured at an instant."""
+        clock, timeout = self.clock, self._timeout
+        silence, last = clock.silence(at), clock.last
+        if last is not None and at.stamp == last.stamp:
+            return Repeat(np.array_equal(q, self._q) and np.array_equal(dq, self._dq), silence)
+        dt, restart = clock.elapsed(at), None
+        if not (0 <= dt <= timeout and silence <= timeout):
+            moved = self._robot.limits.deviation(q, self._q)
+            # by the stamps alone a silence and a clock that was set forward look the same
+            is_heard = silence <= timeout and (dt < 0 or at.receipt is not None)
+            is_same = bool((moved <= _SAME_ARM).all())
+            why = restarted(dt, silence, not 0 <= dt <= timeout)
+            restart = Restart(why, silence > timeout, is_same, is_heard and is_same)
+            dt = 0.0
+        is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
+        accepted = Accept(dt, clock.acted(at, dt), last is None, restart, is_frozen)
+        clock.last, self._q, self._dq = at, q, dq
+        return accepted
 
-    def take(self, t: int, q: Array) -> None:
-        """Take a state that was believed for the last one."""
-        self._last = t, q
-
-    def is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
-        """Whether the positions are not measured ones: they stay although the arm moves."""
-        if self._last is None or not self._strict or (q != self._last[1]).any():
+    def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
+        if (q != self._q).any():
             self._unmoved = np.zeros(self._robot.n)
             return False
         self._unmoved = self._unmoved + dt * np.where(np.abs(dq) > AT_REST, dq, 0.0)
@@ -89,9 +205,9 @@ class StateCheck:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        if self._last is None or not 0 <= dt <= self._timeout:
+        if self.clock.last is None or not 0 <= dt <= self._timeout:
             return
-        moved = robot.limits.deviation(q, self._last[1])
+        moved = robot.limits.deviation(q, self._q)
         far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
         if far.any():
             i = int(np.argmax(far))
@@ -101,8 +217,6 @@ class StateCheck:
 
     def _refuse_late(self, t: int, dt: float, now: float, patient: bool) -> None:
         """Raise InvalidMessageError for a state that comes too late to control by."""
-        if self._last is not None and dt == 0:
-            return  # how often it may be repeated is not told by its age
         if dt < 0:
             self._latency.forget()
         late, most = self._latency.of(t, now, patient=patient), self._latency.most

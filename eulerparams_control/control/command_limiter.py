@@ -1,7 +1,8 @@
 """The last look at a command before it leaves: finite, within the limits, without a jump.
 
-The laws keep the limits by themselves, in their own way; the guard does not know them.  It
-bounds whatever they, or a defect in them, ask for, also over a restart.
+The laws keep the limits by themselves, in their own way; the limiter does not know them.  It
+bounds whatever they, or a defect in them, ask for, also over a restart.  Where efforts do not
+control the arm any more, :class:`Runaway` says so.
 """
 
 import math
@@ -14,11 +15,19 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 
+# An arm that is so many times as fast as its limits under efforts runs away: what is measured is
+# late, or the model is wrong, and only the brakes of the robot can stop it.
+_RUNAWAY = 1.5
+
+# So does one that is still this fast [of its limits] when it was to stop for so long [s]; but what
+# is slower than this [rad/s or m/s] does not.
+_SWINGING, _HALTED, _SLOW = 0.5, 0.5, 0.1
+
 # A command may be this much [rad, m, Nm] of rounding beyond the step that the rates allow.
 _ROUNDING = 5e-13
 
 
-class CommandGuard:
+class CommandLimiter:
     """Bounds each command by the limits of the joints and by the command before.
 
     Args:
@@ -35,7 +44,7 @@ class CommandGuard:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: no command acts any more."""
+        """Start again: no command acts any more."""
         self._last = JointCommand()
 
     @property
@@ -111,3 +120,25 @@ def _refuse_infinite(command: JointCommand) -> None:
     frame = command.frame
     if frame is not None and not all(np.isfinite(part).all() for part in frame):
         raise UnsafeCommandError("the command has a compliant frame that is not finite")
+
+
+class Runaway:
+    """Tells whether an arm runs away under efforts; then no more may be commanded."""
+
+    def __init__(self) -> None:
+        self._halted = 0.0  # for how long [s] it was to stop
+
+    def update(self, dt: float, dq: Array, limits: Array, is_stopped: bool) -> int | None:
+        """Take measured speeds; return the joint that begins to run away, None if none does.
+
+        Args:
+            dt: [s] since the ones before.
+            dq: (n,) measured [rad/s or m/s].
+            limits: (n,) of the speeds.
+            is_stopped: whether the efforts are to hold the arm.
+        """
+        self._halted = self._halted + dt if is_stopped else 0.0
+        most = _SWINGING if self._halted > _HALTED else _RUNAWAY
+        excess = np.abs(dq) - np.maximum(most * limits, _SLOW)
+        joint = int(excess.argmax())
+        return joint if excess[joint] > 0 else None

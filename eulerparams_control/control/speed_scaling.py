@@ -45,7 +45,7 @@ class Nearness(IntEnum):
     LEAVING = 3
 
 
-class Pace:
+class SpeedScaling:
     """The pace of the desired motion.
 
     Args:
@@ -64,7 +64,7 @@ class Pace:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, at full pace."""
+        """Start again, at full pace."""
         self.now, self.rate = 1.0, 0.0
         self.singularity = self.limit = Nearness.CLEAR
         self.joint = 0

@@ -14,3 +14,9 @@ REMEDY = "remedy"
 
 BEGAN = "reference began at [ns]"
 """The stamp at which a controller began to follow a trajectory."""
+
+PACE = "pace"
+"""How fast the time of the desired motion runs: 1 is as asked."""
+
+FROZEN = "frozen"
+"""1 while the desired motion waits, because what it needs is not known; else 0."""

@@ -23,7 +23,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.control.controller import REPORT_IT, Controller, ControllerOptions
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import REPORT_IT
+from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
@@ -447,7 +449,7 @@ class ControlNode(LifecycleNode):
 
     def _report_tick(self, t: int, controller: Controller) -> None:
         """Report the last tick, now and then."""
-        tick, p = controller.tick_now, self._params
+        tick, p = controller.guidance.tick_now, self._params
         if tick is None or controller.fault or not self._report.is_due(t, p.state_rate):
             return
         self._report.tick(controller, p, self._stamp, self._robot.base_frame if self._robot else "")
@@ -496,7 +498,7 @@ class ControlNode(LifecycleNode):
 
     def _complain_of_limits(self, controller: Controller) -> None:
         """Say that the motion is more than the arm may do, where limits change most commands."""
-        cut, self._cut = controller.saturated - self._cut, controller.saturated
+        cut, self._cut = controller.guidance.saturated - self._cut, controller.guidance.saturated
         if cut > self._report.meter.answers / 2:
             self._health.complain(
                 f"limits have changed {cut} commands of the last second: the motion is faster than "

@@ -9,11 +9,11 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.scheme import Tick
-from eulerparams_control.messages.from_ros import SLOWED
-from eulerparams_control.messages.keys import BEGAN
+from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE
 from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
@@ -67,12 +67,12 @@ class ControlReport:
         self, controller: Controller, parameters: ControlParameters, stamp: Time, frame: str
     ) -> None:
         """Publish pose, error and Lyapunov function of the last tick."""
-        tick = controller.tick_now
+        tick = controller.guidance.tick_now
         assert tick is not None
         p_e, R_e = tick.state.p_e, tick.state.R_e
         self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
         self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
-        lyapunov = controller.lyapunov()
+        lyapunov = controller.guidance.lyapunov()
         if lyapunov is not None:
             self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
         self._health.values.update(_values(controller, tick, parameters))
@@ -83,50 +83,70 @@ class ControlReport:
 
     def began(self, controller: Controller) -> None:
         """Report when a trajectory began: who analyses a recording cannot know it else."""
-        if controller.began == self._began:
+        if controller.guidance.motion.began == self._began:
             return
-        self._began = controller.began
+        self._began = controller.guidance.motion.began
         if self._began is not None:
             self._health.values[BEGAN] = self._began
             self._health.publish()
 
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        pace = controller.pace
-        near = pace.singularity, pace.limit, pace.now < 1
-        saying = controller.doing, controller.fault, *near
+        pace, mode, why = controller.guidance.pace, controller.mode, controller.why
+        saying = mode, why.cause, why.fault, why.note, pace.singularity, pace.limit, pace.now < 1
         if saying == self._said:
             return
         self._said = saying
-        doing, fault = controller.doing, controller.fault
-        if fault:
-            self._health.set(diagnostics.ERROR, f"holding still: {fault}", controller.remedy)
+        status = {"mode": mode.value, "cause": why.cause.value}
+        self._health.values[PACE] = pace.now
+        self._health.values[FROZEN] = int(controller.scheme.is_frozen)
+        if why.fault:
+            self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", why.remedy, **status)
             return
         slow = _nearness(controller)
-        text = "; ".join(filter(None, (f"active with {orientation}: {doing}", slow, self._note)))
-        restarted = controller.resets and "after a" in doing
-        warns = self._note or restarted or slow or "stopped" in doing
+        doing = f"active with {orientation}: {_doing(mode, why)}"
+        warns = bool(self._note or slow or why.cause)
         self._health.set(
-            diagnostics.WARN if warns else diagnostics.OK, text, controller.remedy if warns else ""
+            diagnostics.WARN if warns else diagnostics.OK,
+            "; ".join(filter(None, (doing, slow, self._note))),
+            why.remedy if warns else "",
+            **status,
         )
+
+
+_DOING = {
+    Mode.WAITING: "waiting for a reference",
+    Mode.HOLDING: "holding the measured pose",
+    Mode.FOLLOWING: "following a reference",
+    Mode.STOPPED: "holding the joints",
+    Mode.RELEASING: "letting the arm come to rest",
+    Mode.DISTRUSTING: "no commands until the states go on steadily",
+}
+
+
+def _doing(mode: Mode, why: Why) -> str:
+    """Return what a controller without a fault does, in words."""
+    if why.cause is Cause.STREAM_ENDED:
+        return "holding the last desired pose: the set-points have stopped"
+    return f"{_DOING[mode]}, after {why.note}" if why.note else _DOING[mode]
 
 
 def _nearness(controller: Controller) -> str:
     """Return what the arm is near to, in words; "" if it is clear of all."""
-    pace, words = controller.pace, []
+    pace, words = controller.guidance.pace, []
     if pace.singularity is not Nearness.CLEAR:
         words.append(f"{pace.singularity.name.lower()} a kinematic singularity")
     if pace.limit is not Nearness.CLEAR:
         joint = controller.scheme.robot.joints[pace.joint]
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
-    slowed = f"{SLOWED}, " if words and pace.now < 1 else ""
+    slowed = "slowed down, " if words and pace.now < 1 else ""
     return slowed + " and ".join(words)
 
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
     """Return what /diagnostics shows of a tick of any scheme."""
     distance = parameters.representation().singularity_distance(tick.desired.R_d, tick.state.R_e)
-    sigma_min, pace = smallest_singular_value(tick.state.J), controller.pace
+    sigma_min, pace = smallest_singular_value(tick.state.J), controller.guidance.pace
     return {
         "orientation": parameters.orientation,
         "distance to representation singularity [rad]": distance,
@@ -134,9 +154,9 @@ def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -
         "inverse of J": "damped" if sigma_min < parameters.damping_eps else "exact",
         "kinematic singularity": pace.singularity.name.lower(),
         "limit of a joint": pace.limit.name.lower(),
-        "pace": pace.now,
+        PACE: pace.now,
         "saturated": int(tick.saturated),
-        "saturated ticks": controller.saturated,
-        "commands bounded by the guard": controller.guard.bounded,
+        "saturated ticks": controller.guidance.saturated,
+        "commands bounded by the guard": controller.limiter.bounded,
         "restarts after a gap of joint_states": controller.resets,
     }

@@ -14,7 +14,6 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
-from eulerparams_control.messages.from_ros import FROZEN
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
@@ -67,7 +66,7 @@ class ImpedanceControlNode(ControlNode):
 
     def _refuse_lunge(self, scheme: ImpedanceControl, K_p: Array, K_o: Array) -> None:
         """Raise ConfigurationError if a stiffness would pull a far displaced frame back."""
-        tick = self._controller.tick_now if self._controller else None
+        tick = self._controller.guidance.tick_now if self._controller else None
         if tick is None or tick.command.frame is None:
             return
         old, new = scheme.law.compliance, (K_p, K_o)
@@ -149,7 +148,7 @@ class ImpedanceControlNode(ControlNode):
         text = self._input.trouble
         if text != self._note_on_wrench:
             self._note_on_wrench = text
-            self.note(f"{text}: {FROZEN}" if text else "")
+            self.note(f"{text}: the compliant frame is frozen" if text else "")
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""

@@ -65,8 +65,8 @@ def clik(
     q, dq = q_0, np.zeros_like(q_0)
     for step in range(round(duration * 1e9 / STEP_NS) + 1):
         command = controller.step(step * STEP_NS, q, dq)
-        if controller.fault or command is None or controller.tick_now is None:
+        if controller.fault or command is None or controller.guidance.tick_now is None:
             raise SimulationError(f"CLIK gave up at {step / 1e3:g} s: {controller.fault}")
         if command.q is not None and command.dq is not None:
             q, dq = command.q, command.dq
-        yield controller.tick_now
+        yield controller.guidance.tick_now

@@ -1,0 +1,312 @@
+"""The modes of a controller as small classes: each owns its data and says what to command.
+
+What they share, the law on its desired motion, is :class:`Guidance`; what ends efforts that
+must not act any more is :class:`Release`.
+"""
+
+from abc import ABC, abstractmethod
+from contextlib import suppress
+from typing import ClassVar
+
+import numpy as np
+
+from eulerparams_control.control.command_limiter import CommandLimiter
+from eulerparams_control.control.mode import Cause, Mode, ModeEvent, Why, transition
+from eulerparams_control.control.speed_scaling import SpeedScaling
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
+from eulerparams_control.motion.desired_motion import DesiredMotion
+
+# An arm that ran away has to be at rest for so long [s], within so much [rad or m], until it gets
+# efforts again: it may be at a turning point.  Its speed may be noisy.
+_REST_TIME, _SAME_PLACE = 0.2, 2e-3
+
+
+class Guidance:
+    """The law on its desired motion, at the pace that the arm bears.
+
+    Attributes:
+        scheme: the control scheme.
+        motion: what it follows, or the frame that it holds.
+        pace: at which the motion is followed.
+        tick_now: the last tick of the scheme; None before the first.
+        saturated: how many ticks a limit has changed.
+        dt: [s] of the last tick.
+    """
+
+    def __init__(self, scheme: Scheme, pace: SpeedScaling) -> None:
+        self.scheme, self.pace = scheme, pace
+        self.tick_now: Tick | None = None
+        self.saturated, self.dt = 0, 0.0
+        self._ticks: tuple[Tick | None, Tick | None] = None, None  # the last one, the one before
+
+    def begin(self, q: Array, *, acts: bool) -> None:
+        """Hold the pose at the measured q (n,), with zero error.
+
+        Args:
+            q: (n,) measured.
+            acts: whether the command before still acts, so that none may jump.
+        """
+        (self.scheme.resume if acts else self.scheme.reset)(q)
+        self.pace.forget()
+        self.motion = DesiredMotion(self.scheme.start_frame())
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the ticks: they are of another law, or of another motion."""
+        self._ticks = None, None
+
+    def halt(self) -> None:
+        """Hold the frame of now."""
+        self.motion.hold(self.scheme.start_frame())
+        self._ticks = None, self._ticks[1]
+
+    def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+            FollowingError: if the arm does not follow.
+        """
+        scheme, motion, pace = self.scheme, self.motion, self.pace
+        s = 0.0 if scheme.is_frozen else pace.now
+        if s < 1:
+            motion.wait(round((1 - s) * dt * 1e9))
+        desired = motion.sample(t)
+        if s > 0:
+            desired = desired.at_pace(pace.now, pace.rate)
+        tick = scheme.tick(dt, q, dq, desired)
+        pace.update(dt, tick.state.q, tick.state.dq, tick.state.J)
+        self._ticks, self.dt = (tick, self._ticks[0]), dt
+        self.tick_now = tick
+        self.saturated += tick.saturated
+        return tick.command
+
+    def lyapunov(self) -> tuple[float, float, float] | None:
+        """Return V, its derivative by the paper, and as measured over the last tick.
+
+        None if the representation has no Lyapunov function, or there are no two ticks yet.
+        """
+        now, before = self.tick_now, self._ticks[1]
+        if now is None or before is None or self.dt == 0:
+            return None
+        if type(now.x_de) is not type(before.x_de):  # the representation was replaced
+            return None
+        V_now, V_before = self.scheme.lyapunov(now), self.scheme.lyapunov(before)
+        if V_now is None or V_before is None:
+            return None
+        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self.dt
+
+
+class Release:
+    """Gravity compensation until it is reached; then no efforts at all.
+
+    The robot has to brake itself then, and no effort that was to move the arm acts meanwhile.
+    In simulated time they go on: a robot in lock-step does not go on without them.
+    """
+
+    def __init__(self, limiter: CommandLimiter) -> None:
+        self._limiter = limiter
+        self.forget()
+
+    def forget(self) -> None:
+        """Efforts act again."""
+        self._is_reached = False
+
+    def command(
+        self, scheme: Scheme, q: Array, dq: Array, acted: float, is_simulated: bool
+    ) -> JointCommand | None:
+        """Return the next efforts for the state q, dq (n,), ``acted`` [s] after the last ones."""
+        limiter = self._limiter
+        if not limiter.commands_efforts or (self._is_reached and not is_simulated):
+            return None
+        bounded = limiter.bounded
+        with suppress(Exception):  # a law that has a defect: then there are none
+            command = limiter(scheme.last_command(q, dq), q, acted)
+            self._is_reached = limiter.bounded == bounded
+            return command
+        return None
+
+
+class ControlMode(ABC):
+    """A mode.
+
+    Attributes:
+        why: why it was entered.
+        is_runaway: whether the arm has to come to rest before it is commanded again.
+    """
+
+    mode: ClassVar[Mode]
+    is_runaway = False
+
+    def __init__(self, why: Why) -> None:
+        self.why = why
+
+    @abstractmethod
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return what is to be commanded for the state q, dq (n,) stamped t [ns]."""
+
+    def after(self, event: ModeEvent, why: Why) -> "ControlMode":
+        """Return the mode after an event."""
+        return _CLASSES[transition(self.mode, event)].entered(self, event, why)
+
+    @classmethod
+    def entered(cls, before: "ControlMode", event: ModeEvent, why: Why) -> "ControlMode":
+        """Return the mode that follows another."""
+        return cls(before.why if before.is_latched else why)
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether the arm is held still instead of moved."""
+        return self.mode in (Mode.STOPPED, Mode.RELEASING)
+
+    @property
+    def is_latched(self) -> bool:
+        """Whether no reference leads out of it."""
+        return self.why.cause is Cause.DEFECT
+
+
+class Waiting(ControlMode):
+    """Silent until the first reference: others may move the arm until then."""
+
+    mode = Mode.WAITING
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return no command."""
+        return None
+
+
+class Holding(ControlMode):
+    """The law at a frame at rest."""
+
+    mode = Mode.HOLDING
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return the command of the law."""
+        return guidance.tick(t, dt, q, dq)
+
+
+class Following(ControlMode):
+    """The law along a motion; where set-points have stopped, at the last one."""
+
+    mode = Mode.FOLLOWING
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return the command of the law."""
+        command = guidance.tick(t, dt, q, dq)
+        if guidance.motion.has_stopped(t):
+            self.why = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
+        return command
+
+
+class Stopped(ControlMode):
+    """The joints are held where they were when this began."""
+
+    mode = Mode.STOPPED
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return what holds the joints."""
+        return guidance.scheme.hold(dt, q, dq)
+
+    @classmethod
+    def entered(cls, before: ControlMode, event: ModeEvent, why: Why) -> ControlMode:
+        """Return the mode that follows another; it began when the arm was first held."""
+        if isinstance(before, Stopped) and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
+            return before
+        if before.is_latched or event is ModeEvent.RECOVERED:
+            return cls(before.why)
+        return cls(why._replace(at=before.why.at) if before.is_halted else why)
+
+
+class Releasing(ControlMode):
+    """No efforts that are to move the arm: it runs away, or its positions are not measured."""
+
+    mode = Mode.RELEASING
+
+    def __init__(self, why: Why, is_runaway: bool = False) -> None:
+        super().__init__(why)
+        self.is_runaway = is_runaway
+        self._place: Array | None = None  # where it rests, and for how long [s]
+        self._rested = 0.0
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return no command of the law."""
+        return None
+
+    def rests(self, dt: float, q: Array) -> bool:
+        """Return whether the arm has been at rest for long, at q (n,) now."""
+        if self._place is None or (np.abs(q - self._place) > _SAME_PLACE).any():
+            self._place, self._rested = q, 0.0
+        self._rested += dt
+        return self._rested > _REST_TIME
+
+    @classmethod
+    def entered(cls, before: ControlMode, event: ModeEvent, why: Why) -> ControlMode:
+        """Return the mode that follows another; one that goes on keeps what it knows."""
+        if isinstance(before, Releasing):
+            if why.fault and not before.is_latched:
+                before.why = why._replace(at=before.why.at)
+            return before
+        if before.is_latched:
+            why = before.why
+        elif before.is_halted:
+            why = why._replace(at=before.why.at)
+        return cls(why, event is ModeEvent.RUNS_AWAY)
+
+
+class Distrusting(ControlMode):
+    """States have changed to those of another arm, or clock: silent for a while.
+
+    A simulation that was started again goes on steadily; a second publisher is back at once.
+
+    Attributes:
+        until: [s] on the steady clock.
+        inner: the mode that is held back.
+    """
+
+    mode = Mode.DISTRUSTING
+
+    def __init__(self, until: float, inner: ControlMode) -> None:
+        super().__init__(inner.why)
+        self.until, self.inner, self.is_runaway = until, inner, inner.is_runaway
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether the mode that is held back is."""
+        return self.inner.is_halted
+
+    def command(
+        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return no command: whose state it is, is not known; the robot has to brake itself."""
+        return None
+
+    def after(self, event: ModeEvent, why: Why) -> ControlMode:
+        """Return the mode that was held back, or go on holding back what follows it."""
+        if transition(self.mode, event) is not self.mode:
+            return self.inner
+        if event is ModeEvent.DISTRUST:
+            return self.entered(self.inner, event, why)
+        return Distrusting(self.until, self.inner.after(event, why))
+
+    @classmethod
+    def entered(cls, before: ControlMode, event: ModeEvent, why: Why) -> ControlMode:
+        """Return the mode that holds back another until ``why.at`` [s]."""
+        return cls(why.at, before)
+
+
+_CLASSES: dict[Mode, type[ControlMode]] = {
+    one.mode: one for one in (Waiting, Holding, Following, Stopped, Releasing, Distrusting)
+}

@@ -1,0 +1,28 @@
+"""How a controller treats time and references."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """How a controller treats time and references.
+
+    Attributes:
+        state_timeout: [s] gap in the stamps of the state after which it starts again.
+        reference_timeout: [s] for which a single streamed frame holds its twist.
+        max_jump_position: [m] by which a reference may be away from the desired frame.
+        max_jump_rotation: [rad] the same for the rotation.
+        require_reference: whether to be silent until the first reference.
+        check_states: whether states that the robot cannot have reached are refused.
+        slow_below: smallest singular value of J below which the motion slows down; 0 never.
+        max_latency: [s] by which a state may come later than the best one did.
+    """
+
+    state_timeout: float = 0.1
+    reference_timeout: float = 0.1
+    max_jump_position: float = 0.05
+    max_jump_rotation: float = 0.2
+    require_reference: bool = False
+    check_states: bool = False
+    slow_below: float = 0.05
+    max_latency: float = 0.05

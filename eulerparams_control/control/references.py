@@ -1,0 +1,126 @@
+"""Which references a controller follows: none that leaps, none that went on through a fault."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.control.modes import ControlMode
+from eulerparams_control.errors import InvalidMessageError, SingularityError
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+
+# A reference may start this far ahead [s]: further, the two clocks are not the same.
+_MAX_AHEAD = 3600.0
+
+# After a fault a stream of set-points is followed again when it has paused this long [s]; one of
+# motions that are shorter than that, when it has paused for the other time.
+_PAUSE, _SHORT_PAUSE = 0.5, 0.2
+
+
+@dataclass
+class References:
+    """Refuses references that must not be followed.
+
+    Attributes:
+        max_jump_position: [m] by which a reference may be away from the desired frame.
+        max_jump_rotation: [rad] the same for the rotation.
+        last: when a reference came last [s].
+    """
+
+    max_jump_position: float
+    max_jump_rotation: float
+    last: float = -math.inf
+
+    def refuse_after_fault(
+        self, motion: Trajectory | SetPoint, mode: ControlMode, t: float
+    ) -> None:
+        """Raise InvalidMessageError while a fault is to be seen to before anything moves.
+
+        References that come one after the other, set-points or short motions, have to pause: who
+        sends them may not have noticed.
+
+        Args:
+            motion: that comes.
+            mode: of the controller.
+            t: when [s].
+        """
+        why = mode.why
+        if mode.is_latched or mode.is_runaway:
+            raise InvalidMessageError(f"the arm is held ({why.fault}); {why.remedy}")
+        since, self.last = t - self.last, t
+        if not (mode.is_halted and why.fault):
+            return
+        if isinstance(motion, SetPoint):
+            paused, pause = min(since, t - why.at), _PAUSE
+        elif motion.duration < _PAUSE:
+            paused, pause = since, _SHORT_PAUSE
+        else:
+            return
+        if paused < pause:
+            raise InvalidMessageError(
+                f"the arm is held ({why.fault}); references that come one after the other are "
+                f"followed again when they have paused for {pause} s"
+            )
+
+    def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:
+        """Return whether a frame is farther from another than a reference may jump."""
+        distance, angle = _distance(here, there)
+        return not (distance <= self.max_jump_position and angle <= self.max_jump_rotation)
+
+    def refuse_jump(self, motion: Trajectory | SetPoint, late: float, here: DesiredFrame) -> None:
+        """Raise InvalidMessageError if a motion leads too far away at once.
+
+        Args:
+            motion: that comes.
+            late: for how long [s] it has been going on.
+            here: the present desired frame.
+        """
+        if late < -_MAX_AHEAD:
+            raise InvalidMessageError(
+                f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
+            )
+        try:
+            there = _farthest(motion, here, max(0.0, late))
+        except SingularityError as error:
+            raise InvalidMessageError(f"the reference is no motion: {error}") from error
+        if isinstance(motion, SetPoint):
+            self._refuse_leap(motion)
+        if self.jumps(here, there):
+            distance, angle = _distance(here, there)
+            raise InvalidMessageError(
+                f"the reference begins {distance:.3f} m and {math.degrees(angle):.1f} deg away "
+                f"from the present desired frame; at most {self.max_jump_position} m and "
+                f"{math.degrees(self.max_jump_rotation):.1f} deg are followed at once: give its "
+                "first point a time_from_start > 0, or raise max_jump_position and "
+                "max_jump_rotation"
+            )
+
+    def _refuse_leap(self, motion: SetPoint) -> None:
+        """Raise InvalidMessageError if the twist of a set-point leads farther than it may jump."""
+        frame, T = motion.frames[0], motion.lasting
+        leads = [
+            float(np.linalg.norm(v)) * T + float(np.linalg.norm(a)) * T**2 / 2
+            for v, a in ((frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d))
+        ]
+        most = self.max_jump_position, self.max_jump_rotation
+        if not (leads[0] <= most[0] and leads[1] <= most[1]):
+            raise InvalidMessageError(
+                f"the twist of the set-point leads {leads[0]:.3g} m and {leads[1]:.3g} rad away "
+                f"within {T:g} s; at most {most[0]:g} m and {most[1]:g} rad (max_jump_position, "
+                "max_jump_rotation) are followed without the next one"
+            )
+
+
+def _farthest(motion: Trajectory | SetPoint, here: DesiredFrame, late: float) -> DesiredFrame:
+    """Return the frame of a motion that it may jump to: of a set-point, where its twist ends."""
+    if isinstance(motion, Trajectory):
+        return motion.from_frame(here).sample(late)
+    return motion.sample(math.inf)
+
+
+def _distance(a: DesiredFrame, b: DesiredFrame) -> tuple[float, float]:
+    difference = a.p_d - b.p_d
+    return math.sqrt(difference @ difference), angle_between(a.R_d, b.R_d)

@@ -1,0 +1,139 @@
+"""What changes the mode of a controller: references, and what the states tell."""
+
+from eulerparams_control.control.admission import Accept, Restart
+from eulerparams_control.control.clock import Clock, Instant
+from eulerparams_control.control.command_limiter import CommandLimiter, Runaway
+from eulerparams_control.control.mode import (
+    ARM_MOVED,
+    FROZEN_ENCODER,
+    SILENT,
+    ModeEvent,
+    Why,
+    runs_away,
+)
+from eulerparams_control.control.modes import (
+    ControlMode,
+    Distrusting,
+    Guidance,
+    Holding,
+    Releasing,
+    Waiting,
+)
+from eulerparams_control.control.options import ControllerOptions
+from eulerparams_control.control.references import References
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.trajectories import Trajectory
+
+
+class Supervisor:
+    """Keeps the mode of a controller.
+
+    Args:
+        guidance: the law on its desired motion.
+        limiter: of the commands.
+        clock: of the states.
+        options: how time and references are treated.
+
+    Attributes:
+        mode: the present mode.
+        resets: how often the states started again after a jump of the stamps, or a silence.
+        left: when the last command left; None before the first.
+    """
+
+    def __init__(
+        self, guidance: Guidance, limiter: CommandLimiter, clock: Clock, options: ControllerOptions
+    ) -> None:
+        self._guidance, self._limiter, self._clock = guidance, limiter, clock
+        self._scheme, self._timeout = guidance.scheme, options.state_timeout
+        self._references = References(options.max_jump_position, options.max_jump_rotation)
+        self._runaway = Runaway()
+        self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
+        self.resets = 0
+        self.left: Instant | None = None
+
+    def begin(self, q: Array, *, acts: bool = False) -> None:
+        """Start at the measured q (n,), whether or not the command before still acts."""
+        self._guidance.begin(q, acts=acts)
+        if not acts:
+            self._limiter.forget()
+
+    def change(self, event: ModeEvent, why: Why = Why()) -> None:  # noqa: B008  it is frozen
+        """Go over to the mode after an event."""
+        was_halted = self.mode.is_halted
+        self.mode = self.mode.after(event, why if why.at else why._replace(at=self._clock.now()))
+        if self.mode.is_halted and not was_halted:
+            self._guidance.halt()
+
+    def follow(
+        self, motion: Trajectory | SetPoint, start: int | None, now: float | None, q: Array
+    ) -> None:
+        """Follow a motion, the arm being at q (n,); see ``Controller.follow``."""
+        clock, desired = self._clock, self._guidance.motion
+        self._references.refuse_after_fault(motion, self.mode, clock.time(now))
+        was_halted = self.mode.is_halted
+        here = self._scheme.frame_at(q) if was_halted else desired.last
+        self._references.refuse_jump(motion, clock.late(start), here)
+        if was_halted:  # only now: what is refused does not move what is held
+            self._scheme.resume(q)
+            desired.hold(here)
+        desired.follow(motion, start)
+        self.change(ModeEvent.REFERENCE)
+
+    def observe(
+        self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool
+    ) -> None:
+        """Change the mode as the new state q, dq (n,) tells to.
+
+        Args:
+            at: when it was.
+            state: what the admission says of it.
+            q, dq: (n,) measured.
+            is_acting: whether the state before had a command.
+        """
+        if state.is_first:
+            self._see_first(q)
+        if state.restart is not None:
+            self._restart(at, state.restart, q)
+        if isinstance(self.mode, Distrusting):
+            if at.receipt is not None and at.receipt < self.mode.until:
+                return
+            self.change(ModeEvent.TRUST)
+        if state.is_frozen:
+            self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
+            return
+        left = self.left
+        if not is_acting and left is not None and not 0 <= at.since(left) <= self._timeout:
+            self.begin(q)  # the robot has braked since
+            self.change(ModeEvent.RESTART, SILENT)
+        self._watch(state.dt, q, dq)
+
+    def _see_first(self, q: Array) -> None:
+        motion = self._guidance.motion
+        if motion.is_holding:
+            self.begin(q)  # the arm may have moved since activation
+        elif self._references.jumps(motion.last, self._scheme.frame_at(q)):
+            self.begin(q)
+            self.change(ModeEvent.FAULT, ARM_MOVED)
+
+    def _restart(self, at: Instant, restart: Restart, q: Array) -> None:
+        self.resets += 1
+        self.begin(q, acts=restart.acts)
+        self.change(ModeEvent.RESTART, restart.why)
+        if at.receipt and not restart.is_same_arm and not restart.is_silence:
+            self.change(ModeEvent.DISTRUST, Why(at=at.receipt + self._timeout))
+
+    def _watch(self, dt: float, q: Array, dq: Array) -> None:
+        """Let go of an arm that is out of control; take it back when it is at rest."""
+        mode, limits = self.mode, self._limiter.limits
+        if isinstance(mode, Releasing):
+            if not mode.is_runaway or mode.rests(dt, q):
+                self.change(ModeEvent.RECOVERED)
+            if mode.is_runaway:
+                return
+        if limits is None or not self._limiter.commands_efforts:
+            return
+        joint = self._runaway.update(dt, dq, limits.velocity, self.mode.is_halted)
+        if joint is not None:
+            name, speed = self._scheme.robot.joints[joint], dq[joint]
+            self.change(ModeEvent.RUNS_AWAY, runs_away(name, speed))

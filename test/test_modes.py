@@ -1,0 +1,120 @@
+"""The modes of a controller: the table of transitions row by row, and what each mode keeps."""
+
+import numpy as np
+import pytest
+
+from eulerparams_control.control.mode import TRANSITIONS, Cause, Mode, ModeEvent, Why, transition
+from eulerparams_control.control.modes import Distrusting, Holding, Releasing, Waiting
+
+TABLE = """
+event       waiting   holding     following   stopped     releasing   distrusting
+REFERENCE   following following   following   following   following   distrusting
+RESTART     waiting   holding     holding     stopped     releasing   distrusting
+DISTRUST    waiting   distrusting distrusting distrusting distrusting distrusting
+TRUST       waiting   holding     following   stopped     releasing   holding
+FAULT       waiting   stopped     stopped     stopped     releasing   distrusting
+DEFECT      waiting   stopped     stopped     stopped     releasing   distrusting
+HALT        waiting   stopped     stopped     stopped     releasing   distrusting
+RUNS_AWAY   waiting   releasing   releasing   releasing   releasing   distrusting
+FROZEN      waiting   releasing   releasing   releasing   releasing   distrusting
+RECOVERED   waiting   holding     following   stopped     stopped     distrusting
+"""
+HEAD, *ROWS = (line.split() for line in TABLE.split("\n") if line)
+EXPECTED = [
+    (Mode(mode), ModeEvent[event], Mode(after))
+    for event, *row in ROWS
+    for mode, after in zip(HEAD[1:], row, strict=True)
+]
+FAULT = Why(Cause.NOT_FOLLOWING, "the arm is blocked", "free it", at=3.0)
+LATER = Why(Cause.STAMP_STUCK, "the stamp stays", "see to it", at=5.0)
+DEFECT = Why(Cause.DEFECT, "internal error", "report it", at=4.0)
+RUNAWAY = Why(Cause.RUNAWAY, "it runs away", "see to it", at=4.0)
+HALT = Why(Cause.HALT, at=6.0)
+
+
+@pytest.mark.parametrize(("mode", "event", "after"), EXPECTED, ids=str)
+def test_an_event_leads_from_a_mode_to_the_one_of_the_table(mode, event, after):
+    assert transition(mode, event) is after
+
+
+def test_the_table_has_each_mode_and_each_event():
+    rows = {(mode, event) for mode, event, _ in EXPECTED}
+    assert rows == {(mode, event) for mode in Mode for event in ModeEvent}
+    assert TRANSITIONS.keys() == set(Mode)
+
+
+def stopped(why=FAULT):
+    """Return the mode after a fault of a holding controller."""
+    return Holding(Why()).after(ModeEvent.FAULT, why)
+
+
+def released():
+    """Return the mode of an arm that runs away."""
+    return Holding(Why()).after(ModeEvent.RUNS_AWAY, RUNAWAY)
+
+
+def test_a_stop_tells_its_newest_fault_and_when_the_first_one_came():
+    again = stopped().after(ModeEvent.FAULT, LATER)
+    assert (again.mode, again.why) == (Mode.STOPPED, LATER._replace(at=FAULT.at))
+
+
+@pytest.mark.parametrize("event", [ModeEvent.HALT, ModeEvent.RESTART])
+def test_neither_a_halt_nor_a_restart_makes_a_fault_forgotten(event):
+    assert stopped().after(event, HALT).why == FAULT
+
+
+def test_a_reference_ends_a_stop_and_its_fault():
+    after = stopped().after(ModeEvent.REFERENCE, Why())
+    assert (after.mode, after.why) == (Mode.FOLLOWING, Why())
+    assert not after.is_halted
+
+
+@pytest.mark.parametrize("event", [ModeEvent.FAULT, ModeEvent.RUNS_AWAY, ModeEvent.HALT])
+def test_a_defect_is_latched_whatever_comes_after_it(event):
+    defective = Holding(Why()).after(ModeEvent.DEFECT, DEFECT)
+    after = defective.after(event, LATER)
+    assert after.is_latched
+    assert after.why.cause is Cause.DEFECT
+
+
+def test_a_defect_before_the_first_reference_is_latched_in_silence():
+    after = Waiting(Why()).after(ModeEvent.DEFECT, DEFECT)
+    assert (after.mode, after.is_latched) == (Mode.WAITING, True)
+    assert after.after(ModeEvent.HALT, HALT).is_latched
+
+
+def test_an_arm_that_ran_away_has_to_come_to_rest_one_with_frozen_encoders_has_not():
+    assert released().is_runaway
+    frozen = Holding(Why()).after(ModeEvent.FROZEN, LATER)
+    assert not frozen.is_runaway
+    assert released().after(ModeEvent.FROZEN, LATER).is_runaway
+
+
+def test_what_was_let_go_is_stopped_with_its_cause_when_it_has_recovered():
+    after = released().after(ModeEvent.RECOVERED, Why())
+    assert (after.mode, after.why) == (Mode.STOPPED, RUNAWAY)
+
+
+def test_an_arm_is_at_rest_after_it_stayed_in_one_place_for_0_2_s():
+    mode = Releasing(RUNAWAY, is_runaway=True)
+    here, there = np.zeros(2), np.array([0.0, 3e-3])
+    assert not any(mode.rests(0.01, here) for _ in range(19))
+    assert not any(mode.rests(0.01, there) for _ in range(19))  # it moved meanwhile
+    assert mode.rests(0.01, there + 1e-3)
+
+
+def test_distrust_holds_back_a_mode_that_goes_on_changing_behind_it():
+    held_back = stopped().after(ModeEvent.DISTRUST, Why(at=7.0))
+    assert isinstance(held_back, Distrusting)
+    assert (held_back.until, held_back.is_halted, held_back.why) == (7.0, True, FAULT)
+    after = held_back.after(ModeEvent.REFERENCE, Why())
+    assert (after.mode, after.is_halted, after.until) == (Mode.DISTRUSTING, False, 7.0)
+    assert after.after(ModeEvent.TRUST, Why()).mode is Mode.FOLLOWING
+
+
+def test_distrust_is_renewed_by_another_jump_and_nothing_is_held_back_twice():
+    once = Holding(Why()).after(ModeEvent.DISTRUST, Why(at=7.0))
+    twice = once.after(ModeEvent.DISTRUST, Why(at=8.0))
+    assert twice.until == 8.0
+    assert twice.after(ModeEvent.TRUST, Why()).mode is Mode.HOLDING
+    assert once.after(ModeEvent.RUNS_AWAY, RUNAWAY).is_runaway
