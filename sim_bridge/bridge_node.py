@@ -35,14 +35,14 @@ from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STR
 from eulerparams_control.ros.runtime import run
 from sim_bridge.command_source import Senders
 from sim_bridge.command_statistics import Tally
-from sim_bridge.commands import Command, Commands
+from sim_bridge.commands import Command, CommandInput
 from sim_bridge.conduct import Conduct
 from sim_bridge.environment import Environment, nest, read_environment
 from sim_bridge.environment.keys import NO_TURN
 from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.parameters import CONTROLS, NO_SHAPE, TOOL_SHAPES, SimulatorParameters
 from sim_bridge.protection import SPEED_FACTOR
-from sim_bridge.pushes import Push
+from sim_bridge.pushes import PushInput
 from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.stamp_filter import StampOrder
 
@@ -191,11 +191,11 @@ class BridgeNode(Node):
             self._simulator.command_position if position else self._simulator.command_effort
         )
         self._is_lockstep = p.mode == "lockstep"
-        self._reader = Commands(self._robot.joints, p.control)
+        self._reader = CommandInput(self._robot.joints, p.control)
         self._senders = Senders(p.command_timeout, _QUIET, at_once=self._is_lockstep)
         self._order = StampOrder(min(p.command_timeout, _LONGEST_MEMORY))
         self._lost = 0  # steps that were given up
-        self._push = Push(self._robot.sensor_frame, p.external_wrench_timeout)
+        self._push = PushInput(self._robot.sensor_frame, p.external_wrench_timeout)
         self._delayed: deque[Command] = deque()
         self._heard = self._answered = False
         self._stamp = 0  # of the present state [ns]

@@ -11,7 +11,7 @@ Command = tuple[Array, ...]
 """q and dq (n,) [rad, rad/s] in position control, tau (n,) [Nm] in torque control."""
 
 
-class Commands:
+class CommandInput:
     """Reads commands, and refuses those for another kind of control by its name.
 
     Args:

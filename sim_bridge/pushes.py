@@ -14,7 +14,7 @@ STRONGEST = 1e5
 _ROUNDING = 1e-9
 
 
-class Push:
+class PushInput:
     """Reads pushes, and knows when the last one is over.
 
     Args:

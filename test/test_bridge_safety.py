@@ -18,7 +18,7 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 from sim_bridge.command_source import UNNUMBERED, Senders
 from sim_bridge.command_statistics import Tally
 from sim_bridge.conduct import Conduct
-from sim_bridge.pushes import Push
+from sim_bridge.pushes import PushInput
 from sim_bridge.stamp_filter import StampOrder
 
 # A braked joint is slower [rad/s]; brakes leave 1e-7.
@@ -590,7 +590,7 @@ def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is
 
 
 def test_a_push_ends_once_and_a_new_one_starts_the_time_anew() -> None:
-    given = Push("tool0", 0.5)
+    given = PushInput("tool0", 0.5)
     assert not given.is_over(1e9)
     assert given.from_ros(push(1.0), 1.0, has_stamps=False).tolist() == [1.0, 0, 0, 0, 0, 0]
     given.from_ros(push(1.0), 1.4, has_stamps=False)
@@ -602,7 +602,7 @@ def test_a_push_ends_once_and_a_new_one_starts_the_time_anew() -> None:
     assert given.is_over(1.51)
     given.from_ros(push(1.0, 10**12), 2.0, has_stamps=True)  # of the future
     assert given.is_over(2.51)
-    Push("tool0", 0.0).from_ros(push(1.0), 1.0, has_stamps=False)
+    PushInput("tool0", 0.0).from_ros(push(1.0), 1.0, has_stamps=False)
     with pytest.raises(InvalidMessageError, match="impossible"):
         given.from_ros(push(-1e6), 3.0, has_stamps=False)
 

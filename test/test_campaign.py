@@ -18,7 +18,7 @@ from eulerparams_control.lab.campaign import schedule
 from eulerparams_control.lab.campaign.main import main
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.oracles import Oracle, judge
-from eulerparams_control.lab.campaign.outcome import STARVED, Outcome, look
+from eulerparams_control.lab.campaign.outcome import STARVED, SequenceOutcome, look
 from eulerparams_control.lab.campaign.plan import (
     CONTROLLERS,
     LOCKSTEP,
@@ -34,9 +34,9 @@ from eulerparams_control.lab.campaign.record import (
     OK,
     STARTS,
     Command,
-    Event,
-    Record,
     Said,
+    SequenceEvent,
+    SequenceRecord,
     State,
     Truth,
 )
@@ -63,10 +63,10 @@ KILLED_SEED = {
 }  # fmt: skip
 
 
-def calm(control: str) -> Record:
+def calm(control: str) -> SequenceRecord:
     """Return what is seen of an arm that a controller holds at home, as well as can be."""
-    record = Record(MODEL, MAX_EFFORT_RATE, STATE_TIMEOUT, 1 / RATE, quiet=1.0, end=END)
-    record.events.append(Event(0.0, STARTS))
+    record = SequenceRecord(MODEL, MAX_EFFORT_RATE, STATE_TIMEOUT, 1 / RATE, quiet=1.0, end=END)
+    record.events.append(SequenceEvent(0.0, STARTS))
     record.said += [Said(0.0, OK, "active"), Said(1.0, OK, "active")]
     for k in range(round(END * RATE) + 1):
         t = k / RATE
@@ -93,7 +93,7 @@ def changed(values: tuple[float, ...], joint: int, by: float) -> tuple[float, ..
     return tuple(v + by * (i == joint) for i, v in enumerate(values))
 
 
-def found(record: Record) -> dict[str, str]:
+def found(record: SequenceRecord) -> dict[str, str]:
     """Return what the oracles find: texts by their names."""
     return {violation.oracle: violation.text for violation in judge(record)}
 
@@ -104,23 +104,23 @@ def test_nothing_is_found_where_nothing_is_wrong(control):
 
 
 # What is planted, and which oracles, and only they, find it.
-PLANTS: dict[str, tuple[str, Callable[[Record], None], set[str]]] = {}
+PLANTS: dict[str, tuple[str, Callable[[SequenceRecord], None], set[str]]] = {}
 
 
 def plant(control: str, *oracles: str) -> Callable[[Any], Any]:
-    def keep(function: Callable[[Record], None]) -> Callable[[Record], None]:
+    def keep(function: Callable[[SequenceRecord], None]) -> Callable[[SequenceRecord], None]:
         PLANTS[function.__name__] = control, function, set(oracles)
         return function
 
     return keep
 
 
-def put(record: Record, t: float, **values: Any) -> None:
+def put(record: SequenceRecord, t: float, **values: Any) -> None:
     """Change the command at t [s]."""
     record.commands[at(t)] = record.commands[at(t)]._replace(**values)
 
 
-def silence(record: Record, start: float, end: float, *, says: bool = True) -> None:
+def silence(record: SequenceRecord, start: float, end: float, *, says: bool = True) -> None:
     """Take states and commands away; the controller says so, unless it does not."""
     for messages in (record.states, record.commands):
         messages[:] = [m for m in messages if not start < m.t < end]
@@ -131,44 +131,44 @@ def silence(record: Record, start: float, end: float, *, says: bool = True) -> N
 
 
 @plant("position", "survives")
-def a_crash(record: Record) -> None:
+def a_crash(record: SequenceRecord) -> None:
     record.crash = "ValueError"
 
 
 @plant("position", "survives")
-def an_internal_error(record: Record) -> None:
+def an_internal_error(record: SequenceRecord) -> None:
     record.said.insert(1, Said(0.5, OK, "holding: internal error KeyError: 1"))
 
 
 @plant("position", "finite")
-def a_speed_that_is_no_number(record: Record) -> None:
+def a_speed_that_is_no_number(record: SequenceRecord) -> None:
     put(record, 1.0, dq=changed(ZERO, 2, float("nan")))
 
 
 @plant("torque", "finite")
-def an_infinite_effort(record: Record) -> None:
+def an_infinite_effort(record: SequenceRecord) -> None:
     put(record, 1.0, effort=changed(WEIGHT, 2, float("inf")))
     del record.commands[at(1.0) + 1 :]  # what comes after would be a jump
     record.end = 1.0
 
 
 @plant("position", "finite")
-def a_joint_too_few(record: Record) -> None:
+def a_joint_too_few(record: SequenceRecord) -> None:
     put(record, 1.0, q=AT_HOME[:5])
 
 
 @plant("position", "finite")
-def joints_in_another_order(record: Record) -> None:
+def joints_in_another_order(record: SequenceRecord) -> None:
     put(record, 1.0, names=MODEL.joints[::-1])
 
 
 @plant("position", "limits")
-def a_speed_beyond_its_limit(record: Record) -> None:
+def a_speed_beyond_its_limit(record: SequenceRecord) -> None:
     put(record, 1.0, dq=changed(ZERO, 1, 1.001 * MODEL.limits.velocity[1]))
 
 
 @plant("position", "limits")
-def a_position_beyond_its_limit(record: Record) -> None:
+def a_position_beyond_its_limit(record: SequenceRecord) -> None:
     q = changed(AT_HOME, 2, float(MODEL.limits.upper[2]) + 0.001 - AT_HOME[2])
     for k in range(at(1.0), len(record.commands)):
         record.commands[k] = record.commands[k]._replace(q=q)
@@ -177,42 +177,42 @@ def a_position_beyond_its_limit(record: Record) -> None:
 
 
 @plant("torque", "limits")
-def an_effort_beyond_its_limit(record: Record) -> None:
+def an_effort_beyond_its_limit(record: SequenceRecord) -> None:
     for k in range(len(record.commands)):  # it comes up slowly, and stays
         more = min(0.5 * k, 28.001 - WEIGHT[5])
         put(record, k / RATE, effort=changed(WEIGHT, 5, more))
 
 
 @plant("torque", "no jump")
-def an_effort_that_jumps(record: Record) -> None:
+def an_effort_that_jumps(record: SequenceRecord) -> None:
     put(record, 1.0, effort=changed(WEIGHT, 0, 1.001 * MAX_EFFORT_RATE / RATE))
 
 
 @plant("position", "no jump")
-def a_position_that_jumps(record: Record) -> None:
+def a_position_that_jumps(record: SequenceRecord) -> None:
     put(record, 1.0, q=changed(AT_HOME, 0, 1.001 * MODEL.limits.velocity[0] / RATE))
 
 
 @plant("torque", "no jump")
-def an_effort_that_jumps_within_a_burst(record: Record) -> None:
+def an_effort_that_jumps_within_a_burst(record: SequenceRecord) -> None:
     jump = changed(WEIGHT, 0, 1.5 * MAX_EFFORT_RATE / RATE)
     late = record.commands[at(1.0) + 1]._replace(t=1.0, effort=jump)
     record.commands[at(1.0) + 1] = late
 
 
 @plant("torque", "silent")
-def a_command_without_a_state(record: Record) -> None:
+def a_command_without_a_state(record: SequenceRecord) -> None:
     record.states[:] = [s for s in record.states if not 1.0 < s.t < 1.0 + STATE_TIMEOUT + 0.05]
 
 
 @plant("position", "silent")
-def a_command_to_states_that_cannot_be_read(record: Record) -> None:
+def a_command_to_states_that_cannot_be_read(record: SequenceRecord) -> None:
     for k in range(at(1.0), at(1.2)):
         record.states[k] = record.states[k]._replace(q=(), dq=())
 
 
 @plant("position", "calm start")
-def a_position_beside_the_arm_after_a_gap(record: Record) -> None:
+def a_position_beside_the_arm_after_a_gap(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.4)
     for k in range(at(1.0) + 1, len(record.commands)):
         q = changed(AT_HOME, 3, 1e-5)
@@ -220,46 +220,46 @@ def a_position_beside_the_arm_after_a_gap(record: Record) -> None:
 
 
 @plant("position", "calm start")
-def a_speed_after_a_gap(record: Record) -> None:
+def a_speed_after_a_gap(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.4)
     record.commands[at(1.0) + 1] = record.commands[at(1.0) + 1]._replace(dq=(1e-5,) * 6)
 
 
 @plant("torque", "calm start")
-def an_effort_that_does_not_bear_the_arm_after_a_gap(record: Record) -> None:
+def an_effort_that_does_not_bear_the_arm_after_a_gap(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.4)
     first = record.commands[at(1.0) + 1]
     record.commands[at(1.0) + 1] = first._replace(effort=changed(WEIGHT, 1, 2.0))
 
 
 @plant("torque", "calm start")
-def an_effort_that_does_not_bear_the_arm_after_a_restart(record: Record) -> None:
-    record.events += [Event(1.0, KILLED), Event(1.0, STARTS)]
+def an_effort_that_does_not_bear_the_arm_after_a_restart(record: SequenceRecord) -> None:
+    record.events += [SequenceEvent(1.0, KILLED), SequenceEvent(1.0, STARTS)]
     for k in range(at(1.0), len(record.commands)):
         record.commands[k] = record.commands[k]._replace(life=2)
     put(record, 1.0, effort=changed(WEIGHT, 1, 2.0))
 
 
 @plant("torque", "calm start")
-def an_answer_to_no_state_after_a_gap(record: Record) -> None:
+def an_answer_to_no_state_after_a_gap(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.4)
     first = record.commands[at(1.0) + 1]
     record.commands[at(1.0) + 1] = first._replace(stamp=first.stamp + 1e-3)
 
 
 @plant("torque", "says so")
-def a_silence_of_which_nothing_is_said(record: Record) -> None:
+def a_silence_of_which_nothing_is_said(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.32, says=False)
 
 
 @plant("torque", "held still")
-def an_arm_that_moves_while_it_is_held(record: Record) -> None:
+def an_arm_that_moves_while_it_is_held(record: SequenceRecord) -> None:
     record.said[1:] = [Said(1.0, ERROR, "holding still: a fault"), Said(2.0, OK, "active")]
     record.truth[at(1.7)] = record.truth[at(1.7)]._replace(dq=(0.021, *ZERO[1:]))
 
 
 @plant("torque", "held still")
-def an_arm_that_sinks_while_it_is_held(record: Record) -> None:
+def an_arm_that_sinks_while_it_is_held(record: SequenceRecord) -> None:
     record.said[1:] = [Said(1.0, ERROR, "holding still: a fault"), Said(2.0, OK, "active")]
     for k in range(at(1.5), at(2.0)):
         sunk = changed(AT_HOME, 1, 0.03 * (k / RATE - 1.5))
@@ -267,35 +267,35 @@ def an_arm_that_sinks_while_it_is_held(record: Record) -> None:
 
 
 @plant("torque", "held still")
-def an_arm_that_moves_while_its_states_are_away(record: Record) -> None:
+def an_arm_that_moves_while_its_states_are_away(record: SequenceRecord) -> None:
     silence(record, 1.0, 1.3)
     record.shaken = [(1.0, 1.3)]  # it is a fault that takes them away
     record.truth[at(1.27)] = record.truth[at(1.27)]._replace(dq=(0.021, *ZERO[1:]))
 
 
 @plant("torque", "no runaway")
-def an_arm_that_runs_away(record: Record) -> None:
+def an_arm_that_runs_away(record: SequenceRecord) -> None:
     speed = 2.001 * float(MODEL.limits.velocity[4])
     record.truth[at(1.7)] = record.truth[at(1.7)]._replace(dq=changed(ZERO, 4, -speed))
 
 
 @plant("torque", "recovers")
-def an_arm_that_does_not_get_there(record: Record) -> None:
+def an_arm_that_does_not_get_there(record: SequenceRecord) -> None:
     record.tip_error = 0.0051, 0.0
 
 
 @plant("torque", "recovers")
-def an_arm_that_is_turned(record: Record) -> None:
+def an_arm_that_is_turned(record: SequenceRecord) -> None:
     record.tip_error = 0.0, 1.01
 
 
 @plant("torque", "recovers")
-def an_arm_of_which_nothing_is_known(record: Record) -> None:
+def an_arm_of_which_nothing_is_known(record: SequenceRecord) -> None:
     record.tip_error = float("nan"), 0.0
 
 
 @plant("torque", "recovers")
-def a_controller_that_is_not_well_at_the_end(record: Record) -> None:
+def a_controller_that_is_not_well_at_the_end(record: SequenceRecord) -> None:
     record.said.append(Said(END - 0.1, ERROR, "holding still: a fault"))
 
 
@@ -412,23 +412,23 @@ def test_a_sequence_in_real_time_has_commands_states_and_a_story():
 # --- the executable --------------------------------------------------------------------
 
 
-def good(plan: Any) -> Outcome:
+def good(plan: Any) -> SequenceOutcome:
     return look(plan, calm(plan.control), 1.0)
 
 
-def bad(plan: Any) -> Outcome:
+def bad(plan: Any) -> SequenceOutcome:
     record = calm(plan.control)
     record.tip_error = 1.0, 90.0
     return look(plan, record, 1.0)
 
 
-def starved(plan: Any) -> Outcome:
+def starved(plan: Any) -> SequenceOutcome:
     record = calm(plan.control)
     record.tip_error, record.starved = (1.0, 90.0), 2 * STARVED
     return look(plan, record, 1.0)
 
 
-def dies(plan: Any) -> Outcome:
+def dies(plan: Any) -> SequenceOutcome:
     if plan.seed == 1:
         os._exit(1)
     return good(plan)
@@ -438,7 +438,7 @@ def dies(plan: Any) -> Outcome:
 def instead(monkeypatch):
     """Runs something else for each sequence, here."""
 
-    def replace_run(function: Callable[[Any], Outcome]) -> None:
+    def replace_run(function: Callable[[Any], SequenceOutcome]) -> None:
         monkeypatch.setattr(
             "eulerparams_control.lab.campaign.main.run_all",
             lambda todo, _jobs: map(function, reversed(todo)),

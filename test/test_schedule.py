@@ -24,7 +24,7 @@ from eulerparams_control.lab.experiments.domains import Domain
 from eulerparams_control.lab.experiments.model import Experiment, Variant
 from eulerparams_control.lab.experiments.processes import Stopped
 from eulerparams_control.lab.experiments.result import Outcome
-from eulerparams_control.lab.experiments.run_cache import Making, Record, Run
+from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
 from eulerparams_control.lab.experiments.runner import IncompleteBagError
 from eulerparams_control.lab.experiments.schedule import Schedule, Task
 from eulerparams_control.robot.catalogue import load_robot
@@ -123,9 +123,9 @@ def bag_of(folder: Path, name: str = "first") -> Path:
     return bag
 
 
-def ended(folder: Path) -> Record:
+def ended(folder: Path) -> RunRecord:
     """Return the record of a run that ended with a whole bag."""
-    record = Record(folder, "first")
+    record = RunRecord(folder, "first")
     record.begin(MAKING)
     bag = bag_of(folder)
     record.claim()
@@ -141,7 +141,7 @@ def test_a_run_is_known_by_its_whole_bag(tmp_path: Path) -> None:
 
 
 def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path: Path) -> None:
-    record = Record(tmp_path, "first")
+    record = RunRecord(tmp_path, "first")
     record.begin(MAKING)
     record.claim()  # the recorder has made none yet
     bag_of(tmp_path)
@@ -155,13 +155,13 @@ def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path:
 def test_a_bag_that_ended_whole_is_removed_also_if_its_folder_was_copied(tmp_path: Path) -> None:
     ended(tmp_path / "before")
     shutil.copytree(tmp_path / "before", tmp_path / "now")
-    record = Record(tmp_path / "now", "first")
+    record = RunRecord(tmp_path / "now", "first")
     assert record.finished() is not None
     record.clear()
     assert not (tmp_path / "now/first").exists()
 
 
-def refused(record: Record, words: str) -> None:
+def refused(record: RunRecord, words: str) -> None:
     """Check that what is there is neither taken for the run nor removed."""
     before = {path: path.read_bytes() for path in record.bag.iterdir()}
     assert record.finished() is None
@@ -175,7 +175,7 @@ NOT_OURS = r"first exists, and is not the bag .*; remove it yourself, or choose 
 
 def test_a_bag_that_is_not_known_to_be_ours_is_never_removed(tmp_path: Path) -> None:
     bag_of(tmp_path)
-    refused(Record(tmp_path, "first"), NOT_OURS)
+    refused(RunRecord(tmp_path, "first"), NOT_OURS)
 
 
 @pytest.mark.parametrize("has_ended", [True, False])
@@ -217,7 +217,7 @@ def test_a_link_in_a_bag_is_what_no_recorder_wrote(tmp_path: Path) -> None:
 
 
 def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path: Path) -> None:
-    record = Record(tmp_path, "first")
+    record = RunRecord(tmp_path, "first")
     record.begin(MAKING)
     bag_of(tmp_path)  # after the run had looked
     events = record.path.parent / "bag_recorder.events"

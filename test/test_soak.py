@@ -16,8 +16,8 @@ from eulerparams_control.lab.soak.histogram import Histogram
 from eulerparams_control.lab.soak.ledger import PATIENCE, Ledger, Missed
 from eulerparams_control.lab.soak.main import main
 from eulerparams_control.lab.soak.page import write_page
-from eulerparams_control.lab.soak.plan import Plan
-from eulerparams_control.lab.soak.record import Life, Page, Record, Unanswered
+from eulerparams_control.lab.soak.plan import SoakPlan
+from eulerparams_control.lab.soak.record import Life, Page, SoakRecord, Unanswered
 from eulerparams_control.lab.soak.summary import write_summary
 from eulerparams_control.lab.soak.usage import Usage, usage_of, waited_of
 from eulerparams_control.lab.soak.verdict import judge
@@ -164,12 +164,12 @@ def test_the_kernel_says_what_this_process_takes() -> None:
 
 # --- verdicts ------------------------------------------------------------------------------------
 
-PLAN = Plan(("clik",), 100.0, 250.0)
+PLAN = SoakPlan(("clik",), 100.0, 250.0)
 
 
-def record(grows: float = 0.0, last: float = 0.001, states: int = 100) -> Record:
+def record(grows: float = 0.0, last: float = 0.001, states: int = 100) -> SoakRecord:
     """Return a record in which memory grows by a part, and the last quarter is so slow [s]."""
-    found = Record(PLAN)
+    found = SoakRecord(PLAN)
     begins = [-PLAN.warm_up, *(k * PLAN.page for k in range(PLAN.pages))]
     found.pages["clik"] = []
     for k, begin in enumerate(begins):
@@ -184,7 +184,7 @@ def record(grows: float = 0.0, last: float = 0.001, states: int = 100) -> Record
     return found
 
 
-def failed(found: Record) -> list[str]:
+def failed(found: SoakRecord) -> list[str]:
     return [f"{v.text}: {v.measured}" for v in judge(found) if not v.met]
 
 

@@ -13,7 +13,7 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 """Of the lines, once the colours are used up."""
 
 
-class Run(Protocol):
+class NamedRun(Protocol):
     """What a name needs of a run."""
 
     @property
@@ -25,7 +25,7 @@ class Run(Protocol):
         """Its Euler angles."""
 
 
-def labels(runs: Sequence[Run]) -> list[str]:
+def labels(runs: Sequence[NamedRun]) -> list[str]:
     """Return a name for each run: its folder, with as many parents as it takes to differ.
 
     The namespace of the arm comes after it, where there is one.
@@ -40,7 +40,7 @@ def labels(runs: Sequence[Run]) -> list[str]:
     return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice
 
 
-def sequences(runs: Sequence[Run]) -> str:
+def sequences(runs: Sequence[NamedRun]) -> str:
     """Return the names of the Euler angles of some runs, most often one."""
     return "/".join(sorted({run.sequence.name for run in runs}))
 

@@ -9,12 +9,12 @@ from rich.table import Table
 
 from eulerparams_control.command_line import say
 from eulerparams_control.lab.campaign.oracles import Oracle
-from eulerparams_control.lab.campaign.outcome import Outcome, count_by_oracle
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle
 
 _EVERY = 25  # sequences for a line, where there is no terminal
 
 
-class Display:
+class CampaignDisplay:
     """Shows how far a campaign is, and each sequence in which something was found.
 
     Args:
@@ -37,7 +37,7 @@ class Display:
         )
         self._task = self._progress.add_task("no violation", total=total)
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "CampaignDisplay":
         self._progress.start()
         return self
 
@@ -49,7 +49,7 @@ class Display:
     ) -> None:
         self._progress.stop()
 
-    def ended(self, outcome: Outcome) -> None:
+    def ended(self, outcome: SequenceOutcome) -> None:
         """Show that a sequence has ended."""
         self._done += 1
         self._bad += not outcome.is_good
@@ -61,7 +61,7 @@ class Display:
         if is_plain and (self._done % _EVERY == 0 or self._done == self._total):
             say(self._console, f"{self._done} of {self._total} sequences, {self._bad} failed")
 
-    def _failed(self, outcome: Outcome) -> None:
+    def _failed(self, outcome: SequenceOutcome) -> None:
         say(self._console, f"{outcome.plan.name}: failed", "red")
         for violation in outcome.violations:
             say(self._console, f"  {violation}")
@@ -70,7 +70,7 @@ class Display:
         say(self._console, f"  repeat it: {outcome.plan.repeat}")
 
 
-def oracle_table(outcomes: Sequence[Outcome]) -> Table:
+def oracle_table(outcomes: Sequence[SequenceOutcome]) -> Table:
     """Return the table of the oracles, and in how many sequences each found something."""
     found = count_by_oracle(outcomes)
     table = Table()
@@ -82,7 +82,7 @@ def oracle_table(outcomes: Sequence[Outcome]) -> Table:
     return table
 
 
-def headline(outcomes: Sequence[Outcome]) -> str:
+def headline(outcomes: Sequence[SequenceOutcome]) -> str:
     """Return what came of a campaign in a sentence."""
     failed = [o for o in outcomes if o.violations]
     lost = sum(bool(o.error) for o in outcomes)

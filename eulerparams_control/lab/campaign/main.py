@@ -11,10 +11,10 @@ from rich.console import Console
 
 from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
-from eulerparams_control.lab.campaign.display import Display, headline, oracle_table
-from eulerparams_control.lab.campaign.outcome import Outcome
+from eulerparams_control.lab.campaign.display import CampaignDisplay, headline, oracle_table
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome
 from eulerparams_control.lab.campaign.page import write_page, write_summary
-from eulerparams_control.lab.campaign.plan import CONTROLLERS, LOCKSTEP, MODES, Plan
+from eulerparams_control.lab.campaign.plan import CONTROLLERS, LOCKSTEP, MODES, SequencePlan
 from eulerparams_control.lab.campaign.schedule import plans, plans_of_both, run_all
 
 BOTH = "both"
@@ -78,7 +78,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _plans(options: argparse.Namespace) -> list[Plan]:
+def _plans(options: argparse.Namespace) -> list[SequencePlan]:
     """Return the sequences that were asked for."""
     one = options.seed is not None
     controllers = (options.controller,) if options.controller else CONTROLLERS
@@ -89,16 +89,16 @@ def _plans(options: argparse.Namespace) -> list[Plan]:
     return plans(count, options.seed or 0, controllers, mode)
 
 
-def _run(todo: Sequence[Plan], jobs: int, console: Console) -> list[Outcome]:
+def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[SequenceOutcome]:
     outcomes = []
-    with Display(console, len(todo)) as display:
+    with CampaignDisplay(console, len(todo)) as display:
         for outcome in run_all(todo, jobs):
             outcomes.append(outcome)
             display.ended(outcome)
     return sorted(outcomes, key=lambda o: todo.index(o.plan))
 
 
-def _write(outcomes: Sequence[Outcome], out: Path) -> Path:
+def _write(outcomes: Sequence[SequenceOutcome], out: Path) -> Path:
     """Write the page and the summary; return the page."""
     page = out / "index.html"
     try:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.plan import STREAM, WAY_POINTS, Plan, Pose
+from eulerparams_control.lab.campaign.plan import STREAM, WAY_POINTS, Pose, SequencePlan
 from eulerparams_control.lab.faults import Fault
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
@@ -44,7 +44,9 @@ class User:
         has_begun: whether anything was sent.
     """
 
-    def __init__(self, plan: Plan, model: Robot, faults: Sequence[Fault], home: Array) -> None:
+    def __init__(
+        self, plan: SequencePlan, model: Robot, faults: Sequence[Fault], home: Array
+    ) -> None:
         self._plan, self._model = plan, model
         self._home = self.pose(home)
         self._motion = plan.way_points(self._home)

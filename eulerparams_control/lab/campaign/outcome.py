@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles import Oracle, Violation, judge
-from eulerparams_control.lab.campaign.plan import Plan, faults_of
-from eulerparams_control.lab.campaign.record import ERROR, STOPS, Record
+from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of
+from eulerparams_control.lab.campaign.record import ERROR, STOPS, SequenceRecord
 
 STARVED = 0.05
 """[s] without time for the robot, or for who listens: what needs real time is not judged then."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SequenceOutcome:
     """What came of a sequence.
 
     Attributes:
@@ -36,7 +36,7 @@ class Outcome:
         story: what was done and said, with the times [s].
     """
 
-    plan: Plan
+    plan: SequencePlan
     violations: tuple[Violation, ...] = ()
     error: str = ""
     unjudged: tuple[Violation, ...] = ()
@@ -88,12 +88,12 @@ class Outcome:
         }
 
 
-def look(plan: Plan, record: Record, seconds: float) -> Outcome:
+def look(plan: SequencePlan, record: SequenceRecord, seconds: float) -> SequenceOutcome:
     """Return what came of a sequence of which all this was seen."""
     found = judge(record)
     is_starved = record.starved > STARVED
     counts = [v for v in found if not is_starved or Oracle.registry[v.oracle].holds_if_starved]
-    return Outcome(
+    return SequenceOutcome(
         plan,
         violations=tuple(counts),
         unjudged=tuple(v for v in found if v not in counts),
@@ -110,20 +110,20 @@ def look(plan: Plan, record: Record, seconds: float) -> Outcome:
     )
 
 
-def _troubled(record: Record) -> float:
+def _troubled(record: SequenceRecord) -> float:
     """Return for how long [s] the controller said that something is wrong."""
     ends = [*(said.t for said in record.said[1:]), record.end]
     pairs = zip(record.said, ends, strict=False)
     return round(sum(end - said.t for said, end in pairs if said.level == ERROR), 6)
 
 
-def _peak_speed(record: Record) -> float:
+def _peak_speed(record: SequenceRecord) -> float:
     """Return the speed of the fastest joint, as a part of its limit."""
     speeds = np.abs([truth.dq for truth in record.truth])
     return float((speeds / record.limits.velocity).max())
 
 
-def _story(record: Record) -> tuple[str, ...]:
+def _story(record: SequenceRecord) -> tuple[str, ...]:
     """Return what was done and said, once each time it changes."""
     lines, last = [], ""
     for t, text in sorted(
@@ -137,6 +137,6 @@ def _story(record: Record) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def count_by_oracle(outcomes: Sequence[Outcome]) -> Counter[str]:
+def count_by_oracle(outcomes: Sequence[SequenceOutcome]) -> Counter[str]:
     """Return in how many sequences each oracle found something."""
     return Counter(name for o in outcomes for name in {v.oracle for v in o.violations})

@@ -9,14 +9,14 @@ from typing import Any
 
 from eulerparams_control.lab.campaign.display import headline
 from eulerparams_control.lab.campaign.oracles import Oracle
-from eulerparams_control.lab.campaign.outcome import Outcome, count_by_oracle
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, MODES, faults_of
 from eulerparams_control.lab.experiments.html import page
 
 _TITLE = "Random faults"
 
 
-def write_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_summary(path: Path, outcomes: Sequence[SequenceOutcome]) -> None:
     """Write all outcomes as JSON."""
     found = count_by_oracle(outcomes)
     content = {
@@ -33,12 +33,12 @@ def write_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_page(path: Path, outcomes: Sequence[SequenceOutcome]) -> None:
     """Write the page; it loads nothing."""
     path.write_text(page(_TITLE, _body(outcomes)), encoding="utf-8")
 
 
-def _body(outcomes: Sequence[Outcome]) -> list[str]:
+def _body(outcomes: Sequence[SequenceOutcome]) -> list[str]:
     return [
         f"<h1>{escape(headline(outcomes))}</h1>",
         '<p class="soft">Each sequence is a control node, an arm and its user; between them '
@@ -57,14 +57,14 @@ def _body(outcomes: Sequence[Outcome]) -> list[str]:
     ]
 
 
-def _failures(outcomes: Sequence[Outcome]) -> str:
+def _failures(outcomes: Sequence[SequenceOutcome]) -> str:
     failed = [outcome for outcome in outcomes if not outcome.is_good]
     if not failed:
         return ""
     return "".join(("<section><h2>What failed</h2>", *map(_failure, failed), "</section>"))
 
 
-def _failure(outcome: Outcome) -> str:
+def _failure(outcome: SequenceOutcome) -> str:
     lines = [str(violation) for violation in outcome.violations]
     lines += [f"could not be run: {outcome.error}"] if outcome.error else []
     faults = "\n".join(str(fault) for fault in faults_of(outcome.plan))
@@ -79,7 +79,7 @@ def _failure(outcome: Outcome) -> str:
     )
 
 
-def _oracles(outcomes: Sequence[Outcome]) -> str:
+def _oracles(outcomes: Sequence[SequenceOutcome]) -> str:
     found = count_by_oracle(outcomes)
     rows = [
         (escape(name), escape(kind.claim), _count(found[name]))
@@ -88,7 +88,7 @@ def _oracles(outcomes: Sequence[Outcome]) -> str:
     return _table(("oracle", "what must hold", "sequences with a violation"), rows)
 
 
-def _runs(outcomes: Sequence[Outcome]) -> str:
+def _runs(outcomes: Sequence[SequenceOutcome]) -> str:
     names = ("", "sequences", "failed", "commands", "simulated", "in trouble", "worst tip error")
     rows = []
     for mode in MODES:
@@ -99,7 +99,7 @@ def _runs(outcomes: Sequence[Outcome]) -> str:
     return _table(names, rows)
 
 
-def _run(some: Sequence[Outcome]) -> tuple[str, ...]:
+def _run(some: Sequence[SequenceOutcome]) -> tuple[str, ...]:
     """Return the row of a controller in a mode."""
     good = [outcome for outcome in some if not outcome.error]
     worst = [max((o.tip_error[k] for o in good), default=0.0) for k in (0, 1)]
@@ -113,7 +113,7 @@ def _run(some: Sequence[Outcome]) -> tuple[str, ...]:
     )
 
 
-def _faults(outcomes: Sequence[Outcome]) -> str:
+def _faults(outcomes: Sequence[SequenceOutcome]) -> str:
     with_it: Counter[tuple[str, str]] = Counter()
     failed: Counter[tuple[str, str]] = Counter()
     for outcome in outcomes:

@@ -64,7 +64,7 @@ Pose = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class Plan:
+class SequencePlan:
     """A sequence.
 
     Attributes:
@@ -149,7 +149,7 @@ def _settings(controller: str) -> tuple[dict[str, str | float], ...]:
     return next(settings for name, settings in _SETTINGS.items() if name in known)
 
 
-def make_plan(seed: int, controller: str, mode: str = LOCKSTEP) -> Plan:
+def make_plan(seed: int, controller: str, mode: str = LOCKSTEP) -> SequencePlan:
     """Return the sequence of a seed."""
     random = np.random.default_rng((seed, CONTROLLERS.index(controller)))
     motion = str(random.choice(MOTIONS, p=(0.55, 0.3, 0.15)))
@@ -159,7 +159,7 @@ def make_plan(seed: int, controller: str, mode: str = LOCKSTEP) -> Plan:
         force, moment = random.uniform(-1, 1, size=(2, 3))
         push = (*(_PUSH_FORCE * force).tolist(), *(_PUSH_MOMENT * moment).tolist())
     setting = int(random.integers(len(_settings(controller))))
-    return Plan(seed, controller, mode, motion, orientation, setting, push)
+    return SequencePlan(seed, controller, mode, motion, orientation, setting, push)
 
 
 def _near(home: Pose, farthest: float, most: float, random: np.random.Generator) -> Pose:
@@ -171,7 +171,7 @@ def _near(home: Pose, farthest: float, most: float, random: np.random.Generator)
     return p + step, exp(axis) @ R
 
 
-def faults_of(plan: Plan) -> tuple[Fault, ...]:
+def faults_of(plan: SequencePlan) -> tuple[Fault, ...]:
     """Return the faults of a sequence."""
     return random_faults(plan.seed, plan.controller, FAULTS)
 

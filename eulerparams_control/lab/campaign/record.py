@@ -93,7 +93,7 @@ class Said(NamedTuple):
         return self.level == ERROR and self.message.startswith(HOLDING)
 
 
-class Event(NamedTuple):
+class SequenceEvent(NamedTuple):
     """What was done to the controller, or by its user."""
 
     t: float
@@ -101,7 +101,7 @@ class Event(NamedTuple):
 
 
 @dataclass
-class Record:
+class SequenceRecord:
     """All that was seen of a sequence.
 
     Attributes:
@@ -135,7 +135,7 @@ class Record:
     states: list[State] = field(default_factory=list)
     truth: list[Truth] = field(default_factory=list)
     said: list[Said] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
+    events: list[SequenceEvent] = field(default_factory=list)
     contact: tuple[float, float] = (0.0, 0.0)
     shaken: list[tuple[float, float]] = field(default_factory=list)
     disturbed: list[tuple[float, float]] = field(default_factory=list)

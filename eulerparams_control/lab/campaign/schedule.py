@@ -12,9 +12,15 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.lab.campaign.outcome import Outcome, look
-from eulerparams_control.lab.campaign.plan import CONTROLLERS, LOCKSTEP, REALTIME, Plan, make_plan
-from eulerparams_control.lab.campaign.record import Record
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
+from eulerparams_control.lab.campaign.plan import (
+    CONTROLLERS,
+    LOCKSTEP,
+    REALTIME,
+    SequencePlan,
+    make_plan,
+)
+from eulerparams_control.lab.campaign.record import SequenceRecord
 from eulerparams_control.lab.experiments.domains import Domain
 
 REALTIME_JOBS = 2
@@ -29,13 +35,15 @@ _REALTIME_PART = 0.15  # of a campaign with both modes
 
 def plans(
     count: int, seed: int, controllers: Sequence[str] = CONTROLLERS, mode: str = LOCKSTEP
-) -> list[Plan]:
+) -> list[SequencePlan]:
     """Return as many sequences, controller after controller, seed after seed."""
     n = len(controllers)
     return [make_plan(seed + k // n, controllers[k % n], mode) for k in range(count)]
 
 
-def plans_of_both(count: int, seed: int, controllers: Sequence[str] = CONTROLLERS) -> list[Plan]:
+def plans_of_both(
+    count: int, seed: int, controllers: Sequence[str] = CONTROLLERS
+) -> list[SequencePlan]:
     """Return as many sequences, most in lock-step, the rest in real time."""
     in_real_time = round(_REALTIME_PART * count)
     return plans(count - in_real_time, seed, controllers) + plans(
@@ -49,7 +57,7 @@ def _domain() -> Domain:
     return Domain()
 
 
-def run(plan: Plan) -> Outcome:
+def run(plan: SequencePlan) -> SequenceOutcome:
     """Run a sequence here; what cannot be run is an outcome, too."""
     started = time.monotonic()
     try:
@@ -60,9 +68,9 @@ def run(plan: Plan) -> Outcome:
         else:
             record = _run_nodes(plan)
     except EulerParamsError as error:
-        return Outcome(plan, error=str(error), seconds=time.monotonic() - started)
+        return SequenceOutcome(plan, error=str(error), seconds=time.monotonic() - started)
     except Exception as error:  # of any kind: the others go on
-        return Outcome(plan, error=repr(error), seconds=time.monotonic() - started)
+        return SequenceOutcome(plan, error=repr(error), seconds=time.monotonic() - started)
     return look(plan, record, time.monotonic() - started)
 
 
@@ -79,7 +87,7 @@ def _end(*_: object) -> None:
         os._exit(1)
 
 
-def _run_nodes(plan: Plan) -> Record:
+def _run_nodes(plan: SequencePlan) -> SequenceRecord:
     """Run a sequence whose nodes are processes: they end before this worker does."""
     global _has_nodes
     from eulerparams_control.lab.campaign.ros.realtime import run_realtime
@@ -103,7 +111,7 @@ def _prepare() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def run_all(todo: Sequence[Plan], jobs: int) -> Iterator[Outcome]:
+def run_all(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome]:
     """Yield what came of each sequence, as they end: those in real time last, and few at once."""
     for mode in (LOCKSTEP, REALTIME):
         some = [plan for plan in todo if plan.mode == mode]
@@ -112,14 +120,14 @@ def run_all(todo: Sequence[Plan], jobs: int) -> Iterator[Outcome]:
             yield from _run_some(few, min(most, len(few)))
 
 
-def _run_some(todo: Sequence[Plan], jobs: int) -> Iterator[Outcome]:
+def _run_some(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome]:
     """Yield what came of each.
 
     One that takes its worker with it is run once more, by itself; one of which nothing can be
     said, since the machine starved, twice.
     """
-    lost: list[Plan] = []
-    starved: list[Plan] = []
+    lost: list[SequencePlan] = []
+    starved: list[SequencePlan] = []
     for outcome in _in_pool(todo, jobs, lost):
         if outcome.unjudged and not outcome.violations:
             starved.append(outcome.plan)
@@ -135,18 +143,20 @@ def _run_some(todo: Sequence[Plan], jobs: int) -> Iterator[Outcome]:
         yield outcome
 
 
-def _by_itself(plan: Plan) -> Outcome:
+def _by_itself(plan: SequencePlan) -> SequenceOutcome:
     """Return what came of a sequence that is run while no other is."""
-    dead: list[Plan] = []
+    dead: list[SequencePlan] = []
     outcomes = list(_in_pool([plan], 1, dead))
     return (
         outcomes[0]
         if outcomes
-        else Outcome(plan, error="its worker died, also when it was run by itself")
+        else SequenceOutcome(plan, error="its worker died, also when it was run by itself")
     )
 
 
-def _in_pool(todo: Sequence[Plan], jobs: int, lost: list[Plan]) -> Iterator[Outcome]:
+def _in_pool(
+    todo: Sequence[SequencePlan], jobs: int, lost: list[SequencePlan]
+) -> Iterator[SequenceOutcome]:
     """Yield what came of sequences; put those into ``lost`` whose worker died."""
     pool = ProcessPoolExecutor(
         jobs,
@@ -154,7 +164,9 @@ def _in_pool(todo: Sequence[Plan], jobs: int, lost: list[Plan]) -> Iterator[Outc
         initializer=_prepare,
     )
     try:
-        running: dict[Future[Outcome], Plan] = {pool.submit(run, plan): plan for plan in todo}
+        running: dict[Future[SequenceOutcome], SequencePlan] = {
+            pool.submit(run, plan): plan for plan in todo
+        }
         while running:
             done, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in done:

@@ -23,7 +23,7 @@ _LOCK_STEP = {
 
 
 @dataclass(frozen=True)
-class ControlNode:
+class NodeSetup:
     """A node of a controller.
 
     Attributes:
@@ -51,7 +51,7 @@ class ControlNode:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerSetup:
     """What an experiment calls a controller.
 
     Attributes:
@@ -62,7 +62,7 @@ class Controller:
         records: further topics that it answers each state on.
     """
 
-    nodes: tuple[ControlNode, ...]
+    nodes: tuple[NodeSetup, ...]
     command: str
     control: str
     inputs: tuple[str, ...] = ()
@@ -89,17 +89,17 @@ class Controller:
         return sum("reference" not in node.remaps for node in self.nodes)
 
 
-def _controller(scheme: SchemeInfo) -> Controller:
+def _controller(scheme: SchemeInfo) -> ControllerSetup:
     """Return the controller that is one scheme."""
-    node = ControlNode(scheme.name)
-    return Controller((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
+    node = NodeSetup(scheme.name)
+    return ControllerSetup((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
 
 
 CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
-    "admittance": Controller(
+    "admittance": ControllerSetup(
         (
-            ControlNode("impedance_control", {"command_type": NO_COMMANDS}),
-            ControlNode(
+            NodeSetup("impedance_control", {"command_type": NO_COMMANDS}),
+            NodeSetup(
                 "clik",
                 {"reference_pairing": "stamp", "reference_timeout": 0.02},
                 remaps={"reference": "compliant_frame"},

@@ -20,7 +20,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.experiments.controllers import CONTROLLERS, Controller, ControlNode
+from eulerparams_control.lab.experiments.controllers import (
+    CONTROLLERS,
+    ControllerSetup,
+    NodeSetup,
+)
 from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.yaml_checks import known, require
 from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
@@ -55,7 +59,7 @@ def read_faults(where: str, run: Mapping[str, Any]) -> tuple[Fault, ...]:
     return faults
 
 
-def _check(fault: Fault, controller: Controller, duration: float) -> None:
+def _check(fault: Fault, controller: ControllerSetup, duration: float) -> None:
     """Raise ConfigurationError unless a fault can do something in a run."""
     if isinstance(fault, Kill):
         known("node that can be killed", fault.node, (*controller.executables, *OTHERS))
@@ -64,7 +68,7 @@ def _check(fault: Fault, controller: Controller, duration: float) -> None:
     require(fault.at < duration, f"it begins at {fault.at:g} s, the run ends at {duration:g} s")
 
 
-def remaps(controller: Controller) -> dict[str, dict[str, str]]:
+def remaps(controller: ControllerSetup) -> dict[str, dict[str, str]]:
     """Return the topics that have another name for each node: those that the injector gives on."""
     *inwards, command = controller.topics
     to_controller = {topic: FAULTY + topic for topic in inwards}
@@ -72,7 +76,7 @@ def remaps(controller: Controller) -> dict[str, dict[str, str]]:
     return {**nodes, "pybullet_bridge": {command: FAULTY + command}}
 
 
-def control_parameters(node: ControlNode, is_turned: bool) -> dict[str, Any]:
+def control_parameters(node: NodeSetup, is_turned: bool) -> dict[str, Any]:
     """Return what a control node needs in real time: what it has by default."""
     return node.turned(is_turned)
 
@@ -83,7 +87,7 @@ def bridge_parameters() -> dict[str, Any]:
 
 
 def injector_parameters(
-    controller: Controller, faults: tuple[Fault, ...], seed: int
+    controller: ControllerSetup, faults: tuple[Fault, ...], seed: int
 ) -> dict[str, Any]:
     """Return what the injector is told."""
     told = [str(fault) for fault in faults if not isinstance(fault, Kill)]
@@ -92,7 +96,7 @@ def injector_parameters(
     return values | {"faults": told} if told else values
 
 
-def recorded(controller: Controller) -> list[str]:
+def recorded(controller: ControllerSetup) -> list[str]:
     """Return the topics that are recorded."""
     own = ["robot_description", "wrench", "joint_states", "reference", "/diagnostics"]
     return [*controller.answers, FAULTY + controller.command, *own]

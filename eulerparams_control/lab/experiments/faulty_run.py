@@ -16,7 +16,7 @@ from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import INJECTOR, recorded, remaps
 from eulerparams_control.lab.experiments.model import Parameters, Variant
 from eulerparams_control.lab.experiments.processes import Nodes, Stopped
-from eulerparams_control.lab.experiments.run_cache import Record
+from eulerparams_control.lab.experiments.run_cache import RunRecord
 from eulerparams_control.lab.faults import Fault, Kill
 
 RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
@@ -31,7 +31,7 @@ _REAL_TIME = threading.Lock()  # runs in real time take the time of the machine:
 def record_faulty(
     settings: Variant,
     parameters: Parameters,
-    record: Record,
+    record: RunRecord,
     progress: Callable[[float], None],
     stop: threading.Event | None,
 ) -> None:
@@ -131,7 +131,7 @@ def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
 class _Parts:
     """The bag of a run whose recorder may be killed: what each recorder has left, in one bag."""
 
-    def __init__(self, record: Record, nodes: Nodes, output: dict[str, Any]) -> None:
+    def __init__(self, record: RunRecord, nodes: Nodes, output: dict[str, Any]) -> None:
         self._bag, self._nodes, self._output = record.bag, nodes, output
         self._folder = record.path.parent
         self._added: list[Path] = []

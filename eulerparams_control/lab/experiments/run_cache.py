@@ -102,7 +102,7 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-class Record:
+class RunRecord:
     """What is written of one variant of an experiment.
 
     Args:

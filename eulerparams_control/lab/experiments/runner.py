@@ -17,11 +17,11 @@ from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments import faulty
-from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControlNode
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS, NodeSetup
 from eulerparams_control.lab.experiments.faulty_run import BRIDGE, RECORDER, record_faulty, turn
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.lab.experiments.processes import EVENTS, Nodes
-from eulerparams_control.lab.experiments.run_cache import Making, Record, Run
+from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
 from eulerparams_control.lab.faults import FROM_ROBOT
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import Array, exp
@@ -53,7 +53,7 @@ def known_run(experiment: Experiment, variant: str, folder: Path) -> tuple[Run |
         variant: which of its variants.
         folder: where its bag would be.
     """
-    found = Record(folder, variant).finished()
+    found = RunRecord(folder, variant).finished()
     if found is None:
         return None, ""
     settings = experiment.variants[variant]
@@ -84,7 +84,7 @@ def run_variant(
         Stopped: if it was told to.
     """
     settings = experiment.variants[variant]
-    record, started = Record(folder, variant), time.monotonic()
+    record, started = RunRecord(folder, variant), time.monotonic()
     record.clear()
     parameters = node_parameters(settings)
     making = Making.of(settings, parameters)
@@ -105,7 +105,7 @@ def run_variant(
 def _run_faulty(
     settings: Variant,
     parameters: Parameters,
-    record: Record,
+    record: RunRecord,
     progress: Progress,
     stop: threading.Event | None,
 ) -> Run:
@@ -124,7 +124,7 @@ def _run_faulty(
 def _record(
     settings: Variant,
     parameters: Parameters,
-    record: Record,
+    record: RunRecord,
     progress: Progress,
     stop: threading.Event | None,
 ) -> bool:
@@ -144,7 +144,7 @@ def _record(
     return diverged
 
 
-def _claim(record: Record) -> None:
+def _claim(record: RunRecord) -> None:
     """Mark the bag that the recorder has made as that of the run; it makes none that exists."""
     told = record.path.parent / f"{RECORDER}{EVENTS}"
     if told.exists() and not any(
@@ -192,7 +192,7 @@ def node_parameters(settings: Variant) -> Parameters:
     given, controller = settings.nodes, CONTROLLERS[settings.controller]
     robot = load_robot(settings.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    of_node = faulty.control_parameters if settings.faults else ControlNode.parameters
+    of_node = faulty.control_parameters if settings.faults else NodeSetup.parameters
     parameters: Parameters = {
         node.executable: frames | of_node(node, any(settings.start_turn))
         for node in controller.nodes

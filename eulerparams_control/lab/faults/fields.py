@@ -10,7 +10,7 @@ _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Number:
+class NumberField:
     """A floating-point number in a message.
 
     Attributes:
@@ -24,7 +24,7 @@ class Number:
     put: Callable[[float], None]
 
 
-def numbers(msg: Any, field: str = "") -> list[Number]:
+def numbers(msg: Any, field: str = "") -> list[NumberField]:
     """Return the numbers of a message, in order; only those of ``field`` if one is named.
 
     A field is a beginning of a path, up to the end of a name: ``position``, ``wrench.force`` or
@@ -38,7 +38,7 @@ def _is_within(path: str, field: str) -> bool:
     return path.startswith(field) and path[len(field) : len(field) + 1] in ("", ".", "[")
 
 
-def _walk(value: Any, path: str) -> Iterator[Number]:
+def _walk(value: Any, path: str) -> Iterator[NumberField]:
     if isinstance(value, list | array):
         for k, entry in enumerate(value):
             yield from _entry(entry, f"{path}[{k}]", _putter(value.__setitem__, k))
@@ -49,9 +49,9 @@ def _walk(value: Any, path: str) -> Iterator[Number]:
             yield from _entry(getattr(value, name), inner, put)
 
 
-def _entry(value: Any, path: str, put: Callable[[float], None]) -> Iterator[Number]:
+def _entry(value: Any, path: str, put: Callable[[float], None]) -> Iterator[NumberField]:
     if isinstance(value, float):
-        yield Number(path, value, put)
+        yield NumberField(path, value, put)
     else:
         yield from _walk(value, path)
 

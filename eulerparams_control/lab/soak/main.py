@@ -11,8 +11,8 @@ from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 from eulerparams_control.lab.experiments.processes import Stopped
 from eulerparams_control.lab.soak.page import write_page
-from eulerparams_control.lab.soak.plan import CONTROLLERS, Plan
-from eulerparams_control.lab.soak.record import Record
+from eulerparams_control.lab.soak.plan import CONTROLLERS, SoakPlan
+from eulerparams_control.lab.soak.record import SoakRecord
 from eulerparams_control.lab.soak.summary import sentence, write_summary
 from eulerparams_control.lab.soak.table import tables
 from eulerparams_control.lab.soak.verdict import judge
@@ -59,7 +59,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _plan(options: argparse.Namespace) -> Plan:
+def _plan(options: argparse.Namespace) -> SoakPlan:
     """Return the plan of the options; raises ConfigurationError."""
     seconds = 60 * options.minutes if options.seconds is None else options.seconds
     if not _LEAST_SECONDS <= seconds <= 1e6:
@@ -67,16 +67,16 @@ def _plan(options: argparse.Namespace) -> Plan:
     if not 100 <= options.rate <= 1000:  # the servo of the robot needs as much
         raise ConfigurationError(f"--rate {options.rate:g}; expected 100 to 1000 Hz")
     controllers = (options.controller,) if options.controller else CONTROLLERS
-    return Plan(controllers, seconds, options.rate)
+    return SoakPlan(controllers, seconds, options.rate)
 
 
-def _soak(plan: Plan, out: Path, console: Console) -> Record:
+def _soak(plan: SoakPlan, out: Path, console: Console) -> SoakRecord:
     """Run it, with a line of progress a minute."""
     from eulerparams_control.lab.soak.ros.monitor import run_soak  # only here it takes ROS
 
     said = -plan.warm_up - _EVERY
 
-    def progress(record: Record, t: float) -> None:
+    def progress(record: SoakRecord, t: float) -> None:
         nonlocal said
         if t - said >= _EVERY:
             said = t
@@ -90,7 +90,7 @@ def _soak(plan: Plan, out: Path, console: Console) -> Record:
     return run_soak(plan, folder, progress)
 
 
-def _report(record: Record, out: Path, console: Console) -> int:
+def _report(record: SoakRecord, out: Path, console: Console) -> int:
     verdicts = judge(record)
     try:
         write_summary(out / "summary.json", record, verdicts)

@@ -12,22 +12,22 @@ from matplotlib.figure import Figure
 from eulerparams_control.analysis.labels import COLOURS
 from eulerparams_control.analysis.static_image import STYLE, svg
 from eulerparams_control.lab.experiments.html import mark, page, picture
-from eulerparams_control.lab.soak.record import Record
+from eulerparams_control.lab.soak.record import SoakRecord
 from eulerparams_control.lab.soak.summary import causes, cpu_of, sentence
-from eulerparams_control.lab.soak.verdict import Verdict, growth, longest
+from eulerparams_control.lab.soak.verdict import SoakVerdict, growth, longest
 
 _SIZE = (7.4, 2.8)  # [in]
 _STYLES = ("-", "--", ":", "-.")
 _NONE = "nothing was measured"
 
 
-def write_page(path: Path, record: Record, verdicts: Sequence[Verdict]) -> None:
+def write_page(path: Path, record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> None:
     """Write the page."""
     title = sentence(record, verdicts)
     path.write_text(page("Soak", _body(title, record, verdicts)), encoding="utf-8")
 
 
-def _body(title: str, record: Record, verdicts: Sequence[Verdict]) -> list[str]:
+def _body(title: str, record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> list[str]:
     plan = record.plan
     criteria = [(v.text, v.of, v.measured, v.bound) for v in verdicts]
     return [
@@ -67,7 +67,7 @@ def _table(
     return f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>'
 
 
-def _processes(record: Record) -> str:
+def _processes(record: SoakRecord) -> str:
     rows = []
     for life in longest(record):
         last, grown = life.samples[-1][1], growth(life, record.plan.warm_up)
@@ -76,7 +76,7 @@ def _processes(record: Record) -> str:
     return _table(("node", "RSS [MiB]", "USS [MiB]", "growth [%]", "CPU [% of a core]"), rows)
 
 
-def _figure(record: Record, draw: Callable[[Axes, Record], None], unit: str) -> str:
+def _figure(record: SoakRecord, draw: Callable[[Axes, SoakRecord], None], unit: str) -> str:
     """Return a figure over the minutes as SVG without a ground of its own."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
@@ -91,7 +91,7 @@ def _figure(record: Record, draw: Callable[[Axes, Record], None], unit: str) -> 
     return svg(figure)
 
 
-def _draw_latency(axes: Axes, record: Record) -> None:
+def _draw_latency(axes: Axes, record: SoakRecord) -> None:
     for (controller, pages), colour in zip(record.pages.items(), COLOURS, strict=False):
         times = [(p.begin + p.end) / 120 for p in pages]
         for percent, style in ((50, ":"), (99, "-")):
@@ -101,7 +101,7 @@ def _draw_latency(axes: Axes, record: Record) -> None:
     axes.axvline(0, color="0.6", linewidth=0.8)
 
 
-def _draw_memory(axes: Axes, record: Record) -> None:
+def _draw_memory(axes: Axes, record: SoakRecord) -> None:
     for index, life in enumerate(longest(record)):
         later = [(t, u) for t, u in life.samples if t >= 0]
         if not later:

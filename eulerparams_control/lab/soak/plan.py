@@ -23,7 +23,7 @@ _STATE_RATE = 5.0  # [Hz] of what is recorded
 
 
 @dataclass(frozen=True)
-class Plan:
+class SoakPlan:
     """A soak.
 
     Attributes:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from eulerparams_control.lab.soak.histogram import Histogram
 from eulerparams_control.lab.soak.ledger import Missed
-from eulerparams_control.lab.soak.plan import Plan
+from eulerparams_control.lab.soak.plan import SoakPlan
 from eulerparams_control.lab.soak.usage import Usage
 
 
@@ -56,7 +56,7 @@ class Unanswered:
 
 
 @dataclass(frozen=True)
-class Event:
+class SoakEvent:
     """Something that was said or done, t [s] after the end of the warm-up."""
 
     t: float
@@ -65,7 +65,7 @@ class Event:
 
 
 @dataclass
-class Record:
+class SoakRecord:
     """All that was seen.
 
     Attributes:
@@ -79,11 +79,11 @@ class Record:
         death: how a node ended before its time; "" if none did.
     """
 
-    plan: Plan
+    plan: SoakPlan
     pages: dict[str, list[Page]] = field(default_factory=dict)
     lives: list[Life] = field(default_factory=list)
     unanswered: list[Unanswered] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
+    events: list[SoakEvent] = field(default_factory=list)
     strays: dict[str, int] = field(default_factory=dict)
     clock_steps: int = 0
     monitor_gap: float = 0.0

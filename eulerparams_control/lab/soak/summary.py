@@ -7,13 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.lab.soak.record import Life, Page, Record
-from eulerparams_control.lab.soak.verdict import Verdict
+from eulerparams_control.lab.soak.record import Life, Page, SoakRecord
+from eulerparams_control.lab.soak.verdict import SoakVerdict
 
 _THIN = 600  # samples of memory of a process that are written at most
 
 
-def sentence(record: Record, verdicts: Sequence[Verdict]) -> str:
+def sentence(record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> str:
     """Return what came of it in one sentence."""
     failed = [verdict for verdict in verdicts if not verdict.met]
     what = f"{', '.join(record.plan.controllers)} for {record.plan.seconds / 60:g} min"
@@ -22,7 +22,7 @@ def sentence(record: Record, verdicts: Sequence[Verdict]) -> str:
     return f"{what}: all {len(verdicts)} criteria are met"
 
 
-def write_summary(path: Path, record: Record, verdicts: Sequence[Verdict]) -> None:
+def write_summary(path: Path, record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> None:
     """Write all numbers as JSON."""
     content = {
         "sentence": sentence(record, verdicts),
@@ -58,7 +58,7 @@ def page_numbers(page: Page) -> dict[str, float]:
     }
 
 
-def causes(record: Record) -> Counter[str]:
+def causes(record: SoakRecord) -> Counter[str]:
     """Return how many states were not answered for each cause."""
     return Counter(one.cause or "unexplained" for one in record.unanswered)
 

@@ -5,19 +5,19 @@ from collections.abc import Sequence
 from rich.console import Group
 from rich.table import Table
 
-from eulerparams_control.lab.soak.record import Record
+from eulerparams_control.lab.soak.record import SoakRecord
 from eulerparams_control.lab.soak.summary import causes, cpu_of, page_numbers
-from eulerparams_control.lab.soak.verdict import Verdict, growth, longest
+from eulerparams_control.lab.soak.verdict import SoakVerdict, growth, longest
 
 _SHOWN = 24  # parts of the time that are shown of a controller at most
 
 
-def tables(record: Record, verdicts: Sequence[Verdict]) -> Group:
+def tables(record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> Group:
     """Return latency, processes, states without a command, and criteria."""
     return Group(_latency(record), _processes(record), _missed(record), criteria_table(verdicts))
 
 
-def _latency(record: Record) -> Table:
+def _latency(record: SoakRecord) -> Table:
     table = Table(title="Round trip from joint_states to command")
     for name in ("controller", "minutes", "states/s", "commands/s", "p50 ms", "p99 ms", "max ms"):
         table.add_column(name, justify="left" if name == "controller" else "right")
@@ -34,7 +34,7 @@ def _latency(record: Record) -> Table:
 _TIMES = ("p50_ms", "p99_ms", "max_ms")
 
 
-def _processes(record: Record) -> Table:
+def _processes(record: SoakRecord) -> Table:
     table = Table(title="Processes")
     for name in ("node", "RSS MiB", "USS MiB", "growth %", "CPU %"):
         table.add_column(name, justify="left" if name == "node" else "right")
@@ -45,7 +45,7 @@ def _processes(record: Record) -> Table:
     return table
 
 
-def _missed(record: Record) -> Table:
+def _missed(record: SoakRecord) -> Table:
     table = Table(title="States without a command")
     table.add_column("why")
     table.add_column("states", justify="right")
@@ -56,7 +56,7 @@ def _missed(record: Record) -> Table:
     return table
 
 
-def criteria_table(verdicts: Sequence[Verdict]) -> Table:
+def criteria_table(verdicts: Sequence[SoakVerdict]) -> Table:
     """Return the criteria with what was measured."""
     table = Table(title="What must hold")
     for name in ("criterion", "of", "measured", "bound", ""):

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from eulerparams_control.lab.soak.histogram import Histogram
-from eulerparams_control.lab.soak.plan import Plan
-from eulerparams_control.lab.soak.record import Life, Page, Record
+from eulerparams_control.lab.soak.plan import SoakPlan
+from eulerparams_control.lab.soak.record import Life, Page, SoakRecord
 from eulerparams_control.lab.soak.usage import Usage
 
 GROWTH = 0.01
@@ -27,7 +27,7 @@ _AT_ENDS = 10  # samples at each end, whose median counts
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SoakVerdict:
     """One criterion judged.
 
     Attributes:
@@ -45,10 +45,10 @@ class Verdict:
     met: bool
 
 
-def judge(record: Record) -> list[Verdict]:
+def judge(record: SoakRecord) -> list[SoakVerdict]:
     """Return the verdict on each criterion."""
     return [
-        Verdict(
+        SoakVerdict(
             "all nodes run to the end", "all", record.death or "they do", "none dies",
             not record.death,
         ),
@@ -79,7 +79,7 @@ def _median(samples: list[Usage], name: str) -> float:
     return float(statistics.median(getattr(usage, name) for usage in samples))
 
 
-def longest(record: Record) -> list[Life]:
+def longest(record: SoakRecord) -> list[Life]:
     """Return the longest life of each node."""
     lives: dict[str, Life] = {}
     for life in record.lives:
@@ -89,14 +89,14 @@ def longest(record: Record) -> list[Life]:
     return list(lives.values())
 
 
-def _memory(record: Record) -> Iterator[Verdict]:
+def _memory(record: SoakRecord) -> Iterator[SoakVerdict]:
     for life in longest(record):
         part, text = growth(life, record.plan.warm_up), "growth of its memory after the warm-up"
         measured = "unknown" if math.isnan(part) else f"{100 * part:+.2f} %"
-        yield Verdict(text, life.name, measured, f"<= {100 * GROWTH:g} %", part <= GROWTH)
+        yield SoakVerdict(text, life.name, measured, f"<= {100 * GROWTH:g} %", part <= GROWTH)
 
 
-def quarter(plan: Plan, pages: list[Page], number: int) -> Histogram:
+def quarter(plan: SoakPlan, pages: list[Page], number: int) -> Histogram:
     """Return the latencies of a quarter of the time, 0 to 3, after the warm-up."""
     size, together = plan.pages // 4, Histogram()
     for page in pages[1 + number * size : 1 + (number + 1) * size]:
@@ -104,10 +104,10 @@ def quarter(plan: Plan, pages: list[Page], number: int) -> Histogram:
     return together
 
 
-def _latency(record: Record) -> Iterator[Verdict]:
+def _latency(record: SoakRecord) -> Iterator[SoakVerdict]:
     for controller, pages in record.pages.items():
         first, last = (quarter(record.plan, pages, k).percentile(99) for k in (0, 3))
-        yield Verdict(
+        yield SoakVerdict(
             "p99 of the round trip, last quarter by first",
             controller,
             f"{last / first:.2f} ({1e3 * last:.2f} by {1e3 * first:.2f} ms)",
@@ -116,12 +116,12 @@ def _latency(record: Record) -> Iterator[Verdict]:
         )
 
 
-def _answers(record: Record) -> Iterator[Verdict]:
+def _answers(record: SoakRecord) -> Iterator[SoakVerdict]:
     for controller, pages in record.pages.items():
         mine = [one for one in record.unanswered if one.controller == controller]
         unexplained = sum(not one.cause for one in mine)
         states = sum(page.states for page in pages[1:])
-        yield Verdict(
+        yield SoakVerdict(
             "states without a command that nothing explains",
             controller,
             f"{unexplained} ({len(mine)} without a command, of {states} states)",

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
-from eulerparams_control.lab.campaign.record import Record
+from eulerparams_control.lab.campaign.record import SequenceRecord
 
 
 class Violation(NamedTuple):
@@ -44,7 +44,7 @@ class Oracle(ABC):
             Oracle.registry[cls.name] = cls
 
     @abstractmethod
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return what must not be."""
 
     def violation(self, t: float, text: str) -> Violation:
@@ -52,7 +52,7 @@ class Oracle(ABC):
         return Violation(self.name, t, text)
 
 
-def judge(record: Record) -> list[Violation]:
+def judge(record: SequenceRecord) -> list[Violation]:
     """Return what all oracles find, in the order of time."""
     found = [violation for kind in Oracle.registry.values() for violation in kind().check(record)]
     return sorted(found, key=lambda violation: violation.t)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import DEFECT, Command, Record
+from eulerparams_control.lab.campaign.record import DEFECT, Command, SequenceRecord
 
 # Beyond a limit by this part of it is rounding.
 _ROUNDING = 1e-9
@@ -19,7 +19,7 @@ class Survives(Oracle):
     claim: ClassVar[str] = "no message ends the controller, or leads to an internal error"
     holds_if_starved: ClassVar[bool] = True
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return how it ended, or what it did not expect."""
         found = [self.violation(record.end, record.crash)] if record.crash else []
         errors = [said for said in record.said if DEFECT in said.message]
@@ -33,11 +33,11 @@ class Finite(Oracle):
     claim: ClassVar[str] = "every command has a finite number for each joint, and their names"
     holds_if_starved: ClassVar[bool] = True
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the commands that are not."""
         return _first_of(record, self, self._fault)
 
-    def _fault(self, command: Command, record: Record) -> str:
+    def _fault(self, command: Command, record: SequenceRecord) -> str:
         n = len(record.joints)
         if command.names != record.joints:
             return f"the joints are {', '.join(command.names)}"
@@ -55,11 +55,11 @@ class WithinLimits(Oracle):
     claim: ClassVar[str] = "no position, speed or effort beyond the limits of the URDF"
     holds_if_starved: ClassVar[bool] = True
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the commands that do not."""
         return _first_of(record, self, self._fault)
 
-    def _fault(self, command: Command, record: Record) -> str:
+    def _fault(self, command: Command, record: SequenceRecord) -> str:
         limits = record.limits
         for what, values, low, high in (
             ("position", command.q, limits.lower, limits.upper),
@@ -84,7 +84,7 @@ def _beyond(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> int | None
 
 
 def _first_of(
-    record: Record, oracle: Oracle, fault: Callable[[Command, Record], str]
+    record: SequenceRecord, oracle: Oracle, fault: Callable[[Command, SequenceRecord], str]
 ) -> list[Violation]:
     """Return the first command with a fault, and how many have one."""
     found = [(command, text) for command in record.commands if (text := fault(command, record))]

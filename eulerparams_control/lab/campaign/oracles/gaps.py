@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import ERROR, OK, Command, Record, State
+from eulerparams_control.lab.campaign.record import ERROR, OK, Command, SequenceRecord, State
 
 # A position, or speed, of a first command that is the measured one, or zero [rad], [rad/s].
 _SAME = 1e-6
@@ -25,7 +25,7 @@ class Silent(Oracle):
     name: ClassVar[str] = "silent"
     claim: ClassVar[str] = "no command later than state_timeout after the last valid joint_states"
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the first command without a state."""
         times = [state.t for state in record.states if state.is_valid]
         for command in record.commands:
@@ -47,7 +47,7 @@ class CalmStart(Oracle):
         "that bears the arm, and brakes it"
     )
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the first commands that are not calm."""
         by_stamp = _by_stamp(record)
         found = []
@@ -61,7 +61,7 @@ class CalmStart(Oracle):
             before = command
         return found
 
-    def _fault(self, record: Record, command: Command, state: State | None) -> str:
+    def _fault(self, record: SequenceRecord, command: Command, state: State | None) -> str:
         if state is None:
             return f"it answers no state: its stamp is {command.stamp:.3f} s"
         if len(command.effort) == len(record.joints):
@@ -74,7 +74,7 @@ class CalmStart(Oracle):
         speed = np.abs(command.dq).max()
         return f"the speed is {speed:.4g} rad/s" if speed > _SAME else ""
 
-    def _effort_fault(self, record: Record, command: Command, state: State) -> str:
+    def _effort_fault(self, record: SequenceRecord, command: Command, state: State) -> str:
         arm = record.model.dynamic_state(np.array(state.q), np.array(state.dq))
         braking = np.abs(arm.B) @ np.abs(_DAMPING * np.array(state.dq))
         contact = np.abs(arm.arm.J.T) @ np.repeat(record.contact, 3)
@@ -86,7 +86,7 @@ class CalmStart(Oracle):
         return f"the effort of {record.joints[i]} is {off[i]:.4g} Nm from what bears it"
 
 
-def _by_stamp(record: Record) -> dict[float, list[State]]:
+def _by_stamp(record: SequenceRecord) -> dict[float, list[State]]:
     """Return the valid states of each stamp, in the order in which they came."""
     found: dict[float, list[State]] = {}
     for state in record.states:
@@ -107,7 +107,7 @@ class SaysSilence(Oracle):
     name: ClassVar[str] = "says so"
     claim: ClassVar[str] = f"without valid joint_states for {_SAYS} s, /diagnostics says an error"
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the silences of which it says nothing."""
         found = []
         for start, end in record.lives():
@@ -119,5 +119,5 @@ class SaysSilence(Oracle):
                     found.append(self.violation(t, words))
         return found
 
-    def _level(self, record: Record, t: float) -> int:
+    def _level(self, record: SequenceRecord, t: float) -> int:
         return next((said.level for said in reversed(record.said) if said.t <= t), OK)

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import COMMAND_TIMEOUT, Command, Record
+from eulerparams_control.lab.campaign.record import COMMAND_TIMEOUT, Command, SequenceRecord
 
 # Part of a step that is rounding.
 _ROUNDING = 1e-6
@@ -29,7 +29,7 @@ class NoJump(Oracle):
         "the time between two commands"
     )
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the largest jump of each kind."""
         worst: dict[str, tuple[float, Violation]] = {}
         first: Command | None = None  # of those that are the same
@@ -45,7 +45,7 @@ class NoJump(Oracle):
 
     def _compare(
         self,
-        record: Record,
+        record: SequenceRecord,
         before: Command,
         after: Command,
         worst: dict[str, tuple[float, Violation]],
@@ -72,7 +72,7 @@ class NoJump(Oracle):
                 worst[what] = float(excess[i]), self.violation(after.t, text)
 
 
-def _follows(record: Record, before: Command, after: Command) -> bool:
+def _follows(record: SequenceRecord, before: Command, after: Command) -> bool:
     """Whether a command acts while the one before still does."""
     silence = after.t - before.t
     return before.life == after.life and silence <= COMMAND_TIMEOUT + record.jitter

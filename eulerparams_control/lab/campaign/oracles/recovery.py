@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import ERROR, Record
+from eulerparams_control.lab.campaign.record import ERROR, SequenceRecord
 
 # The tip is there within these [m], [deg].
 _NEAR, _ALIGNED = 0.005, 1.0
@@ -18,7 +18,7 @@ class Recovers(Oracle):
         f"{_ALIGNED:g} deg of where it was sent"
     )
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return how it is not there, or why it is no better."""
         if record.crash:
             return []  # another oracle says so

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import Record
+from eulerparams_control.lab.campaign.record import SequenceRecord
 
 # [s] that the arm is given to come to rest: held, and braked without commands.
 _SETTLING, _BRAKING = 0.5, 0.25
@@ -28,7 +28,7 @@ class HeldStill(Oracle):
         f"{_BRAKING} s on; not while a fault shakes the arm or its measured state"
     )
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the times at which it moves."""
         found = []
         for start, end in _holding(record):
@@ -39,7 +39,7 @@ class HeldStill(Oracle):
                 found += self._moves(record, calm + _BRAKING + record.jitter, until)
         return found
 
-    def _moves(self, record: Record, start: float, end: float) -> list[Violation]:
+    def _moves(self, record: SequenceRecord, start: float, end: float) -> list[Violation]:
         inside = [truth for truth in record.truth if start <= truth.t <= end]
         if not inside:
             return []
@@ -60,7 +60,7 @@ class NoRunaway(Oracle):
     holds_if_starved: ClassVar[bool] = True
     claim: ClassVar[str] = f"no joint of the arm is ever faster than {_RUNAWAY:g} times its limit"
 
-    def check(self, record: Record) -> list[Violation]:
+    def check(self, record: SequenceRecord) -> list[Violation]:
         """Return where the arm is fastest, if that is too fast."""
         parts = np.array([np.abs(truth.dq) for truth in record.truth]) / record.limits.velocity
         if not len(parts) or parts.max() <= _RUNAWAY:
@@ -73,7 +73,7 @@ class NoRunaway(Oracle):
 Span = tuple[float, float]
 
 
-def _holding(record: Record) -> list[Span]:
+def _holding(record: SequenceRecord) -> list[Span]:
     """Return from when to when it says that it holds still."""
     spans, since = [], None
     for said in record.said:
@@ -85,7 +85,7 @@ def _holding(record: Record) -> list[Span]:
     return [*spans, (since, record.end)] if since is not None else spans
 
 
-def _without_states(record: Record) -> list[Span]:
+def _without_states(record: SequenceRecord) -> list[Span]:
     """Return from when to when no valid state came."""
     times = [*(state.t for state in record.states if state.is_valid), record.end]
     timeout = record.state_timeout + record.jitter

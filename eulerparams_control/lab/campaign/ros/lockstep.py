@@ -23,14 +23,14 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.lab.campaign.arm import BrakingArm
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
-from eulerparams_control.lab.campaign.plan import Plan, faults_of, shaken
+from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
     KILLED,
     STARTS,
     STOPS,
-    Event,
-    Record,
     Said,
+    SequenceEvent,
+    SequenceRecord,
     Truth,
 )
 from eulerparams_control.lab.campaign.ros.from_ros import command_of, said_of, state_of
@@ -85,7 +85,7 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
         set_steady()
 
 
-def run_lockstep(plan: Plan, domain: int) -> Record:
+def run_lockstep(plan: SequencePlan, domain: int) -> SequenceRecord:
     """Run a sequence; return what was seen."""
     robot = load_robot("ur5")
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
@@ -101,7 +101,7 @@ def run_lockstep(plan: Plan, domain: int) -> Record:
 class _Sequence:
     """One sequence: the arm, its user and the controller between them."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: SequencePlan) -> None:
         self.plan, self.robot = plan, load_robot("ur5")
         model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
         faults = faults_of(plan)
@@ -110,7 +110,7 @@ class _Sequence:
         self.arm = BrakingArm(self.robot, plan.control, RATE)
         self.faults = FaultStream(faults, plan.seed)
         self.user = User(plan, model, faults, self.arm.state.q)
-        self.record = Record(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
+        self.record = SequenceRecord(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
         self.record.quiet = self.user.quiet
         self.record.contact = plan.contact
         released = self.user.quiet if plan.push else None
@@ -147,7 +147,7 @@ class _Sequence:
     def _start(self) -> None:
         """Start the controller."""
         self._life += 1
-        self.record.events.append(Event(self.t, STARTS))
+        self.record.events.append(SequenceEvent(self.t, STARTS))
         self.node = _counted(self.plan.controller)()
         for subscription in (self._commands, self._diagnostics):
             drain(subscription)
@@ -161,7 +161,7 @@ class _Sequence:
 
     def _kill(self) -> None:
         """Let the controller be no more, without a last word."""
-        self.record.events.append(Event(self.t, KILLED))
+        self.record.events.append(SequenceEvent(self.t, KILLED))
         self.node.destroy_node()
         self.node = None
         for subscription in (self._commands, self._diagnostics):
@@ -180,7 +180,7 @@ class _Sequence:
         node = _plain_node("intruder")
         self._second = node, node.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM)
         self._see_publishers()
-        self.record.events.append(Event(self.t, "a second publisher of references comes"))
+        self.record.events.append(SequenceEvent(self.t, "a second publisher of references comes"))
 
     def _go(self) -> None:
         """Let the second publisher go."""
@@ -188,7 +188,7 @@ class _Sequence:
         self._second[0].destroy_node()
         self._second = None
         self._see_publishers()
-        self.record.events.append(Event(self.t, "the second publisher goes"))
+        self.record.events.append(SequenceEvent(self.t, "the second publisher goes"))
 
     # --- time --------------------------------------------------------------------------
 
@@ -209,7 +209,7 @@ class _Sequence:
             stops = self.arm.stops
             self.arm.step()
             if self.arm.stops > stops:
-                self.record.events.append(Event(self.t, STOPS))
+                self.record.events.append(SequenceEvent(self.t, STOPS))
         self.record.refused, self.record.end = self.arm.refused, self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 
@@ -266,7 +266,7 @@ class _Sequence:
         for motion, what in self.user.motions(self.t, q):
             msg = motion_to_ros(motion, self.robot.base_frame, self.robot.tip_frame)
             if what:
-                self.record.events.append(Event(self.t, what))
+                self.record.events.append(SequenceEvent(self.t, what))
             self._last_reference = msg
             self._send("reference", msg)
         if self._second is None or self._last_reference is None:

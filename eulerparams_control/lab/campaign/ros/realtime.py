@@ -23,8 +23,15 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.lab.campaign.arm import PROTECTIVE_SPEED
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
-from eulerparams_control.lab.campaign.plan import NOTHING, Plan, faults_of, shaken
-from eulerparams_control.lab.campaign.record import KILLED, STARTS, Event, Record, Said, Truth
+from eulerparams_control.lab.campaign.plan import NOTHING, SequencePlan, faults_of, shaken
+from eulerparams_control.lab.campaign.record import (
+    KILLED,
+    STARTS,
+    Said,
+    SequenceEvent,
+    SequenceRecord,
+    Truth,
+)
 from eulerparams_control.lab.campaign.ros.from_ros import command_of, said_of, state_of
 from eulerparams_control.lab.experiments.processes import Nodes
 from eulerparams_control.lab.faults import TO_ROBOT, Kill
@@ -46,7 +53,7 @@ _PATIENCE = 60.0  # [s] to start: a guard against hanging
 _LOOK = 0.001  # [s] between two looks at what has come
 
 
-def run_realtime(plan: Plan, stop: threading.Event | None = None) -> Record:
+def run_realtime(plan: SequencePlan, stop: threading.Event | None = None) -> SequenceRecord:
     """Run a sequence; return what was seen.
 
     Args:
@@ -72,12 +79,12 @@ def run_realtime(plan: Plan, stop: threading.Event | None = None) -> Record:
 class _Sequence:
     """One sequence: the processes, and the node that leads and listens."""
 
-    def __init__(self, plan: Plan, nodes: Nodes) -> None:
+    def __init__(self, plan: SequencePlan, nodes: Nodes) -> None:
         self.plan, self.nodes, self.robot = plan, nodes, load_robot("ur5")
         model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
         faults = faults_of(plan)
         self.user = User(plan, model, faults, np.array(self.robot.home))
-        self.record = Record(
+        self.record = SequenceRecord(
             model, plan.max_effort_rate, plan.state_timeout, 1 / RATE, jitter=_JITTER
         )
         self.record.contact = plan.contact
@@ -149,7 +156,7 @@ class _Sequence:
         )
 
     def _note(self, what: str) -> None:
-        self.record.events.append(Event(time.time(), what))
+        self.record.events.append(SequenceEvent(time.time(), what))
 
     # --- time --------------------------------------------------------------------------
 

@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from eulerparams_control.errors import SimulationError
 from eulerparams_control.lab.soak.cause import counted
 from eulerparams_control.lab.soak.ledger import PATIENCE
-from eulerparams_control.lab.soak.plan import Plan
-from eulerparams_control.lab.soak.record import Event, Life, Page, Record, Unanswered
+from eulerparams_control.lab.soak.plan import SoakPlan
+from eulerparams_control.lab.soak.record import Life, Page, SoakEvent, SoakRecord, Unanswered
 from eulerparams_control.lab.soak.ros.listener import Listener
 from eulerparams_control.lab.soak.ros.stations import Station, Stations
 from eulerparams_control.lab.soak.usage import usage_of, waited_of
@@ -35,10 +35,12 @@ _AGAIN = 10.0  # [s] between two new starts of a motion
 _EVENTS = 500  # are kept
 _ERROR = b"\x02"
 
-Progress = Callable[[Record, float], None]
+Progress = Callable[[SoakRecord, float], None]
 
 
-def run_soak(plan: Plan, folder: Path, progress: Progress = lambda _record, _t: None) -> Record:
+def run_soak(
+    plan: SoakPlan, folder: Path, progress: Progress = lambda _record, _t: None
+) -> SoakRecord:
     """Run a soak; return what was seen.
 
     Args:
@@ -63,8 +65,8 @@ def run_soak(plan: Plan, folder: Path, progress: Progress = lambda _record, _t: 
 class Monitor:
     """Listens and looks."""
 
-    def __init__(self, plan: Plan, stations: Stations) -> None:
-        self.record = Record(plan, pages={c: [] for c in plan.controllers})
+    def __init__(self, plan: SoakPlan, stations: Stations) -> None:
+        self.record = SoakRecord(plan, pages={c: [] for c in plan.controllers})
         self._plan, self._stations = plan, stations
         self._context = Context()
         rclpy.init(
@@ -193,7 +195,7 @@ class Monitor:
 
     def _tell(self, who: str, what: str, t: float) -> None:
         if len(self.record.events) < _EVENTS:
-            self.record.events.append(Event(t, who, what))
+            self.record.events.append(SoakEvent(t, who, what))
 
     # --- processes ---------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from typing import Self
 
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.processes import Nodes
-from eulerparams_control.lab.soak.plan import Plan
+from eulerparams_control.lab.soak.plan import SoakPlan
 from eulerparams_control.robot.catalogue import load_robot
 
 _PATIENCE = 60.0  # [s] for a motion to be sent: a guard against hanging
@@ -25,7 +25,7 @@ class Station:
     def __init__(self, controller: str, nodes: Nodes) -> None:
         self.controller, self.nodes = controller, nodes
 
-    def start(self, plan: Plan) -> None:
+    def start(self, plan: SoakPlan) -> None:
         """Start the robot and its controller."""
         robot, namespace = load_robot("ur5"), f"/{self.controller}"
         clock = {"/clock": "clock"}  # each robot has its own
@@ -33,7 +33,7 @@ class Station:
         self.nodes.start("pybullet_bridge", bridge, namespace, clock)
         self.nodes.start(self.controller, plan.control(self.controller, robot), namespace)
 
-    def move(self, plan: Plan) -> None:
+    def move(self, plan: SoakPlan) -> None:
         """Start the reference, and wait until it has sent its motion."""
         self.nodes.start("reference", plan.reference(load_robot("ur5")), f"/{self.controller}")
         self.nodes.wait_for_event("reference", Event.SENT, _PATIENCE)
@@ -56,7 +56,7 @@ class Stations:
         domain: its number.
     """
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
+    def __init__(self, plan: SoakPlan, folder: Path) -> None:
         self.plan, self.folder = plan, folder
         self._stack = ExitStack()
         self.each: list[Station] = []
