@@ -21,6 +21,9 @@ OK, WARN, ERROR = range(3)
 COMMAND_TIMEOUT = 0.1
 """[s] without a command after which a robot brakes."""
 
+PROTECTIVE_SPEED = 1.5
+"""A joint this many times as fast as its limit makes the robot stop by itself."""
+
 STARTS, KILLED = "the controller starts", "the controller is killed"
 STOPS = "the robot makes a protective stop"
 """Events."""

@@ -21,11 +21,12 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import set_steady
-from eulerparams_control.lab.campaign.arm import BrakingArm
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
+    COMMAND_TIMEOUT,
     KILLED,
+    PROTECTIVE_SPEED,
     STARTS,
     STOPS,
     Said,
@@ -49,13 +50,19 @@ from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPu
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
 from eulerparams_control.parameters.schemes import COMMANDS, schemes
-from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.control_node import ControlNode, node_class
 from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
+from sim_bridge.command_source import UNNUMBERED
+from sim_bridge.drive import IN_STOP, REJECTED, Drive, DrivePolicy
+from sim_bridge.drive import STOPS as PROTECTIVE_STOPS
+from sim_bridge.simulator import Simulator, SimulatorParameters
 
 RATE = 250.0
 """[Hz] of joint_states."""
+
+_STEPS = 4  # of the simulation in a period of joint_states
 
 # The clock of the robot shows this [ns] when the sequence begins, so that it can be set back.
 _BEGINNING = 1_000_000_000_000
@@ -85,6 +92,15 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
         set_steady()
 
 
+def _make_arm(robot: RobotDescription, control: str) -> Drive:
+    """Return the simulated arm; whether its commands have ceased is seen once a period."""
+    parameters = SimulatorParameters(
+        rate=_STEPS * RATE, control=control, protective_speed=PROTECTIVE_SPEED
+    )
+    policy = DrivePolicy(COMMAND_TIMEOUT - 0.5 / RATE, takes_late=True)
+    return Drive(Simulator(robot, parameters), policy)
+
+
 def run_lockstep(plan: SequencePlan, domain: int) -> SequenceRecord:
     """Run a sequence; return what was seen."""
     robot = load_robot("ur5")
@@ -107,7 +123,7 @@ class _Sequence:
         faults = faults_of(plan)
         self.t = 0.0
         set_steady(lambda: self.t)
-        self.arm = BrakingArm(self.robot, plan.control, RATE)
+        self.arm = _make_arm(self.robot, plan.control)
         self.faults = FaultStream(faults, plan.seed)
         self.user = User(plan, model, faults, self.arm.state.q)
         self.record = SequenceRecord(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
@@ -206,11 +222,13 @@ class _Sequence:
                 self.record.crash = str(crash)
                 self.record.end = self.t
                 return
-            stops = self.arm.stops
-            self.arm.step()
-            if self.arm.stops > stops:
+            stops = self.arm.values[PROTECTIVE_STOPS]
+            for _ in range(_STEPS):
+                self.arm.step(self.t)
+            if self.arm.values[PROTECTIVE_STOPS] != stops:
                 self.record.events.append(SequenceEvent(self.t, STOPS))
-        self.record.refused, self.record.end = self.arm.refused, self.t
+        self.record.refused = sum(int(self.arm.values[name]) for name in (REJECTED, IN_STOP))
+        self.record.end = self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 
     def _do_to_nodes(self) -> None:
@@ -286,7 +304,7 @@ class _Sequence:
     def _pass(self, topic: str, msg: Any) -> None:
         """Let a message arrive."""
         if topic not in self._publishers:
-            self.arm.obey(msg)
+            self.arm.command(msg, UNNUMBERED, self.t)
             return
         if deliver(self._publishers[topic], msg, self.node) and topic == "joint_states":
             self.record.states.append(state_of(self.t, msg, self._reader))
@@ -304,7 +322,7 @@ class _Sequence:
             msg = take(self._commands)[0]
             self.record.commands.append(command_of(self.t, self._life, msg))
             for found in self.faults.on_message(self._fault_time, self._topic, msg):
-                self.arm.obey(found)
+                self.arm.command(found, UNNUMBERED, self.t)
 
     def _new(self, topic: str) -> int:
         sent = self.node.sent[topic]

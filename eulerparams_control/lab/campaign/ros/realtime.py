@@ -21,11 +21,11 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import InvalidMessageError, SimulationError
-from eulerparams_control.lab.campaign.arm import PROTECTIVE_SPEED
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.plan import NOTHING, SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
     KILLED,
+    PROTECTIVE_SPEED,
     STARTS,
     Said,
     SequenceEvent,

@@ -1,0 +1,380 @@
+"""What a robot does about its commands: it obeys, brakes, stops, refuses, and knows why.
+
+The one policy of the simulated robot, free of ROS and of clocks: the bridge, the campaign and
+the tests drive it by ``reset``, ``command``, ``step`` and ``close``.  Every time ``now`` [s] is
+given: of the steady clock in real time, of the simulation in lock-step.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from eulerparams_control.errors import InvalidMessageError, SimulationError
+from eulerparams_control.messages.from_ros import ns_from_ros
+from sim_bridge.command_source import Senders
+from sim_bridge.commands import Command, CommandInput
+from sim_bridge.simulator import Simulator, SimulatorState
+from sim_bridge.stamp_filter import StampOrder
+
+# Stamps older than this [s] are forgotten, so that a restarted clock is soon accepted.
+_LONGEST_MEMORY = 1.0
+
+# One of two controllers has gone when it has been silent for so long [s].
+_QUIET = 5.0
+
+# Longest reason of a rejection that is shown [characters].
+_LONGEST_REASON = 300
+
+# Of sums of times [s].
+_ROUNDING = 1e-9
+
+
+class DriveMode(StrEnum):
+    """What the robot does."""
+
+    STANDBY = "standby"  # braked, until the first command
+    OBEYING = "obeying"
+    BRAKED = "braked"  # until the next command
+    STOPPING = "stopping"  # braked, and refuses commands until it is at rest
+    CONTESTED = "contested"  # braked, and refuses the commands of several controllers
+    ENDED = "ended"  # braked for good
+
+
+class DriveCause(StrEnum):
+    """Why it does that."""
+
+    NONE = ""
+    CLIPPED = "clipped"
+    REJECTED = "rejected"
+    SILENCE = "silence"
+    PROTECTIVE_STOP = "protective_stop"
+    CONTESTED = "contested"
+    CONTEST_OVER = "contest_over"
+    SHUTDOWN = "shutdown"
+    FINISHED = "finished"
+    DIVERGED = "diverged"
+    STALLED = "stalled"
+
+
+class DriveEvent(StrEnum):
+    """What changes the mode."""
+
+    COMMAND = "command"
+    SILENCE = "silence"
+    VIOLATION = "violation"
+    STANDSTILL = "standstill"
+    CONTEST = "contest"
+    SETTLED = "settled"
+    END = "end"
+
+
+class DriveReply(StrEnum):
+    """What becomes of a command."""
+
+    TAKEN = "taken"
+    REFUSED = "refused"  # it is good, but must not act now
+    REJECTED = "rejected"  # it cannot be used
+    UNASKED = "unasked"  # in lock-step: it does not answer the present state
+
+
+_M, _E = DriveMode, DriveEvent
+_FROM_ANY = {_E.VIOLATION: _M.STOPPING, _E.CONTEST: _M.CONTESTED, _E.END: _M.ENDED}
+TRANSITIONS: dict[DriveMode, dict[DriveEvent, DriveMode]] = {
+    _M.STANDBY: {_E.COMMAND: _M.OBEYING, **_FROM_ANY},
+    _M.OBEYING: {_E.SILENCE: _M.BRAKED, **_FROM_ANY},
+    _M.BRAKED: {_E.COMMAND: _M.OBEYING, **_FROM_ANY},
+    # who sends is judged again when it is at rest
+    _M.STOPPING: {_E.STANDSTILL: _M.BRAKED, _E.VIOLATION: _M.STOPPING, _E.END: _M.ENDED},
+    _M.CONTESTED: {_E.SETTLED: _M.BRAKED, **_FROM_ANY},
+    _M.ENDED: {},
+}
+"""The mode after each event that matters in a mode; the others change nothing."""
+
+_CAUSES = {
+    _E.COMMAND: DriveCause.NONE,
+    _E.SILENCE: DriveCause.SILENCE,
+    _E.VIOLATION: DriveCause.PROTECTIVE_STOP,
+    _E.STANDSTILL: DriveCause.PROTECTIVE_STOP,
+    _E.CONTEST: DriveCause.CONTESTED,
+    _E.SETTLED: DriveCause.CONTEST_OVER,
+}
+
+# These events find the robot braked already, and what was rejected is still worth knowing.
+_RELEASES = (_E.STANDSTILL, _E.SETTLED)
+
+
+@dataclass(frozen=True)
+class DriveStatus:
+    """What the robot does, why, and since when.
+
+    Attributes:
+        mode, cause: for programs.
+        since: when it began to obey, or ceased to [s].
+        violation: which joint made it stop.
+        clipped: the first command of several that were cut to a limit.
+        rejected: why commands cannot be used that come while it is braked.
+        names: of the nodes that publish commands, where they are several.
+        text: why it ended.
+    """
+
+    mode: DriveMode
+    cause: DriveCause = DriveCause.NONE
+    since: float = 0.0
+    violation: str = ""
+    clipped: str = ""
+    rejected: str = ""
+    names: tuple[str, ...] = ()
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class DrivePolicy:
+    """How patient the robot is.
+
+    Attributes:
+        command_timeout: it brakes when it has had no command for longer [s].
+        command_delay: steps until a command acts.
+        push_timeout: how long a push lasts that is not repeated [s].
+        changes_at_once: whether a new controller is obeyed without waiting for the silence of
+            the one before.
+        takes_late: whether a command may take the place of one with a later stamp.
+    """
+
+    command_timeout: float = 0.1
+    command_delay: int = 0
+    push_timeout: float = math.inf
+    changes_at_once: bool = False
+    takes_late: bool = False
+
+
+REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP, PUSHES_OVER = (
+    "commands rejected",
+    "commands clipped",
+    "commands out of order",
+    "commands of a second controller",
+    "commands refused in a stop",
+    "protective stops",
+    "steps given up",
+    "external_wrench timed out",
+)
+"""Keys on /diagnostics of what is counted."""
+
+_SHOWN_FROM_THE_START = (REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP)
+
+
+class Drive:
+    """A simulated robot and its policy.
+
+    Args:
+        simulator: the robot, braked.
+        policy: how patient it is.
+        on_change: called with each new status.
+        publishers: returns the names of the nodes that publish commands, one a publisher.
+
+    Attributes:
+        status: what it does.
+        state: what its sensors measure.
+        values: counters and texts, by their keys on /diagnostics.
+        rejection: why the last command was rejected, if none was taken after it.
+        topic: of the commands.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        policy: DrivePolicy,
+        on_change: Callable[[DriveStatus], None] = lambda _: None,
+        publishers: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
+        self._simulator, self._policy = simulator, policy
+        self._on_change, self._publishers = on_change, publishers
+        self._reader = CommandInput(simulator.robot.joints, simulator.parameters.control)
+        position = simulator.parameters.control == "position"
+        self._act: Callable[..., None] = (
+            simulator.command_position if position else simulator.command_effort
+        )
+        self.topic = self._reader.topic
+        self.values: dict[str, str | int | float] = dict.fromkeys(_SHOWN_FROM_THE_START, 0)
+        self._begin(0.0)
+
+    def reset(self, q0: ArrayLike | None = None, now: float = 0.0) -> SimulatorState:
+        """Stand by at ``q0`` (n,) [rad], default the home; return the state there."""
+        self._simulator.reset(q0)
+        self._begin(now)
+        return self.state
+
+    def _begin(self, now: float) -> None:
+        timeout = self._policy.command_timeout
+        at_once = self._policy.changes_at_once
+        self._senders = Senders(timeout, _QUIET, at_once=at_once)
+        self._order = StampOrder(min(timeout, _LONGEST_MEMORY))
+        self._delayed: deque[Command] = deque()
+        self._heard = now  # when the last command was taken
+        self._push_end = math.inf
+        self._clipped = ""  # the last command clipped since the last review
+        self.rejection: InvalidMessageError | None = None
+        self.status = DriveStatus(DriveMode.STANDBY, since=now)
+        self.state = self._simulator.read()
+
+    # --- commands ----------------------------------------------------------------------
+
+    def hear(self, number: int, now: float) -> bool:
+        """Note who sent a message by its number; return whether to heed the sender."""
+        heeded = self._senders.hear(number, now)
+        if self._senders.contested != (self.status.mode is DriveMode.CONTESTED):
+            self._judge(now)
+        return heeded
+
+    def command(self, msg: Any, number: int, now: float) -> DriveReply:
+        """Take a command, or not.
+
+        Args:
+            msg: names, positions and velocities, or efforts of the joints.
+            number: of the message among those of its publisher.
+            now: when it came.
+        """
+        heeded = self.hear(number, now)
+        try:
+            command = self._reader.from_ros(msg)
+        except InvalidMessageError as error:
+            self.rejection = error
+            self.values["last command rejected"] = self._reason()
+            self.count(REJECTED)
+            return DriveReply.REJECTED
+        if not self._may_take(ns_from_ros(msg.header.stamp), now, heeded=heeded):
+            return DriveReply.REFUSED
+        self._heard, self.rejection = now, None
+        self._go(DriveEvent.COMMAND, now)
+        self._delayed.append(command)
+        if len(self._delayed) > self._policy.command_delay:
+            self._act(*self._delayed.popleft())
+            self._note_clipping()
+        return DriveReply.TAKEN
+
+    def _may_take(self, stamp: int, now: float, *, heeded: bool) -> bool:
+        """Whether a good command may act; count it if not."""
+        if not heeded:
+            self.count(OTHER)
+        elif self.status.mode in (DriveMode.STOPPING, DriveMode.ENDED):
+            self.count(IN_STOP)
+        elif not self._policy.takes_late and self._order.is_late(stamp, now):
+            self.count(LATE)
+        else:
+            return True
+        return False
+
+    def _note_clipping(self) -> None:
+        if self._simulator.clipped is None:
+            return
+        self._clipped = str(self._simulator.clipped)
+        self.count(CLIPPED)
+        if self.status.cause is not DriveCause.CLIPPED:
+            self.values["last command clipped"] = self._clipped
+            self._set(replace(self.status, cause=DriveCause.CLIPPED, clipped=self._clipped))
+
+    def push(self, wrench: ArrayLike | None, since: float = math.inf) -> None:
+        """Push the tool with ``wrench`` (6,) [N, Nm] as of ``since`` [s]; None ends it."""
+        self._simulator.set_external_wrench(wrench)
+        self._push_end = since + self._policy.push_timeout
+
+    # --- time --------------------------------------------------------------------------
+
+    def step(self, now: float) -> SimulatorState:
+        """Go on by one step of the simulation; return the state after it.
+
+        Raises:
+            SimulationError: if the state is not finite any more.
+        """
+        if now - self._heard > self._policy.command_timeout:
+            self._go(DriveEvent.SILENCE, now)
+        if now >= self._push_end - _ROUNDING:
+            self.push(None)
+            self.count(PUSHES_OVER)
+        try:
+            self._simulator.step()
+        except SimulationError as error:
+            self.end(now, DriveCause.DIVERGED, str(error))
+            raise
+        self.state = self._simulator.read()
+        if self._simulator.violation:
+            self._stop(self._simulator.violation, now)
+        elif self.status.mode is DriveMode.STOPPING and self.is_standing:
+            self._go(DriveEvent.STANDSTILL, now, violation=self.status.violation)
+        return self.state
+
+    def _stop(self, violation: str, now: float) -> None:
+        """Make a protective stop."""
+        if not self._simulator.is_pushed:
+            self._push_end = math.inf
+        self.count(STOPS)
+        self._go(DriveEvent.VIOLATION, now, violation=violation)
+
+    def review(self, now: float) -> None:
+        """Bring the status up to date, once a second."""
+        self._senders.review(now)
+        self._senders.see(self._publishers())
+        self._judge(now)
+        status, is_obeying = self.status, self.status.mode is DriveMode.OBEYING
+        self.values["braked for [s]"] = 0.0 if is_obeying else now - status.since
+        if status.cause is DriveCause.CLIPPED:
+            self.values["last command clipped"] = self._clipped
+            if not self._clipped:
+                self._set(replace(status, cause=DriveCause.NONE, clipped=""))
+        self._clipped = ""
+        if self.rejection and not is_obeying and status.mode is not DriveMode.ENDED:
+            cause = status.cause or DriveCause.REJECTED
+            self._set(replace(self.status, cause=cause, rejected=self._reason()))
+
+    def end(self, now: float, cause: DriveCause, text: str = "") -> None:
+        """Brake for good."""
+        self._go(DriveEvent.END, now, cause=cause, text=text)
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._simulator.close()
+
+    # --- modes -------------------------------------------------------------------------
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether all joints are at rest."""
+        return self._simulator.is_standing
+
+    def count(self, name: str, number: int = 1) -> None:
+        """Add to a counter."""
+        self.values[name] = int(self.values.get(name, 0)) + number
+
+    def _reason(self) -> str:
+        return str(self.rejection)[:_LONGEST_REASON]
+
+    def _judge(self, now: float) -> None:
+        """Brake because several controllers command, or see that all but one have gone."""
+        if not self._senders.contested:
+            self._go(DriveEvent.SETTLED, now)
+        elif DriveEvent.CONTEST in TRANSITIONS[self.status.mode]:
+            self._go(DriveEvent.CONTEST, now, names=tuple(self._publishers()))
+
+    def _go(self, event: DriveEvent, now: float, **about: Any) -> None:
+        """Let an event change the mode, and do what the new one asks for."""
+        before = self.status
+        mode = TRANSITIONS[before.mode].get(event)
+        if mode is None:
+            return
+        obeys = DriveMode.OBEYING in (mode, before.mode)
+        if mode is not DriveMode.OBEYING and event not in _RELEASES:
+            self._simulator.brake()
+            self._delayed.clear()
+        if event not in _RELEASES:
+            self.rejection = None
+        about = {"cause": _CAUSES.get(event), "since": now if obeys else before.since} | about
+        self._set(DriveStatus(mode, **about))
+
+    def _set(self, status: DriveStatus) -> None:
+        if status != self.status:
+            self.status = status
+            self._on_change(status)
