@@ -47,7 +47,7 @@ from tolerances import (
 )
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-from eulerparams_control.events import ExitCode
+from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
@@ -1153,24 +1153,32 @@ def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_r
     assert "Traceback" not in process.log
 
 
-def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(world: World) -> None:
+def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
+    world: World, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Who records must not miss the beginning because it was discovered late."""
+
+    def progress() -> list[float]:
+        told = events_of(capsys.readouterr().out)
+        return [event["t"] for event in told if event["event"] == Event.PROGRESS]
+
     peer = world.peer
     lockstep = {"mode": "lockstep", "duration": 0.05}
     bridge = world.start("pybullet_bridge", {**lockstep, "wait_for_subscribers": 2})
     clik = world.start("clik", {**FRAMES, "wait_for_subscribers": 2, "use_sim_time": True})
     world.until_said(clik, "waiting for 2 subscribers of /joint_reference, 1 are there")
-    assert "simulated" not in bridge.log
+    assert not progress()
     commands = peer.listen(JointState, "joint_reference")
     world.until(lambda: len(commands) >= 3, "the command, again and again")
     assert {ns_from_ros(command.header.stamp) for command in commands} == {0}
-    assert "simulated" not in bridge.log
+    assert not progress()
     states = peer.listen(JointState, "joint_states")
     world.until(lambda: bridge.exit_code is not None, "the end")
     stamps = [round(step * 1e6) for step in range(51)]
     world.until(lambda: ns_from_ros(states[-1].header.stamp) == stamps[-1], "the last state")
     assert sorted({ns_from_ros(state.header.stamp) for state in states}) == stamps
     assert sorted({ns_from_ros(command.header.stamp) for command in commands}) == stamps
+    assert progress() == pytest.approx([0.005 * k for k in range(1, 11)])
 
 
 def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(world: World) -> None:
