@@ -1,26 +1,21 @@
 """Closed-loop inverse kinematics: how errors decay, limits, redundancy, change of law."""
 
 import math
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from samples import about, generator, rodrigues, unit_vectors
+from arms import HOME, STILL, UR5, displaced, pose_of, robot_named, robot_of
+from samples import about, generator, rodrigues
 from tolerances import (
     CLOSED_FORM,
     CLOSED_LOOP,
-    CLOSED_LOOP_GROWS,
     HELD,
     NO_JUMP,
-    OPEN_LOOP_GROWS,
     REACHED,
     RELATIVE,
-    T1_DEG,
-    T1_SPEED,
 )
 
-from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     FollowingError,
@@ -40,29 +35,13 @@ from eulerparams_control.laws.orientation import (
 )
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Circle, way_points
-from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot
+from eulerparams_control.motion.trajectories import way_points
 
 DT = 1e-3  # [s]
 K = 10.0  # [1/s]
 DP_D, OMEGA_D = np.array([0.03, -0.05, 0.04]), np.array([0.1, -0.2, 0.15])
 
 every_orientation = pytest.mark.parametrize("orientation", ORIENTATIONS)
-
-
-@cache
-def robot_named(name):
-    """Return a robot of the catalogue and its home."""
-    description = load_robot(name)
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints
-    )
-    return robot, np.array(description.home)
-
-
-UR5, HOME = robot_named("ur5")
-STILL = np.zeros(6)
 
 
 def law(orientation="euler_parameters", k=K, sequence="ZYX", sign="hysteretic", **options):
@@ -79,19 +58,6 @@ def clik(*args, feedback="internal", limits=None, blend_time=0.1, q=HOME, **opti
     scheme = Clik(UR5, law(*args, **options), feedback, limits, blend_time)
     scheme.reset(q)
     return scheme
-
-
-def pose_of(robot, q):
-    """Return the frame of the tip at rest."""
-    state = robot.state(q, np.zeros(robot.n))
-    return DesiredFrame(state.p_e, state.R_e)
-
-
-def displaced(distance=0.03, angle=0.5, key=0):
-    """Return home's pose moved and turned in random directions."""
-    along, about_axis = unit_vectors(2, key=200 + key)
-    home = pose_of(UR5, HOME)
-    return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
 
 
 def moving(frame, t):
@@ -170,40 +136,6 @@ def test_q_is_the_integral_of_dq_and_dq_of_the_same_instant():
         np.testing.assert_array_equal(after.command.q, q)
 
 
-# --- T1 -----------------------------------------------------------------------------------
-
-
-def path_T1(delta_deg):
-    """Return T1: past the pole of XYZ at a distance delta [deg]."""
-    p_0, p_1 = np.array([0.485, 0.02, 0.375]), np.array([0.485, 0.12, 0.475])
-    R_0, R_1 = (
-        about(2, math.radians(delta_deg)) @ about(1, math.radians(beta)) @ about(2, math.pi / 2)
-        for beta in (50, 131)
-    )
-    return way_points([0.0, 4.0, 5.0], [(p_0, R_0), (p_1, R_1), (p_1, R_1)])
-
-
-@every_orientation
-def test_T1_is_followed_10_deg_from_the_pole_with_every_representation(orientation):
-    path = path_T1(10.0)
-    q = inverse_kinematics(UR5, path.sample(0.0), HOME)
-    scheme = clik(orientation, 100.0, sequence="XYZ", limits=UR5.limits)
-    controller = Controller(scheme, ControllerOptions(), q)
-    controller.follow(path, 0)
-    dq, worst, fastest = STILL, 0.0, 0.0
-    for t in range(0, 5_000_000_001, 1_000_000):
-        command = controller.step(t, q, dq)
-        q, dq = command.q, command.dq
-        tick = controller.guidance.tick_now
-        worst = max(worst, angle_between(tick.desired.R_d, tick.state.R_e))
-        fastest = max(fastest, np.abs(dq).max())
-        assert not tick.saturated
-    assert math.degrees(worst) < T1_DEG
-    assert fastest < T1_SPEED
-    assert np.linalg.norm(tick.dp_de) < 1e-6
-    np.testing.assert_array_equal(tick.desired.R_d, path.sample(5.0).R_d)
-
-
 # --- feedback -----------------------------------------------------------------------------
 
 
@@ -233,28 +165,6 @@ def test_only_measured_feedback_removes_a_bias_of_the_arm(feedback, converges):
 def test_an_unknown_feedback_is_refused_with_those_that_exist():
     with pytest.raises(ConfigurationError, match=r"feedback is 'both'.*internal.*measured"):
         clik(feedback="both")
-
-
-# --- drift, E6 ----------------------------------------------------------------------------
-
-
-def drift(k, turns=4, dt=0.01):
-    """Return the largest orientation error [rad] in each turn of a circle."""
-    home = pose_of(UR5, HOME)
-    circle = Circle(0.1, np.array([0.0, 1.0, 0.3]), period=5.0, turns=turns, tilt=0.5, ramp=0.0)
-    path = circle.trajectory(home.p_d, home.R_d)
-    per_turn = round(5.0 / dt)
-    ticks = run(clik(k=k), path.sample, turns * per_turn, dt)
-    errors = [angle_between(tick.desired.R_d, tick.state.R_e) for tick in ticks]
-    return np.reshape(errors, (turns, per_turn)).max(axis=1)
-
-
-def test_the_open_loop_drifts_and_the_closed_loop_does_not():
-    open_loop, closed_loop = drift(0.0, turns=12), drift(20.0)
-    assert np.all(np.diff(open_loop) > 0)
-    assert open_loop[-1] > OPEN_LOOP_GROWS * open_loop[0]
-    assert closed_loop[-1] < CLOSED_LOOP_GROWS * closed_loop[0]
-    assert closed_loop[-1] < open_loop[0]
 
 
 # --- another law --------------------------------------------------------------------------
@@ -465,16 +375,6 @@ def test_the_null_space_does_not_move_the_tip_and_approaches_the_posture(name):
     np.testing.assert_allclose(tick.state.J @ tick.command.dq, 0, rtol=0, atol=1e-3)
 
 
-def test_the_posture_does_not_change_the_velocity_of_the_tip():
-    robot, home = robot_named("panda")
-    goal = pose_of(robot, home + 0.05)
-    state = robot.state(home, np.zeros(7))
-    with_posture, _, _ = law(posture=home - 0.5).velocity(state, goal, None)
-    without, _, _ = law().velocity(state, goal, None)
-    assert np.abs(with_posture - without).max() > 0.05
-    np.testing.assert_allclose(state.J @ with_posture, state.J @ without, rtol=0, atol=NO_JUMP)
-
-
 def test_a_posture_of_the_wrong_size_is_refused_with_the_names_of_the_joints():
     with pytest.raises(ConfigurationError, match=r"posture has 5 values.* 6 joints .*elbow"):
         clik(posture=np.zeros(5))
@@ -531,8 +431,7 @@ def test_inverse_kinematics_refuses_a_pose_out_of_reach_with_the_pose(name):
 
 @pytest.mark.parametrize("step", [0.2, -0.2])
 def test_inverse_kinematics_refuses_a_pose_that_is_reached_outside_the_limits_only(step):
-    description = load_robot("ur5")
-    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
+    robot = robot_of("ur5")
     frame = pose_of(robot, HOME + step)
     robot.limits = JointLimits(HOME - 0.1, HOME + 0.1, np.ones(6), np.ones(6))
     with pytest.raises(RobotError, match="only outside the joint limits"):

@@ -5,12 +5,11 @@ The arm is simulated by Pinocchio's forward dynamics, which has neither B nor C 
 
 import math
 from dataclasses import replace
-from functools import cache
 from itertools import product
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from arms import HOME, STILL, UR5, Plant, displaced, pose_of, robot_named, robot_of
 from samples import derivative, generator, rodrigues, turning, unit_vectors
 from tolerances import (
     ALGEBRAIC,
@@ -23,9 +22,6 @@ from tolerances import (
     LYAPUNOV_SAMPLED,
     NO_JUMP,
     NULL_SPACE,
-    SMOOTH,
-    THROUGH_A_CHANGE_DEG,
-    THROUGH_A_CHANGE_MM,
 )
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
@@ -54,70 +50,18 @@ from eulerparams_control.laws.orientation import (
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import way_points
-from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot, Tool
 from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 DT = 1e-3  # [s]
 MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]
-STILL = np.zeros(6)
 RATE = 2000.0  # [Nm/s]
 FRICTION = JointFriction(np.array([0.5, 0.4, 0.3, 0.2, 0.1, 0.05]), np.arange(6) / 3)
 
 TOOL = Tool(1.5, np.array([0.02, -0.03, 0.1]), np.diag([0.01, 0.02, 0.015]))
 
 every_orientation = pytest.mark.parametrize("orientation", ORIENTATIONS)
-
-
-@cache
-def robot_named(name):
-    """Return a robot of the catalogue and its home."""
-    description = load_robot(name)
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints
-    )
-    return robot, np.array(description.home)
-
-
-UR5, HOME = robot_named("ur5")
-
-
-class Plant:
-    """An arm of the catalogue that moves as eq. (32) says, with h = 0, by forward dynamics."""
-
-    def __init__(self, name="ur5", tool=None, friction=None, payload=0.0):
-        robot, home = robot_named(name)
-        urdf = load_robot(name).urdf
-        model = pin.buildModelFromXML(urdf)
-        others = [model.getJointId(j) for j in model.names[1:] if j not in robot.joints]
-        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
-        self.tip = self.model.getFrameId(robot.tip_frame)
-        frame = self.model.frames[self.tip]
-        for body in (tool, Tool(payload, np.zeros(3), np.zeros((3, 3)))):
-            if body is not None:
-                inertia = frame.placement.act(pin.Inertia(*body))
-                self.model.inertias[frame.parentJoint] += inertia
-        self.data = self.model.createData()
-        self.friction = friction
-        self.q, self.dq = home.copy(), np.zeros(robot.n)
-
-    def acceleration(self, q, dq, tau):
-        """Return ddq (n,)."""
-        if self.friction is not None:
-            tau = tau - self.friction.effort(dq)
-        return pin.aba(self.model, self.data, q, dq, tau).copy()
-
-    def tip_acceleration(self, q, dq, ddq):
-        """Return the acceleration (6,) of the tip; the base is the root."""
-        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
-        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        return pin.getFrameClassicalAcceleration(self.model, self.data, self.tip, world).vector
-
-    def step(self, tau, dt=DT):
-        """Move on by dt, semi-implicitly."""
-        self.dq = self.dq + dt * self.acceleration(self.q, self.dq, tau)
-        self.q = self.q + dt * self.dq
 
 
 def law(
@@ -149,19 +93,6 @@ def dynamic(limits=None, dynamics=None, blend_time=0.1, q=HOME, robot=UR5, **opt
     )
     scheme.reset(q)
     return scheme
-
-
-def pose_of(robot, q):
-    """Return the frame of the tip at rest."""
-    state = robot.state(q, np.zeros(robot.n))
-    return DesiredFrame(state.p_e, state.R_e)
-
-
-def displaced(distance=0.03, angle=0.4, key=0, robot=UR5, q=HOME):
-    """Return home's pose moved and turned in random directions."""
-    along, about_axis = unit_vectors(2, key=300 + key)
-    home = pose_of(robot, q)
-    return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
 
 
 def path_between(*frames, duration=1.0):
@@ -208,14 +139,7 @@ def test_inverse_and_forward_dynamics_give_the_acceleration_that_is_asked_for(na
 
 
 def test_inverse_dynamics_compensates_the_tool_and_the_friction_that_it_knows():
-    description = load_robot("ur5")
-    robot = Robot(
-        description.urdf,
-        description.base_frame,
-        description.tip_frame,
-        description.joints,
-        tool=TOOL,
-    )
+    robot = robot_of("ur5", tool=TOOL)
     plant, dynamics = Plant(tool=TOOL, friction=FRICTION), InverseDynamics(friction=FRICTION)
     for (q, dq), a in zip(states(UR5, HOME), generator(313).normal(size=(10, 6)), strict=True):
         found = []
@@ -451,33 +375,6 @@ def test_posture_and_damping_do_not_change_the_acceleration_of_the_tip(name):
         assert free @ ddq_0 == pytest.approx(0, abs=NULL_SPACE)
         expected = free @ (-7 * dq - 30 * (q - home + 0.5))
         assert free @ ddq == pytest.approx(expected, abs=NULL_SPACE)
-
-
-def test_the_posture_is_approached_while_the_tip_stays():
-    robot, home = robot_named("panda")
-    free = np.linalg.svd(robot.state(home, np.zeros(7)).J)[2][6]
-    posture = home + 0.3 * free
-    dynamics = InverseDynamics(posture=posture, k_posture=25.0, k_null=10.0)
-    scheme = dynamic(dynamics=dynamics, robot=robot, q=home, sequence="XYZ")
-    plant, frame = Plant("panda"), pose_of(robot, home)
-    for _ in range(1500):
-        tick = scheme.tick(DT, plant.q, plant.dq, frame)
-        plant.step(tick.command.effort)
-        assert np.linalg.norm(tick.dp_de) < 1e-5
-        assert angle_between(frame.R_d, tick.state.R_e) < 1e-4
-    assert np.linalg.norm(plant.q - posture) < 0.25 * np.linalg.norm(home - posture)
-    assert np.abs(plant.dq).max() < 0.01
-
-
-def test_without_a_posture_a_motion_that_does_not_move_the_tip_is_damped():
-    robot, home = robot_named("panda")
-    free = np.linalg.svd(robot.state(home, np.zeros(7)).J)[2][6]
-    scheme = dynamic(dynamics=InverseDynamics(k_null=10.0), robot=robot, q=home, sequence="XYZ")
-    plant, frame = Plant("panda"), pose_of(robot, home)
-    plant.dq = 0.5 * free
-    for _ in range(300):
-        plant.step(scheme.tick(DT, plant.q, plant.dq, frame).command.effort)
-    assert np.linalg.norm(plant.dq) == pytest.approx(0.5 * math.exp(-10 * 0.3), rel=0.02)
 
 
 def at_the_wrist_singularity():
@@ -833,29 +730,6 @@ def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_refer
     assert run.controller.guidance.saturated > 20
 
 
-def test_the_rate_is_kept_from_a_singularity_of_the_law_on():
-    rate = 400.0
-    run = Run(dynamic(limits_of(rate=rate)))
-    run.controller.follow(towards(displaced(0.1, 0.5), 0.5), None)
-    run.steps(200)
-
-    def no_answer(*_):
-        raise SingularityError("no answer")
-
-    singular = representation("euler_parameters")
-    singular.resolved_acceleration = no_answer
-    run.scheme.replace_law(ResolvedAcceleration(singular), InverseDynamics(), limits_of(rate=rate))
-    run.steps(100)
-    assert run.faults[-1] == "no answer"
-    run.scheme.replace_law(law(), InverseDynamics(), limits_of(rate=rate))
-    run.steps(50)
-    assert run.faults[-1] == "no answer"
-    run.controller.follow(towards(pose_of(UR5, HOME)), None)
-    run.steps(100)
-    assert run.faults[-1] == ""
-    assert_rate_is_kept(run.efforts, rate)
-
-
 def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
     scheme, goal = dynamic(limits_of(rate=500.0)), pose_of(UR5, HOME)
     last = scheme.tick(DT, HOME, STILL, goal).command.effort
@@ -925,30 +799,6 @@ def test_a_blend_of_the_acceleration_decays_exponentially():
     for i in (1, 2):
         expected = math.exp(-0.5 * i) * offsets[0]
         np.testing.assert_allclose(offsets[i], expected, rtol=0, atol=100 * NO_JUMP)
-
-
-def test_orientation_gains_and_limits_are_replaced_while_the_path_goes_on():
-    path = path_between(pose_of(UR5, HOME), displaced(0.2, 0.8, key=3), duration=1.5)
-    pairs = [pair for pair in product(ORIENTATIONS, ORIENTATIONS) if pair[0] != pair[1]]
-    names = [name for pair in pairs for name in pair]
-
-    def change(step, scheme):
-        if step % 30 == 29:
-            name = names[step // 30 % len(names)]
-            gain = 400.0 if step // 30 % 2 else 900.0
-            gains = {"k_Pp": gain, "k_Vp": 2 * math.sqrt(gain), "k_Vo": 2 * math.sqrt(gain)}
-            k_Po = (2 if name == "euler_parameters" else 1) * gain
-            rate = RATE if step // 30 % 3 else 1.5 * RATE
-            scheme.replace_law(law(name, k_Po, **gains), InverseDynamics(), limits_of(rate=rate))
-
-    loaded = Plant(payload=1.0)  # which the model does not know: each law leaves another error
-    ticks, efforts = tracking(dynamic(limits_of()), path, loaded, steps=1500, change=change)
-    assert_rate_is_kept(efforts, 1.5 * RATE)
-    position, rotation = largest_errors(ticks)
-    assert position < THROUGH_A_CHANGE_MM
-    assert rotation < THROUGH_A_CHANGE_DEG
-    assert not any(tick.saturated for tick in ticks)  # nor is there a step within the rate:
-    assert np.abs(np.diff(efforts, axis=0)).max() < SMOOTH
 
 
 def test_a_law_on_the_long_way_round_keeps_it_when_its_gain_changes():
@@ -1050,8 +900,7 @@ def test_hold_does_not_compensate_the_friction_that_helps_to_stop():
 
 
 def test_hold_does_not_undo_whole_turns_of_a_joint_without_position_limits():
-    description = load_robot("ur5")
-    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
+    robot = robot_of("ur5")
     none = np.full(6, math.inf)
     robot.limits = replace(robot.limits, lower=-none, upper=none)
     scheme = dynamic(robot=robot)
@@ -1068,8 +917,7 @@ def test_the_last_command_is_gravity_alone_within_the_limits(gravity):
     effort = scheme.last_command(HOME, 0.5 * np.ones(6)).effort
     g = UR5.dynamic_state(HOME, STILL).g if gravity else STILL
     np.testing.assert_array_equal(effort, g)
-    description = load_robot("ur5")
-    weak = Robot(description.urdf, description.base_frame, description.tip_frame)
+    weak = robot_of("ur5")
     weak.limits = replace(weak.limits, effort=np.full(6, 10.0))
     effort = dynamic(robot=weak).last_command(HOME, STILL).effort
     expected = np.clip(UR5.dynamic_state(HOME, STILL).g, -10, 10)
@@ -1115,20 +963,6 @@ def test_hold_does_not_need_the_jacobian_nor_the_orientation():
     )
 
 
-@pytest.mark.parametrize("speed", [1e160, 1e200, 1e300])
-def test_velocities_beyond_all_numbers_make_a_fault_and_no_other_effort(speed):
-    run = Run(dynamic(limits_of()))
-    run.steps(5)
-    with np.errstate(all="ignore"):
-        command = run.controller.step(run.t + MS, HOME, np.full(6, speed))
-    assert "runs away" in run.controller.fault
-    np.testing.assert_allclose(command.effort, run.efforts[-1], rtol=0, atol=NULL_SPACE)
-    run.t += MS
-    run.steps(5)  # and it does not survive
-    g = UR5.dynamic_state(HOME, STILL).g
-    np.testing.assert_allclose(run.efforts[-1], g, rtol=0, atol=NULL_SPACE)
-
-
 # --- too large an error --------------------------------------------------------------------
 
 
@@ -1152,23 +986,6 @@ def test_with_a_bound_of_pi_no_orientation_error_stops_the_motion():
     scheme = dynamic(limits_of(rotation=math.pi))
     for angle in (1.0, 3.0, math.pi):
         scheme.tick(DT, HOME, STILL, displaced(0.0, angle))
-
-
-def test_an_arm_that_is_held_by_others_is_held_until_the_next_reference():
-    run = Run(dynamic(limits_of(position=0.01, rotation=0.1)))
-    run.controller.follow(towards(displaced(0.2, 0.5)), None)
-    run.steps(600, held=True)
-    assert "m from the desired frame" in run.faults[-1]
-    where = run.plant.q
-    run.steps(500)
-    assert run.faults[-1]
-    np.testing.assert_allclose(run.plant.q, where, rtol=0, atol=1e-3)
-    run.controller.follow(towards(displaced(0.1, 0.3, key=9), 0.5), None)
-    run.steps(1000)
-    assert run.faults[-1] == ""
-    tick = run.controller.guidance.tick_now
-    np.testing.assert_array_equal(tick.desired.p_d, displaced(0.1, 0.3, key=9).p_d)
-    assert np.linalg.norm(tick.dp_de) < 1e-4
 
 
 # --- Lyapunov functions of a run, eqs. (42), (43) ------------------------------------------

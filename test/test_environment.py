@@ -350,24 +350,6 @@ def test_a_torsion_spring_turns_by_the_shorter_way_in_proportion_to_the_angle(an
     assert R @ wrench[3:] == pytest.approx(40.0 * angle * axis, abs=1e-9)
 
 
-def test_a_spring_that_is_left_alone_draws_its_point_to_its_anchor() -> None:
-    p, R = placement("ur5", np.array(robot("ur5").home))
-    anchor, point = p + [0.03, -0.02, 0.04], np.array([0.0, 0.0, 0.1])
-    spring = Spring(position=anchor + R @ point, stiffness=2e3, damping=100.0, point=point)
-    turn = TorsionSpring(orientation=pin.Quaternion(R).coeffs(), stiffness=100.0, damping=5.0)
-    sim = simulated(control="torque", environment={"spring": spring, "turn": turn})
-    zero = np.zeros(6)
-    for _ in range(4000):
-        state = sim.read()
-        sim.command_effort(model("ur5").tau(state.q, zero, zero) - state.dq)
-        sim.step()
-    p, R_now = placement("ur5", sim.read().q)
-    assert p == pytest.approx(anchor, abs=1e-6)
-    assert pytest.approx(R, abs=1e-6) == R_now
-    assert sim.read().wrench == pytest.approx(np.zeros(6), abs=1e-2)
-    sim.close()
-
-
 def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end() -> None:
     push = Push(
         force=(0, 0, 10.0), moment=(0, 20.0, 0), frame="tool", start=0.01, end=0.05, ramp=0.01
@@ -528,20 +510,6 @@ def test_a_solid_pushes_with_its_stiffness_along_its_normal_at_the_point_of_cont
     assert sim.read().wrench == pytest.approx(expected, abs=PRESSED * force)  # at once
     assert run(sim, 50).wrench == pytest.approx(expected, abs=PRESSED * force + BRAKED)
     sim.close()
-
-
-@pytest.mark.parametrize("face", FACES)
-@pytest.mark.parametrize("shape", ["sphere", "capsule"])
-def test_a_tool_that_does_not_touch_feels_nothing(face: str, shape: str) -> None:
-    p, R = placement("ur5", np.array(robot("ur5").home))
-    xyzw, turn = unit_quaternion(np.random.default_rng(1)), (0.0, 0.6, 0.0, 0.8)
-    n = normal_of(face, xyzw)
-    point = R @ [0, 0, 0.1] + deepest(shape, SIZES[shape], R @ rotation(turn), n)
-    for gap, feels in ((1e-6, False), (-1e-6, True)):
-        solid, _ = solid_at(face, p + point - gap * n, xyzw, stiffness=1e5)
-        sim = simulated(environment={"solid": solid}, **tool_at(shape, (0, 0, 0.1), turn))
-        assert bool(np.linalg.norm(sim.read().wrench) > 0.05) == feels
-        sim.close()
 
 
 @pytest.mark.parametrize("face", ["plane", "box"])
@@ -737,27 +705,6 @@ def test_a_tool_under_gravity_compensation_and_a_spring_comes_to_rest_on_a_box(
         sim.close()
 
 
-@pytest.mark.parametrize("stiffness", STIFFNESSES)
-def test_the_flat_end_of_a_cylinder_rests_on_a_face_of_about_the_stiffness(
-    stiffness: float,
-) -> None:
-    law, top = Law("ur5"), lowest("ur5", "cylinder") - 5e-4
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": stiffness, "damping": 100.0}
-    tool = upright_tool("ur5", "cylinder")
-    sim = simulated(control="torque", environment={"plane": plane}, **tool)
-    for _ in range(3000):
-        sim.command_effort(law.effort(sim.read(), push=(0.0, 0.0, -20.0)))
-        sim.step()
-    state = sim.read()
-    assert np.abs(state.dq).max() < REST
-    p, R = placement("ur5", state.q)
-    axis = R @ rotation(tool["tool_orientation"])[:, 2]
-    rim = 0.03 * axis[2] + 0.02 * np.hypot(*axis[:2])
-    depth = top - (p + R @ tool["tool_position"])[2] + rim
-    assert 0.5 < (R @ state.wrench[:3])[2] / (stiffness * depth) < 2.5
-    sim.close()
-
-
 @pytest.mark.parametrize("damping", [0.0, 300.0])
 def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping: float) -> None:
     k, height = 2e4, lowest("ur5", "sphere")
@@ -808,21 +755,6 @@ def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(
     assert np.linalg.norm(force[:2]) == pytest.approx(friction * force[2], rel=5e-3, abs=FORMULA)
     if friction:
         assert -force[:2] @ slip[:2] > 0.95 * np.linalg.norm(force[:2]) * np.linalg.norm(slip[:2])
-    sim.close()
-
-
-def test_a_servo_that_slides_a_tool_is_braked_too() -> None:
-    law, top = Law("ur5"), lowest("ur5", "sphere") + 1e-3
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "friction": 0.3}
-    sim = simulated(environment={"plane": plane}, **upright_tool("ur5", "sphere"))
-    along = in_sensor(law.R, np.array([0.05, 0.0, 0.0]), np.zeros(3))
-    for _ in range(100):
-        q = sim.read().q
-        sim.command_position(q, np.linalg.solve(model("ur5").J(q), along))
-        sim.step()
-    force = law.R @ sim.read().wrench[:3]
-    assert np.linalg.norm(force[:2]) == pytest.approx(0.3 * force[2], rel=5e-3)
-    assert force[0] < 0.0
     sim.close()
 
 

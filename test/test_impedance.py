@@ -159,11 +159,6 @@ def test_the_least_mass_and_damping_are_those_of_the_worst_axis_and_mode():
     assert Impedance(I, np.diag([1.0, 0.0, 2.0]), I).least_damping == pytest.approx(0, abs=1e-12)
 
 
-def test_the_inverse_of_the_mass_is_that():
-    for M in positive_definite(COUNT, 12):
-        np.testing.assert_allclose(impedance(M=M).M_inverse @ M, I, rtol=0, atol=ALGEBRAIC)
-
-
 # --- matrices of a few numbers, eqs. (53), (63) -------------------------------------------------
 
 
@@ -246,21 +241,9 @@ def test_each_mode_has_the_damping_ratio(ratio):
         np.testing.assert_array_equal(D, D.T)
 
 
-def test_the_poles_of_an_impedance_damped_so_lie_on_two_rays():
-    for M, K in zip(positive_definite(COUNT, 16), positive_definite(COUNT, 17), strict=True):
-        poles = poles_of(Impedance(M, damping_of_ratio(M, K, 0.6), K))
-        np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, rtol=0, atol=MODES)
-
-
 def test_a_motion_without_stiffness_gets_no_damping():
     for M, K in zip(positive_definite(COUNT, 18), semidefinite(COUNT, 19), strict=True):
         D = damping_of_ratio(M, K, 0.7)
         free = np.linalg.eigh(K)[1][:, 0]
         assert abs(free @ D @ free) < DISTINCT**2 * np.abs(D).max()
         Impedance(M, D, K)  # accepted
-
-
-def test_unit_vectors_are_damped_alike_if_mass_and_stiffness_are():
-    D = damping_of_ratio(4 * I, 100 * I, 0.5)
-    for u in unit_vectors(5):
-        np.testing.assert_allclose(D @ u, 2 * 0.5 * math.sqrt(4 * 100) * u, rtol=ALGEBRAIC)

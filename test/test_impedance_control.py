@@ -10,22 +10,19 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from arms import HOME, STILL, UR5, Plant, robot_named, robot_of
 from samples import about, derivative, generator, moving, rodrigues, uniform, unit_vectors
 from tolerances import (
     ALGEBRAIC,
     AT_POINT_WRENCH,
     BY_CONTACT,
     DIFFERENCES,
-    E17_SEEN,
-    E17_STATIC,
     E19_FORCE,
     ERROR_EQUATION,
     INERTIAL_FORCE,
     KINEMATICS,
     NO_JUMP,
-    SEEN,
     SETTLED,
     V_3_SAMPLED,
 )
@@ -60,7 +57,6 @@ DT = 1e-3  # [s]
 MS = 1_000_000  # [ns]
 I = np.eye(3)
 O = np.zeros(3)
-STILL = np.zeros(6)
 NO_WRENCH = np.zeros(6)
 AT_TIP = Placement(I, O)
 SOFT_P = Impedance(10 * I, 500 * I, 1000 * I)
@@ -69,19 +65,6 @@ RATE = 2000.0  # [Nm/s]
 NO_LIMITS = EffortLimits()
 
 every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
-
-
-@cache
-def arm_named(name):
-    """Return description, robot and home of an arm of the catalogue."""
-    description = load_robot(name)
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints
-    )
-    return description, robot, np.array(description.home)
-
-
-_, UR5, HOME = arm_named("ur5")
 
 
 def tilted(beta_deg):
@@ -145,13 +128,6 @@ def turn_of(R):
     return math.atan2(sin, (np.trace(R) - 1) / 2) / sin * v if sin else v
 
 
-def xyzw(R):
-    """Return a rotation below 180 deg as the simulator wants it."""
-    x = turn_of(R)
-    theta = np.linalg.norm(x)
-    return [*(math.sin(theta / 2) * x / theta).tolist(), math.cos(theta / 2)]
-
-
 def sensed_at_tip(w, R_e):
     """Return what a sensor at the tip says of a wrench (6,) in base axes."""
     return SensedWrench(np.concatenate((R_e.T @ w[:3], R_e.T @ w[3:])), AT_TIP)
@@ -169,7 +145,7 @@ class Run:
     """
 
     def __init__(self, scheme, q_0, desired, arm="ur5", follow=True, **simulated):
-        self.description, self.robot, _ = arm_named(arm)
+        self.description, (self.robot, _) = load_robot(arm), robot_named(arm)
         self.scheme = scheme
         self.simulator = Simulator(
             self.description, SimulatorParameters(control="torque", **simulated)
@@ -218,121 +194,12 @@ def plane_below(p, depth=0.01, stiffness=2e4):
     return {"plane": {"shape": "spring", "position": position, "stiffness": [0.0, 0.0, stiffness]}}
 
 
-# --- E17 ------------------------------------------------------------------------------------------
-
-
-def T_of(phi):
-    """Return T(phi) of XYZ, eq. (3)."""
-    R_x = about(0, phi[0])
-    return np.column_stack((I[0], R_x @ I[1], R_x @ about(1, phi[1]) @ I[2]))
-
-
-def angles_of(R):
-    """Return phi of R = R_x R_y R_z."""
-    return np.array(
-        [
-            math.atan2(-R[1, 2], R[2, 2]),
-            math.asin(max(-1.0, min(1.0, R[0, 2]))),
-            math.atan2(-R[0, 1], R[0, 0]),
-        ]
-    )
-
-
-def along(moment_of):
-    """Return mu_E (3,), base axes, of k I for a moment about the axis of the turn."""
-
-    def moment(R_d, R_c):
-        x = turn_of(R_c @ R_d.T)
-        theta = np.linalg.norm(x)
-        return moment_of(theta) * x / theta
-
-    return moment
-
-
-def of_relative_angles(R_d, R_c):
-    phi = angles_of(R_d.T @ R_c)
-    return R_d @ np.linalg.solve(T_of(phi).T, phi)
-
-
-def of_angles(R_d, R_c):
-    phi_c = angles_of(R_c)
-    return np.linalg.solve(T_of(phi_c).T, phi_c - angles_of(R_d))
-
-
-# mu_E of a stiffness of 1 Nm/rad: eqs. (56), (65) and those of the errata.
-ELASTIC = {
-    "angle_axis": along(lambda theta: math.sin(theta) * math.cos(theta)),
-    "euler_angles": of_angles,
-    "euler_parameters": along(math.sin),
-    "relative_euler_angles": of_relative_angles,
-    "rotation_vector": along(lambda theta: theta),
-}
-
-
-def static_moment(name, R_d, R_a, k_o, k_spring):
-    """Return the moment (3,) [Nm] of a torsion spring to R_a on a compliant frame at rest."""
-
-    def imbalance(x):
-        R_c = rodrigues(np.linalg.norm(x), x / np.linalg.norm(x)) @ R_d
-        return k_spring * turn_of(R_a @ R_c.T) - k_o * ELASTIC[name](R_d, R_c)
-
-    x = 0.5 * turn_of(R_a @ R_d.T)
-    for _ in range(50):  # Newton, with differences for the gradient
-        gradient = [(imbalance(x + 1e-6 * e) - imbalance(x - 1e-6 * e)) / 2e-6 for e in I]
-        x = x - np.linalg.solve(np.column_stack(gradient), imbalance(x))
-    assert np.abs(imbalance(x)).max() < SETTLED
-    R_c = rodrigues(np.linalg.norm(x), x / np.linalg.norm(x)) @ R_d
-    return k_spring * turn_of(R_a @ R_c.T)
-
-
-def e17(name, beta_deg, duration=1.0):
-    """Return the moment (3,) that builds up against a spring that is turned by 10 deg, and R_a."""
-    R_d = tilted(beta_deg)
-    R_a = about(2, math.radians(10)) @ R_d
-    spring = {"shape": "torsion_spring", "orientation": xyzw(R_a), "stiffness": 500.0}
-    _, last = run(
-        impedance_control(name=name, inner=name),
-        MIDDLE._replace(R_d=R_d),
-        duration,
-        at_the_middle(beta_deg),
-        enforce_limits=False,
-        environment={"spring": spring},
-    )
-    np.testing.assert_allclose(last.wrench[:3], 0, atol=1e-6)
-    return last.wrench[3:], R_a
-
-
-@every_representation
-def test_E17_the_moment_is_that_of_the_static_balance(name):
-    mu, R_a = e17(name, 60)
-    expected = static_moment(name, tilted(60), R_a, 50.0, 500.0)
-    np.testing.assert_allclose(mu, expected, rtol=0, atol=E17_STATIC * np.linalg.norm(expected))
-    if name == "euler_parameters":
-        assert np.linalg.norm(mu) == pytest.approx(7.903, rel=E17_SEEN)
-    if name == "euler_angles":
-        assert np.linalg.norm(mu) == pytest.approx(34.86, rel=1e-2)
-
-
-def test_E17_with_euler_parameters_the_moment_is_the_same_where_angles_are_almost_singular():
-    mu, _ = e17("euler_parameters", 85)
-    assert np.linalg.norm(mu) == pytest.approx(7.903, rel=E17_SEEN)
-
-
-@pytest.mark.parametrize(("beta", "seen", "ratio"), [(30, 12.78, 1.5), (85, 83.25, 8.0)])
-def test_E17_with_euler_angles_the_moment_builds_up(beta, seen, ratio):
-    mu, R_a = e17("euler_angles", beta)
-    expected = static_moment("euler_angles", tilted(beta), R_a, 50.0, 500.0)
-    assert np.linalg.norm(mu) == pytest.approx(np.linalg.norm(expected), rel=1e-2)
-    assert np.linalg.norm(mu) == pytest.approx(seen, rel=1e-2)
-    assert np.linalg.norm(mu) > ratio * 7.903
-
-
 # --- E19, the sign -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_E19_the_contact_force_is_the_one_predicted(arm):
-    _, robot, home = arm_named(arm)
+    robot, home = robot_named(arm)
     q_0 = at_the_middle() if arm == "ur5" else home
     state = robot.state(q_0, np.zeros(robot.n))
     desired = DesiredFrame(state.p_e, state.R_e)
@@ -369,70 +236,12 @@ def test_a_sensor_that_says_the_opposite_is_put_right_by_the_sign():
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=ALGEBRAIC)
 
 
-# --- E20 ------------------------------------------------------------------------------------------
-
-DISTURBANCE = np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])  # [Nm]
-
-
-def e20(inner_loop):
-    """Return the final errors [m], [rad] of an arm that is disturbed, without contact."""
-    _, last = run(
-        impedance_control(inner_loop=inner_loop), duration=1.0, enforce_limits=False,
-        disturbance_effort=DISTURBANCE.tolist(),
-    )  # fmt: skip
-    return np.linalg.norm(last.dp_de), angle(MIDDLE.R_d, last.state.R_e)
-
-
-def test_E20_the_inner_loop_rejects_disturbances():
-    position, rotation = e20(inner_loop=True)
-    state = UR5.dynamic_state(at_the_middle(), STILL)
-    a = state.arm.J @ np.linalg.solve(state.B, DISTURBANCE)  # what the loop has to balance
-    assert position == pytest.approx(np.linalg.norm(a[:3]) / 3600, rel=SEEN)
-    assert rotation == pytest.approx(2 * math.asin(np.linalg.norm(a[3:]) / 7200), rel=SEEN)
-    assert 1e3 * position == pytest.approx(0.364, rel=SEEN)
-    assert math.degrees(rotation) == pytest.approx(0.933, rel=SEEN)
-    open_position, open_rotation = e20(inner_loop=False)
-    assert open_position > 20 * position
-    assert open_rotation > 50 * rotation
-    assert 0.010 < open_position < 0.0139
-    assert np.linalg.norm(a[3:]) > 50  # more than K_o can hold: it turns on and on
-
-
 # --- eqs. (48)-(52): one instant ---------------------------------------------------------------
-
-
-class Plant:
-    """The arm that moves as eq. (32) says, touched at the tip."""
-
-    def __init__(self, arm):
-        description, self.robot, _ = arm_named(arm)
-        model = pin.buildModelFromXML(description.urdf)
-        others = [model.getJointId(j) for j in model.names[1:] if j not in self.robot.joints]
-        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
-        self.data = self.model.createData()
-        self.tip = self.model.getFrameId(self.robot.tip_frame)
-
-    def acceleration(self, q, dq, tau, w):
-        """Return ddq (n,) under the efforts and the wrench w (6,) of the environment on the tip."""
-        pin.framesForwardKinematics(self.model, self.data, q)
-        frame, placed = self.model.frames[self.tip], self.data.oMf[self.tip]
-        turn = pin.SE3(placed.rotation.T, O)  # base axes, about the tip
-        in_joint = frame.placement.act(turn.act(pin.Force(w)))
-        forces = pin.StdVec_Force()
-        for joint in range(self.model.njoints):
-            forces.append(in_joint if joint == frame.parentJoint else pin.Force.Zero())
-        return pin.aba(self.model, self.data, q, dq, tau, forces).copy()
-
-    def tip_acceleration(self, q, dq, ddq):
-        """Return the acceleration (6,) of the tip, base axes."""
-        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
-        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        return pin.getFrameClassicalAcceleration(self.model, self.data, self.tip, axes).vector
 
 
 def situations(arm, count=5):
     """Return random q, dq near home, desired frames near the tip, and contacts."""
-    _, robot, home = arm_named(arm)
+    robot, home = robot_named(arm)
     random = generator(1000)
     for _ in range(count):
         q, dq = home + 0.2 * random.uniform(-1, 1, robot.n), random.normal(size=robot.n)
@@ -446,7 +255,7 @@ def situations(arm, count=5):
 
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(arm):  # (48)
-    plant, (_, robot, _) = Plant(arm), arm_named(arm)
+    plant, (robot, _) = Plant(arm), robot_named(arm)
     motion = DynamicControl(robot, resolved(), InverseDynamics(), NO_LIMITS)
     for q, dq, desired, w in situations(arm):
         state = robot.dynamic_state(q, dq)
@@ -464,7 +273,7 @@ def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(ar
 @every_representation
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_the_tip_accelerates_as_the_motion_loop_asks_for_the_compliant_frame(arm, name):
-    plant, (_, robot, _) = Plant(arm), arm_named(arm)  # (49)-(51)
+    plant, (robot, _) = Plant(arm), robot_named(arm)  # (49)-(51)
     for q, dq, desired, w in situations(arm):
         scheme = impedance_control(robot=robot, name=name, inner=name)
         scheme.reset(q)
@@ -489,7 +298,7 @@ def test_the_tip_accelerates_as_the_motion_loop_asks_for_the_compliant_frame(arm
 
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_without_inner_loop_the_tip_itself_obeys_the_impedance_at_each_tick(arm):  # (52), (59)
-    plant, (_, robot, _) = Plant(arm), arm_named(arm)
+    plant, (robot, _) = Plant(arm), robot_named(arm)
     scheme = impedance_control(robot=robot, inner_loop=False)
     for q, dq, desired, w in situations(arm):
         scheme.sense(sensed_at_tip(w, robot.state(q, dq).R_e))
@@ -649,16 +458,6 @@ def test_the_axes_of_the_centre_are_those_of_the_stiffness():
     last = lead(admittance(o=K_o, centre=CENTRE), np.array([*O, *moment]), 2.0)[-1]
     turn = turn_of(last.command.frame.R_d @ MIDDLE.R_d.T)
     np.testing.assert_allclose(turn, math.asin(2 / 20) * R[:, 0], rtol=0, atol=1e-4)
-
-
-def test_a_simulated_push_through_the_centre_does_not_turn_the_arm():
-    point = (0.0, 0.0, 0.2)
-    push = {"shape": "push", "force": [8.0, 0.0, 0.0], "point": list(point)}
-    turns = []
-    for centre in (Placement(I, np.array(point)), AT_TIP):
-        _, last = run(impedance_control(centre=centre), duration=0.4, environment={"push": push})
-        turns.append(angle(last.state.R_e, MIDDLE.R_d))
-    assert turns[0] < 0.02 * turns[1]
 
 
 def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
@@ -849,38 +648,6 @@ def test_in_contact_the_wrench_is_lost_and_found_within_the_rate_of_the_efforts(
 # --- another law -------------------------------------------------------------------------------
 
 
-def test_the_law_is_replaced_while_the_arm_moves_in_contact_without_a_jump():
-    stiff = {"p": Impedance(20 * I, 900 * I, 2000 * I), "o": Impedance(2 * I, 40 * I, 100 * I)}
-    along_tool = np.diag([800.0, 1000.0, 1500.0])
-    others = [
-        *({"name": name} for name in ORIENTATIONS),
-        {"name": "relative_euler_angles", "sequence": "ZYX"},
-        stiff,
-        {"frame": "desired", "p": Impedance(10 * I, 500 * I, along_tool)},
-        {"name": "euler_angles", **stiff},
-        {},
-    ]
-    over = Run(
-        impedance_control(limits_of()), at_the_middle(), MIDDLE,
-        environment=plane_below(MIDDLE.p_d) | TWISTED,
-    ).go(0.03)  # fmt: skip
-    for given in others:
-        name = given.get("name", "euler_parameters")
-        over.scheme.replace_law(
-            impedance_law(**given), resolved(name), InverseDynamics(), limits_of()
-        )
-        assert over.scheme.law.compliance.orientation.name == name
-        speed = np.abs(over.frames[-1].dp_d).max()
-        over.go(0.03)
-        assert speed > 1e-4
-    assert_goes_on(over.frames)
-    over.go(0.5)
-    last = over.end()
-    assert largest_step(over.efforts) <= RATE * DT + ALGEBRAIC
-    assert last.wrench[2] == pytest.approx(9.5238, rel=BY_CONTACT)
-    assert type(last.x_de).__name__ == "QuaternionDisplacement"
-
-
 def test_another_sensor_is_taken_over_without_a_step_of_the_wrench():
     scheme, w = admittance(), np.arange(1.0, 7.0)
     tick = lead(scheme, w, 0.02)[-1]
@@ -974,43 +741,6 @@ def test_a_contact_that_is_too_large_is_a_fault_that_holds_the_arm(bound, w, tex
 # --- holding, and going on -----------------------------------------------------------------------
 
 
-def test_after_a_fault_the_arm_is_held_and_goes_on_from_the_measured_pose():
-    scheme = impedance_control(limits_of(position=0.004))
-    over = Run(scheme, at_the_middle(), MIDDLE, environment=plane_below(MIDDLE.p_d, 0.003)).go(0.1)
-    blocked = over.simulator.read()
-    w = sensed_at_tip(np.array([0, 0, 30.0, 0, 0, 0]), MIDDLE.R_d)
-    while not over.controller.fault:  # the arm is blocked, but pushed
-        scheme.sense(w)
-        command = over.controller.step(over.k * MS, blocked.q, STILL)
-        over.efforts.append(command.effort)
-        over.k += 1
-        assert over.k < 1000
-    assert "from the desired frame" in over.controller.fault
-    held = UR5.state(blocked.q, STILL)
-    np.testing.assert_allclose(command.frame.p_d, held.p_e, rtol=0, atol=KINEMATICS)
-    np.testing.assert_array_equal(command.frame.dp_d, 0)
-    ticks = len(over.ticks)
-    over.go(0.15)  # it is held, whatever it feels
-    for frame in over.frames[-150:]:  # of where the hold began
-        np.testing.assert_array_equal(frame.p_d, command.frame.p_d)
-    assert over.controller.guidance.tick_now is over.ticks[ticks]
-    state = over.simulator.read()
-    assert np.abs(state.q - blocked.q).max() < 0.01
-    assert np.abs(state.dq).max() < 0.05
-    over.controller.follow(Trajectory([0.0, 0.5], [MIDDLE, MIDDLE]), None)
-    over.go(DT)
-    measured = over.ticks[-1].state
-    frame = over.frames[-1]
-    np.testing.assert_allclose(frame.p_d, measured.p_e, rtol=0, atol=KINEMATICS)
-    np.testing.assert_allclose(frame.dp_d, measured.dp_e, rtol=0, atol=1e-9)
-    resumed = len(over.frames) - 1
-    over.go(0.5)
-    assert_goes_on(over.frames[resumed:])
-    last = over.end()
-    assert largest_step(over.efforts) <= RATE * DT + ALGEBRAIC
-    assert last.wrench[2] == pytest.approx(0.003 / (1 / 1000 + 1 / 2e4), rel=BY_CONTACT)
-
-
 def test_a_stop_holds_and_a_reset_forgets_the_compliant_frame():
     scheme = admittance()
     frame = lead(scheme, np.array([20.0, 0, 0, 0, 0, 0]), 1.0)[-1].command.frame
@@ -1077,31 +807,14 @@ def test_a_hold_and_a_resume_keep_the_efforts_as_they_are():
     np.testing.assert_allclose(last.frame.p_d, UR5.state(q, STILL).p_e, rtol=0, atol=KINEMATICS)
 
 
-def test_an_arm_that_begins_beside_the_desired_frame_approaches_it_as_the_impedance_says():
-    beside = MIDDLE._replace(p_d=MIDDLE.p_d + [0.03, 0, 0], R_d=about(1, 0.1) @ MIDDLE.R_d)
-    over, last = run(impedance_control(limits_of()), beside, 0.6)
-    np.testing.assert_allclose(over.frames[0].p_d, MIDDLE.p_d, rtol=0, atol=1e-9)
-    assert_goes_on(over.frames)
-    t = DT * (len(over.frames) - 1)
-    s_1, s_2 = np.roots([10.0, 500.0, 1000.0])
-    left = (s_2 * math.exp(s_1 * t) - s_1 * math.exp(s_2 * t)) / (s_2 - s_1)
-    assert beside.p_d[0] - last.command.frame.p_d[0] == pytest.approx(0.03 * left, rel=1e-3)
-    assert np.linalg.norm(last.state.p_e - last.command.frame.p_d) < 1e-5
-    assert over.controller.guidance.saturated == 0
-
-
 # --- a tool beyond the sensor ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("inertial", [True, False])
 def test_a_moving_tool_is_no_contact_if_its_inertia_is_taken_out(inertial):
     tool = Tool(2.0, np.array([0.02, -0.03, 0.08]), np.diag([0.01, 0.02, 0.015]))
-    description, _, _ = arm_named("ur5")
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints,
-        tool=tool,
-    )  # fmt: skip
-    sensor = robot.placement(description.sensor_frame)
+    robot = robot_of("ur5", tool=tool)
+    sensor = robot.placement(load_robot("ur5").sensor_frame)
     np.testing.assert_allclose(sensor.R, I, atol=KINEMATICS)  # so that the tool is the same there
     np.testing.assert_allclose(sensor.p, 0, atol=KINEMATICS)
     there = DesiredFrame(MIDDLE.p_d + [0, 0.05, 0.05], about(2, 0.5) @ MIDDLE.R_d)
@@ -1155,7 +868,7 @@ def test_a_carried_frame_moves_rigidly_with_its_carrier():
     ("arm", "link"), [("ur5", "wrist_3_link"), ("ur5", "tool0"), ("panda", "")]
 )
 def test_a_link_that_is_fixed_to_the_tip_is_found_from_it(arm, link):
-    description, robot, home = arm_named(arm)
+    description, (robot, home) = load_robot(arm), robot_named(arm)
     link = link or description.sensor_frame
     other = Robot(description.urdf, description.base_frame, link, description.joints)
     placement, zero = robot.placement(link), np.zeros(robot.n)
@@ -1174,7 +887,7 @@ def test_a_link_that_moves_against_the_tip_or_is_none_is_refused():
 
 
 def test_gravity_is_in_the_axes_of_the_base_frame():
-    description, _, _ = arm_named("ur5")
+    description = load_robot("ur5")
     root = Robot(description.urdf, "", description.tip_frame).base_frame
     urdf = description.urdf.replace(
         "</robot>",

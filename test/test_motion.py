@@ -1,7 +1,6 @@
 """Desired motions: they pass their frames, and their rates are their derivatives."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
-from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
@@ -109,14 +107,6 @@ def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
     assert trajectory.duration == 2.0
     for t, frame in ((0.0, frames[0]), (0.4999, frames[0]), (2.0001, frames[1]), (99.0, frames[1])):
         assert_same_frame(trajectory.sample(t), DesiredFrame(frame.p_d, frame.R_d), 0)
-
-
-def test_a_trajectory_can_be_sampled_in_any_order():
-    trajectory = trajectory_turning(1.0)
-    forth = [trajectory.sample(t) for t in (0.1, 0.9, 1.5)]
-    back = [trajectory.sample(t) for t in (1.5, 0.9, 0.1)][::-1]
-    for a, b in zip(forth, back, strict=True):
-        assert_same_frame(a, b, 0)
 
 
 def test_a_trajectory_that_begins_later_starts_with_the_frame_given():
@@ -244,16 +234,6 @@ def test_the_rates_of_a_circle_are_its_derivatives(ramp, turns):
         assert_rates_are_derivatives(trajectory, t)
 
 
-def test_the_points_of_a_circle_bear_its_own_rates():
-    # coarse and fine points lie on the same curve only if their rates are its derivatives
-    coarse, fine = (CIRCLE.trajectory(P_0, R_0, n) for n in (40, 160))
-    for t in generator(63).uniform(0, coarse.duration, size=100):
-        a, b = coarse.sample(t), fine.sample(t)
-        np.testing.assert_allclose(a.p_d, b.p_d, rtol=0, atol=RAMPED)
-        np.testing.assert_allclose(a.R_d, b.R_d, rtol=0, atol=RAMPED)
-        np.testing.assert_allclose(a.omega_d, b.omega_d, rtol=0, atol=100 * RAMPED)
-
-
 @pytest.mark.parametrize(
     "change",
     [{"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}],
@@ -284,12 +264,6 @@ def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
         still = t > 0.2
         np.testing.assert_array_equal(sample.dp_d, 0 * dp if still else dp)
         np.testing.assert_array_equal(sample.omega_d, 0 * omega if still else omega)
-
-
-def test_the_twist_of_a_set_point_is_the_derivative_of_its_pose():
-    frame = DesiredFrame(P_0, R_0, *vectors(2, key=40))
-    for t in (0.01, 0.1, 0.3):
-        assert_rates_are_derivatives(SetPoint(frame, lasting=0.5), t)
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value):RuntimeWarning")
@@ -359,10 +333,3 @@ def test_holding_forgets_the_motion_and_its_velocity():
     desired.hold(last)
     for t in (S_IN_NS, 5 * S_IN_NS):
         assert_same_frame(desired.sample(t), DesiredFrame(last.p_d, last.R_d), 0)
-
-
-def test_the_desired_frame_is_continuous_along_all_of_a_motion():
-    trajectory = trajectory_turning(2.0)
-    frames = [trajectory.sample(t) for t in np.linspace(0, 2, 2001)]
-    fastest = max(np.linalg.norm(frame.omega_d) for frame in frames)
-    assert max(angle_between(a.R_d, b.R_d) for a, b in pairwise(frames)) < 1.1e-3 * fastest

@@ -6,12 +6,12 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from samples import about, derivative, generator, rodrigues
+from samples import about, derivative, generator
 from tolerances import ALGEBRAIC, DIFFERENCES, DYNAMICS, KINEMATICS
 
 from eulerparams_control.errors import RobotError
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot, RobotState, Tool
+from eulerparams_control.robot.robot import Robot, Tool
 
 CATALOGUE = ("kuka_iiwa", "panda", "ur10", "ur5")
 SAMPLES = 25
@@ -272,21 +272,6 @@ def test_the_inertia_is_symmetric_and_positive_definite(arm):
 
 
 @every_arm
-def test_coriolis_efforts_do_not_change_the_energy_and_gravity_is_its_gradient(arm):
-    robot = Robot(*ARMS[arm])
-    whole, still = WholeModel(ARMS[arm][0], robot.joints), np.zeros(robot.n)
-    for q, dq in configurations(robot.n, key=9):
-        state = robot.dynamic_state(q, dq)
-        # along ddq = 0 the kinetic energy dq' B dq / 2 changes by the power of C dq
-        kinetic = derivative(
-            lambda t, q=q, dq=dq: dq @ robot.dynamic_state(q + t * dq, still).B @ dq / 2
-        )
-        assert kinetic == pytest.approx(dq @ state.C_dq, abs=10 * DIFFERENCES)
-        potential = derivative(lambda t, q=q, dq=dq: whole.potential(q + t * dq))
-        assert potential == pytest.approx(dq @ state.g, abs=10 * DIFFERENCES)
-
-
-@every_arm
 def test_dJ_dq_is_the_derivative_of_the_jacobian_times_dq(arm):
     robot = Robot(*ARMS[arm])
     still = np.zeros(robot.n)
@@ -306,24 +291,6 @@ def test_the_kinematics_of_a_dynamic_state_are_those_of_a_state(arm):
             robot.dynamic_state(q, dq).arm, robot.state(q, dq), strict=True
         ):
             np.testing.assert_array_equal(of_dynamics, expected)
-
-
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_the_model_of_an_arm_moves_as_forward_dynamics_says(name):
-    """B ddq = tau - C dq - g with the articulated-body algorithm, which has no B."""
-    urdf, base, tip, joints = ARMS[name]
-    robot = Robot(urdf, base, tip, joints)
-    model = pin.buildModelFromXML(urdf)
-    others = [model.getJointId(joint) for joint in model.names[1:] if joint not in robot.joints]
-    model = pin.buildReducedModel(model, others, pin.neutral(model))
-    assert model.nq == robot.n
-    for (q, dq), (tau, _) in zip(
-        configurations(robot.n, key=12), configurations(robot.n, key=13), strict=True
-    ):
-        state = robot.dynamic_state(q, dq)
-        ddq = pin.aba(model, model.createData(), q, dq, 10 * tau)
-        balance = state.B @ ddq + state.C_dq + state.g
-        np.testing.assert_allclose(balance, 10 * tau, rtol=0, atol=DYNAMICS)
 
 
 # A bead of 2 kg slides on a rod of 3 kg that turns about the horizontal y.
@@ -361,15 +328,6 @@ def test_a_bead_on_a_turning_rod_has_the_dynamics_of_the_textbook(phi, r):
         (state.dJ_dq, dJ_dq),
     ):
         np.testing.assert_allclose(found, expected, rtol=0, atol=DYNAMICS)
-
-
-def test_an_arm_of_one_joint_is_a_pendulum():
-    robot = Robot(BEAD, "", "rod")
-    state = robot.dynamic_state(np.array([0.3]), np.array([2.0]))
-    assert robot.n == 1
-    np.testing.assert_allclose(state.B, [[0.16 + 3 * 0.4**2 + 0.02]], rtol=0, atol=DYNAMICS)
-    np.testing.assert_allclose(state.g, [-9.81 * 3 * 0.4 * math.cos(0.3)], rtol=0, atol=DYNAMICS)
-    np.testing.assert_allclose(state.C_dq, [0], rtol=0, atol=DYNAMICS)
 
 
 def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
@@ -410,17 +368,6 @@ def test_gravity_is_the_vector_that_is_given_in_the_root(gravity):
             before = upright.dynamic_state(q, dq)
             assert_same_dynamics(state, before._replace(g=state.g))
             assert np.abs(state.g - before.g).max() > 1
-
-
-def test_gravity_turned_with_the_arm_makes_the_same_efforts():
-    urdf = with_inertia(ARM)
-    level = urdf.replace('xyz="0.1 0.2 0.3" rpy="0.3 -0.4 0.5"', 'xyz="0 0 0"')
-    assert level != urdf
-    turned = Robot(level, "base", "hand", (), tuple(MOUNT[1].T @ GRAVITY))
-    for q, dq in configurations(3, key=16):
-        assert_same_dynamics(
-            turned.dynamic_state(q, dq), Robot(urdf, "base", "hand").dynamic_state(q, dq)
-        )
 
 
 @every_arm
@@ -514,36 +461,6 @@ def test_the_limits_are_those_of_the_active_joints_in_their_order():
     assert limits.upper.tolist() == [math.inf, 0.5, 2.0]
     assert limits.velocity.tolist() == [1.0, 0.2, 3.0]
     assert limits.effort.tolist() == [10.0, 20.0, 30.0]
-
-
-def test_a_state_does_not_change_when_another_is_computed():
-    for robot in (Robot(ARM, "base", "hand"), Robot(ARM, "", "hand"), catalogue_robot("ur5")[0]):
-        q = np.linspace(0.1, 0.5, robot.n)
-        state = robot.state(q, np.ones(robot.n))
-        kept = RobotState(*(array.copy() for array in state))
-        robot.state(q + 1, np.ones(robot.n))
-        for before, after in zip(kept, state, strict=True):
-            np.testing.assert_array_equal(before, after)
-
-
-def test_the_rotation_of_a_tip_is_a_rotation():
-    for name in CATALOGUE:
-        robot, _ = catalogue_robot(name)
-        for q, dq in configurations(robot.n, key=5):
-            R_e = robot.state(q, dq).R_e
-            np.testing.assert_allclose(R_e @ R_e.T, np.eye(3), rtol=0, atol=ALGEBRAIC)
-            assert np.linalg.det(R_e) == pytest.approx(1, abs=ALGEBRAIC)
-
-
-def test_a_joint_turns_the_tip_about_the_axis_that_the_jacobian_names():
-    robot, home = catalogue_robot("ur5")
-    before = robot.state(home, np.zeros(6))
-    for i in range(6):
-        q = home.copy()
-        q[i] += 0.7
-        after = robot.state(q, np.zeros(6))
-        turn = rodrigues(0.7, before.J[3:, i])
-        np.testing.assert_allclose(after.R_e, turn @ before.R_e, rtol=0, atol=ALGEBRAIC)
 
 
 # --- refusals -----------------------------------------------------------------------------

@@ -1,0 +1,82 @@
+"""Arms of the catalogue, frames near them, and one that moves by forward dynamics."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+from samples import Array, rodrigues, unit_vectors
+
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, Tool
+
+
+def robot_of(name, **options):
+    """Return a robot of the catalogue."""
+    about = load_robot(name)
+    return Robot(about.urdf, about.base_frame, about.tip_frame, about.joints, **options)
+
+
+@cache
+def robot_named(name):
+    """Return a robot of the catalogue and its home; not to be changed."""
+    return robot_of(name), np.array(load_robot(name).home)
+
+
+UR5, HOME = robot_named("ur5")
+STILL = np.zeros(6)
+
+
+def pose_of(robot, q):
+    """Return the frame of the tip at rest."""
+    state = robot.state(q, np.zeros(robot.n))
+    return DesiredFrame(state.p_e, state.R_e)
+
+
+def displaced(distance=0.03, angle=0.4, key=0, robot=UR5, q=HOME):
+    """Return home's pose moved and turned in random directions."""
+    along, about_axis = unit_vectors(2, key=300 + key)
+    home = pose_of(robot, q)
+    return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
+
+
+class Plant:
+    """An arm of the catalogue that moves as eq. (32) says, by forward dynamics: no B, no C dq."""
+
+    def __init__(self, name="ur5", tool=None, friction=None, payload=0.0):
+        robot, home = robot_named(name)
+        model = pin.buildModelFromXML(load_robot(name).urdf)
+        others = [model.getJointId(j) for j in model.names[1:] if j not in robot.joints]
+        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        self.tip = self.model.getFrameId(robot.tip_frame)
+        self.frame = self.model.frames[self.tip]
+        for body in (tool, Tool(payload, np.zeros(3), np.zeros((3, 3)))):
+            if body is not None:
+                inertia = self.frame.placement.act(pin.Inertia(*body))
+                self.model.inertias[self.frame.parentJoint] += inertia
+        self.data = self.model.createData()
+        self.friction = friction
+        self.q, self.dq = home.copy(), np.zeros(robot.n)
+
+    def acceleration(self, q: Array, dq: Array, tau: Array, w: Array | None = None) -> Array:
+        """Return ddq (n,), with the wrench w (6,) of the environment on the tip, base axes."""
+        if self.friction is not None:
+            tau = tau - self.friction.effort(dq)
+        forces = pin.StdVec_Force(self.model.njoints, pin.Force.Zero())
+        if w is not None:
+            pin.framesForwardKinematics(self.model, self.data, q)
+            turn = pin.SE3(self.data.oMf[self.tip].rotation.T, np.zeros(3))
+            in_joint = self.frame.placement.act(turn.act(pin.Force(w)))
+            forces[self.frame.parentJoint] = in_joint
+        return pin.aba(self.model, self.data, q, dq, tau, forces).copy()
+
+    def tip_acceleration(self, q, dq, ddq):
+        """Return the acceleration (6,) of the tip; the base is the root."""
+        pin.forwardKinematics(self.model, self.data, q, dq, ddq)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.getFrameClassicalAcceleration(self.model, self.data, self.tip, world).vector
+
+    def step(self, tau, dt=1e-3):
+        """Move on by dt, semi-implicitly."""
+        self.dq = self.dq + dt * self.acceleration(self.q, self.dq, tau)
+        self.q = self.q + dt * self.dq
