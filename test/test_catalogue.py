@@ -178,12 +178,6 @@ def test_a_broken_urdf_is_refused_with_the_reason(
     assert "robot 'my'" in str(caught.value)
 
 
-def test_links_that_carry_each_other_are_refused() -> None:
-    loop = TWO_LINKS.replace('<parent link="base"/>', '<parent link="finger"/>')
-    with pytest.raises(RobotError, match="'arm' is not carried by link 'base'"):
-        UrdfTree(loop)
-
-
 def test_a_limit_that_is_not_stated_is_infinite() -> None:
     stated = UrdfTree(TWO_LINKS).joints["swing"]
     assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)

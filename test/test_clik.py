@@ -100,14 +100,6 @@ def test_the_orientation_error_decays_component_by_component_while_the_frame_tur
     np.testing.assert_allclose(error, decay * error[0], rtol=0, atol=largest * CLOSED_LOOP)
 
 
-def test_the_angle_of_the_rotation_vector_decays_with_its_gain_while_the_frame_turns():
-    start = displaced(angle=2.0)
-    ticks = run(clik("rotation_vector"), lambda t: moving(start, t), 500)
-    theta = np.array([np.linalg.norm(tick.x_de.error) for tick in ticks])
-    expected = 2.0 * np.exp(-K * DT * np.arange(500))
-    np.testing.assert_allclose(theta, expected, rtol=0, atol=2.0 * CLOSED_LOOP)
-
-
 @pytest.mark.parametrize("angle", [0.5, 1.5, 2.5])
 def test_eta_follows_the_hyperbolic_tangent_while_the_frame_turns(angle):
     start = displaced(angle=angle)

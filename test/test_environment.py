@@ -44,8 +44,6 @@ PRESSED = 1e-5
 ROUND_DEPTH = 1e-3
 ROUND_NORMAL = 0.02
 
-# Coulomb friction while sliding, relative; 4e-12 seen.
-SLIDING = 1e-6
 
 # Speed of the point that friction holds, m/s.
 HELD = 1e-6
@@ -53,8 +51,6 @@ HELD = 1e-6
 # Brakes leave speeds of MOTOR_SPEED, against which solids of 1e6 N/m and 100 Ns/m push, N.
 BRAKED = 1e-3
 
-# A tool at rest: speed [rad/s] of an arm with damping after 4 s; 6e-7 seen.
-REST = 1e-5
 
 # --- samples -------------------------------------------------------------------------
 
@@ -207,10 +203,6 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape: str) -> N
         ({"shpae": "box"}, "environment.odd.shape is missing; expected one of .*; found shpae"),
         ({"shape": "boxx"}, "unknown value of environment.odd.shape: 'boxx' (did you mean 'box'?)"),
         (
-            EXAMPLES["spring"] | {"stiffness": -1},
-            "environment.odd.stiffness is -1; expected one finite number or 3 of 0 or more [N/m]",
-        ),
-        (
             EXAMPLES["spring"] | {"stiffness": [1.0, 2.0]},
             "environment.odd.stiffness is [1.0, 2.0]; expected one finite number or 3",
         ),
@@ -223,7 +215,6 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape: str) -> N
             "environment.odd.orientation is [0.0, 0.0, 1.0, 1.0], of norm 1.41421; expected a unit",
         ),
         (EXAMPLES["box"] | {"stiffness": 0.0}, "expected a finite number above 0 [N/m]"),
-        (EXAMPLES["box"] | {"stiffness": math.inf}, "environment.odd.stiffness is inf; expected"),
         (EXAMPLES["box"] | {"size": [1.0, 1.0, 0.0]}, "expected 3 finite numbers above 0 [m]"),
         (EXAMPLES["box"] | {"friction": 11}, "expected a finite number from 0 to 10"),
         (EXAMPLES["plane"] | {"damping": -1.0}, "expected a finite number of 0 or more [Ns/m]"),
@@ -232,9 +223,7 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape: str) -> N
             "unknown value of environment.odd.frame: 'tol' (did you mean 'tool'?)",
         ),
         (EXAMPLES["push"] | {"end": 0.5}, "environment.odd: end is 0.5 s; expected it after start"),
-        (EXAMPLES["push"] | {"end": 1.0, "ramp": 0}, "end is 1 s; expected it after start 1 s"),
         (EXAMPLES["push"] | {"ramp": 1.1}, "of 1.1 s each, two ramps"),
-        (EXAMPLES["push"] | {"ramp": math.inf}, "environment.odd.ramp is inf; expected a finite"),
         ({"shape": "push"}, "environment.odd: force and moment are both zero"),
     ],
 )
@@ -677,34 +666,6 @@ def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_momen
     sim.close()
 
 
-@pytest.mark.parametrize("stiffness", STIFFNESSES)
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_tool_under_gravity_compensation_and_a_spring_comes_to_rest_on_a_box(
-    name: str, stiffness: float
-) -> None:
-    for shape in ("sphere", "box"):
-        law, top = Law(name), lowest(name, shape) - 5e-4
-        box = {
-            "shape": "box", "size": [1, 1, 0.2], "position": [*law.p[:2], top - 0.1],
-            "stiffness": stiffness, "damping": 2.0 * math.sqrt(stiffness), "friction": 0.5,
-        }  # fmt: skip
-        tool = upright_tool(name, shape)
-        sim = simulated(name, control="torque", environment={"box": box}, **tool)
-        for _ in range(3000):
-            sim.command_effort(law.effort(sim.read(), push=(0.0, 0.0, -20.0)))
-            sim.step()
-        state = sim.read()
-        assert np.abs(state.dq).max() < REST
-        p, R = placement(name, state.q)
-        depth = top - (p + R @ tool["tool_position"])[2] + (0.02 if shape == "sphere" else 0.03)
-        force = R @ state.wrench[:3]
-        assert 7.0 < force[2] < 20.0
-        assert np.linalg.norm(force[:2]) < 0.5 * force[2] * (1.0 + SLIDING)
-        if shape == "sphere":
-            assert force[2] == pytest.approx(stiffness * depth, rel=PRESSED, abs=1e-3)
-        sim.close()
-
-
 @pytest.mark.parametrize("damping", [0.0, 300.0])
 def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping: float) -> None:
     k, height = 2e4, lowest("ur5", "sphere")
@@ -880,7 +841,6 @@ def test_the_brakes_feel_a_solid_that_a_link_touches() -> None:
         ({"tool_shape": "spere"}, "unknown value of tool_shape: 'spere' (did you mean 'sphere'?)"),
         ({"tool_shape": "box"}, "tool_size is []; expected x, y, z of a box, above 0 [m]"),
         ({"tool_shape": "sphere", "tool_size": (0.1, 0.1)}, "expected radius of a sphere"),
-        ({"tool_shape": "capsule", "tool_size": (0.1, 0.0)}, "radius, length of a capsule"),
         ({"tool_shape": "sphere", "tool_size": math.nan}, "tool_size is [nan]; expected radius"),
         ({"tool_size": (0.1,)}, "tool_size is given without tool_shape"),
         ({"tool_position": (0.1,)}, "tool_position must be 3 numbers"),

@@ -257,12 +257,6 @@ def test_a_file_may_say_otherwise_what_a_node_needs(tmp_path: Path) -> None:
     assert parameters["command_type"] == "none"
 
 
-def test_the_page_begins_with_the_picture_that_the_file_names(tmp_path: Path) -> None:
-    assert load_experiment(str(write(tmp_path, GOOD))).picture == "orientation_error"
-    content = changed(picture="moment")
-    assert load_experiment(str(write(tmp_path, content))).picture == "moment"
-
-
 def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: Path) -> None:
     criteria = [
         {
@@ -297,48 +291,29 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
     [
         (changed(variant={}), "unknown key 'variant' (did you mean 'variants'?); known: chart"),
         (changed(claim=None), "the key 'claim' is missing"),
-        (changed(duration=None), "the key 'duration' is missing"),
         (changed(variants=None), "the key 'variants' is missing"),
         (changed(variants={}), "variants must name at least one"),
-        (changed(variants=["first"]), "variants must name at least one"),
         (changed(variants={"a/b": {}}), "variant 'a/b': use letters, digits, _"),
-        (changed(variants={"..": {}}), "variant '..': use letters, digits, _"),
         (changed(variants={"logs": {}}), "variant 'logs': this is the name of the folder of the"),
         (changed(duration=0), "duration must be > 0"),
-        (changed(duration=-1.0), "duration must be > 0"),
-        (changed(duration="long"), "duration must be > 0"),
         (changed(duration=True), "duration must be > 0"),
-        (changed(duration=float("inf")), "duration must be > 0"),
         (changed(controller="klik"), "unknown controller 'klik' (did you mean 'clik'?)"),
         (changed(nodes={"klik": {}}), "unknown node in nodes 'klik' (did you mean 'clik'?)"),
         (changed(nodes={"clik": 3}), "nodes: clik: expected names and values"),
-        (changed(nodes=["clik"]), "nodes: expected parameters by node"),
         (
             changed(variants={"a": {"bridge": {}}}),
             "unknown node or key in variant a 'bridge'; known: clik, controller, ",
         ),
-        (changed(variants={"a": {"claim": "x"}}), "unknown node or key in variant a 'claim'"),
         (changed(variants={"a": [1]}), "variant a: expected parameters by node, or keys"),
-        (changed(variants={"a": {"duration": 0}}), "variant a: duration must be > 0"),
-        (changed(variants={"a": {"controller": "klik"}}), "unknown controller 'klik'"),
         (changed(variants={"a": {"robot": 5}}), "variant a: robot: expected a name or a path"),
         (
             changed(variants={"a": {"dynamic_control": {"k_Po": 1.0}}}),
             "variant a: parameters of dynamic_control, but its controller is clik",
         ),
-        (
-            changed(variants={"a": {"controller": "admittance", "dynamic_control": {}}}),
-            "variant a: parameters of dynamic_control, but its controller is admittance",
-        ),
-        (
-            changed(controller="impedance_control", variants={"a": {"clik": {"k_Po": 1.0}}}),
-            "variant a: parameters of clik, but its controller is impedance_control",
-        ),
         (changed(picture="momet"), "unknown picture 'momet' (did you mean 'moment'?); known: disp"),
         (changed(may_diverge="no"), "the experiment: may_diverge: expected true or false"),
         (changed(start_at_reference=1), "start_at_reference: expected true or false"),
         (changed(start_turn=[0.0, 1.0]), "start_turn: expected [x, y, z] in rad"),
-        (changed(start_turn=[0.0, 1.0, "z"]), "start_turn: expected [x, y, z] in rad"),
         (changed(start_turn=[0.0, 0.0, float("nan")]), "start_turn: expected [x, y, z] in rad"),
         (
             changed(start_turn=[0.0, 0.0, 1.0], start_at_reference=None),
@@ -347,13 +322,8 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (changed(summary="{growth_rate.first}"), "options of the metric 'growth_rate': missing"),
         (changed(summary="{peak_effort.third}"), "unknown variant in the summary 'third'"),
         (criterion(spread=["first"]), "spread: expected two variants or more"),
-        (criterion(spread=["first", "third"]), "unknown variant in a criterion 'third'"),
         (
             criterion(spread=["first", "second"], ratio=["first", "second"]),
-            "expected one of 'variants', 'ratio', 'difference' and 'spread'",
-        ),
-        (
-            criterion(difference=["first", "second"], variants=["first"]),
             "expected one of 'variants', 'ratio', 'difference' and 'spread'",
         ),
         (criterion(difference=["first"]), "difference: expected two variants"),
@@ -363,7 +333,6 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (changed(predictions=[{"quantity": "force", "value": 1}]), "the key 'text' is missing"),
         (predicted(quantity="forse"), "unknown picture 'forse' (did you mean 'force'?)"),
         (predicted(), "expected one of 'value', 'points' and 'form'"),
-        (predicted(value=1.0, points=[[0, 1]]), "expected one of 'value', 'points' and 'form'"),
         (predicted(value="large"), "value: expected a number"),
         (predicted(points=[[0, 1, 2]]), "points: expected [[x, y], ...]"),
         (predicted(form="error_14"), "unknown form of a prediction 'error_14' (did you mean"),
@@ -375,24 +344,19 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
         (charted(measured=[1]), "chart: measured: expected lines by name"),
         (charted(predicted={"b": [1, 2]}), "chart: b: expected [[x, y], ...]"),
         (charted(log="z"), "chart: log: expected x, y or xy"),
-        (criterion(difference=["first", "third"]), "unknown variant in a criterion 'third'"),
         (changed(equations="(28)"), "equations: expected a list"),
         (changed(criteria={"metric": "x"}), "criteria: expected a list"),
         (changed(criteria=[{"below": 1}]), "a criterion needs a metric"),
         (criterion(metric="peak_speed"), "(did you mean 'peak_joint_speed'?); known: "),
-        (criterion(metric=["peak_joint_speed"]), "unknown metric"),
         (criterion(under=1), "unknown key of a criterion 'under'; known: above, below"),
         (criterion(variants=["third"]), "unknown variant in a criterion 'third'"),
         (criterion(variants="first"), "variants: expected a list"),
-        (criterion(ratio=["first", "third"]), "unknown variant in a criterion 'third'"),
         (criterion(ratio=["first"]), "ratio: expected two variants"),
         (criterion(below=None), "expected 'above' or 'below', a number"),
-        (criterion(below="small"), "expected 'above' or 'below', a number"),
         (criterion(options={"frm": 1}), "options of the metric 'peak_joint_speed'"),
         (criterion(metric="period_growth"), "options of the metric 'period_growth'"),
         ("[1, 2", "expected ',' or ']'"),
         ("just words", "expected the keys chart, claim, controller"),
-        ("", "expected the keys chart, claim, controller"),
     ],
 )
 def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
@@ -544,12 +508,6 @@ def test_a_bag_that_exists_is_not_written_over(tmp_path: Path) -> None:
     assert list((tmp_path / "out").rglob("*")) == [tmp_path / "out/first"]
 
 
-def test_a_criterion_of_variants_that_did_not_run_is_left_out(tmp_path: Path) -> None:
-    content = criterion(ratio=["first", "angles"])
-    experiment = load_experiment(str(write(tmp_path, content)))
-    assert judge(experiment, {}) == []
-
-
 def recordings(folder: Path, **speeds: float) -> dict[str, Recording]:
     """Return runs whose largest joint speeds are these."""
     return {
@@ -696,13 +654,6 @@ def test_two_runs_are_the_same_to_the_bit(finished: tuple[Path, Process], topic:
     assert first == second
 
 
-def test_another_representation_gives_other_commands(finished: tuple[Path, Process]) -> None:
-    folder, _ = finished
-    first, angles = (raw(folder / name, "/joint_reference") for name in ("first", "angles"))
-    assert first.keys() == angles.keys()
-    assert first != angles
-
-
 def test_a_run_leaves_its_numbers_a_page_and_no_process(finished: tuple[Path, Process]) -> None:
     folder, process = finished
     summary = json.loads((folder / "summary.json").read_text())
@@ -823,23 +774,6 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
     process = run(folder, str(write(folder, content)))
     assert process.end() == 0, process.log
     return folder / "out/short", process
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "scale"), [("kinematic", 1.0), ("dynamic", 800.0)])
-def test_a_way_point_at_time_0_is_a_step_that_holds(
-    mixed: tuple[Path, Process], name: str, scale: float
-) -> None:
-    found = load(mixed[0] / name)
-    error = found.leading.orientation_error
-    assert error[0] == pytest.approx(0.5, abs=1e-9)
-    assert len(error) == 201
-    assert error[-1] < 0.1
-    frames = found.leading.desired
-    assert (frames.R[frames.known] == frames.R[0]).all()
-    assert found.lyapunov is not None
-    V_1 = 2 * (1 - math.cos(0.25))  # eq. (30); V_2 has k_Po in front of it
-    assert found.lyapunov.V[0] == pytest.approx(scale * V_1, rel=1e-6)
 
 
 @pytest.mark.slow

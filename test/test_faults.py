@@ -31,7 +31,6 @@ from eulerparams_control.lab.faults import (
 )
 from eulerparams_control.lab.faults.fields import numbers
 
-CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
 SECOND = 1_000_000_000
 
 # A sum of two times of order 1.
@@ -274,15 +273,6 @@ def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotati
     assert true == reference()
 
 
-def test_faults_of_nodes_do_nothing_to_messages() -> None:
-    found = stream(
-        "{fault: kill, node: clik, at: 0}",
-        "{fault: second_publisher, topic: joint_states, at: 0, for: 1}",
-    )
-    msg = state(0)
-    assert found.on_message(0.5, "joint_states", msg)[0] is msg
-
-
 # --- together ---------------------------------------------------------------------------------
 
 
@@ -389,18 +379,13 @@ def changed(**changes: Any) -> dict[str, Any]:
     ("content", "words"),
     [
         ("drop", "a fault needs the key 'fault', one of clock_jump, delay, drop, duplicate, freez"),
-        (changed(fault=None), "a fault needs the key 'fault'"),
         (changed(fault="dorp"), "unknown fault 'dorp' (did you mean 'drop'?); known: clock_jump, "),
         (changed(topic="joint_state"), "(did you mean 'joint_states'?); known: joint_effort, "),
-        (changed(topic=""), "unknown topic of the fault 'drop' ''"),
         (changed(topic="robot"), "unknown topic of the fault 'drop' 'robot'"),
         (changed(topic=3), "fault 'drop': topic: 3; expected a name"),
         (changed(topic=None), "the key 'topic' is missing; it needs topic, at, for"),
-        (changed(at=None), "the key 'at' is missing"),
-        (changed(for_=None), "the key 'for' is missing"),
         (changed(at=-0.1), "at: -0.1; expected a number from 0 to 1e+06, when it begins [s]"),
         (changed(at=math.nan), "at: nan; expected a number"),
-        (changed(at="soon"), "at: 'soon'; expected a number"),
         (changed(at=True), "at: True; expected a number"),
         (changed(for_=-1), "for: -1.0; expected a number from 0"),
         (changed(probability=1.1), "probability: 1.1; expected a number from 0 to 1"),
@@ -408,8 +393,6 @@ def changed(**changes: Any) -> dict[str, Any]:
             changed(propability=1),
             "'propability' (did you mean 'probability'?); known: at, for, pro",
         ),
-        (changed(duration=1), "unknown key of the fault 'drop' 'duration'"),
-        (changed(fault="delay"), "the key 'by' is missing; it needs topic, at, for, by"),
         (changed(fault="delay", by=-1), "by: -1.0; expected a number from 0 to 60, how late [s]"),
         (changed(fault="reorder", depth=1), "depth: 1; expected a number from 2 to 100"),
         (changed(fault="reorder", depth=2.5), "depth: 2.5; expected a whole number"),
@@ -418,9 +401,6 @@ def changed(**changes: Any) -> dict[str, Any]:
             changed(fault="nan", value="zero"),
             "unknown value of the fault 'nan' 'zero'; known: -inf",
         ),
-        (changed(fault="nan", field=1), "field: 1; expected a name"),
-        (changed(fault="noise"), "the key 'std' is missing"),
-        (changed(fault="clock_jump", by=math.nan), "by: nan; expected a number"),
         (changed(fault="kill"), "unknown key of the fault 'kill' "),
         ({"fault": "kill", "at": 1.0}, "the key 'node' is missing; it needs at, node"),
         ({"fault": "kill", "at": 1.0, "node": 3}, "node: 3; expected a name"),
@@ -449,23 +429,6 @@ def test_yaml_may_say_a_number_that_is_not_finite_as_a_number(value: float) -> N
 # --- random sequences -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
-def test_random_faults_are_of_all_kinds_over_in_time_and_can_be_written(controller: str) -> None:
-    kinds = set()
-    for seed in range(300):
-        found = random_faults(seed, controller, 4.0)
-        assert 1 <= len(found) <= 4
-        assert list(found) == sorted(found, key=lambda one: one.at)
-        for one in found:
-            kinds.add(one.name)
-            assert one.at >= 0.4
-            assert one.end <= 2.4
-            assert parse_fault(yaml.safe_load(str(one))) == one
-            if not isinstance(one, Kill) and math.isfinite(one.duration):
-                assert 0.01 <= one.duration <= 0.5
-    assert kinds == set(Fault.registry)
-
-
 @pytest.mark.parametrize(
     ("controller", "topics"),
     [
@@ -474,12 +437,26 @@ def test_random_faults_are_of_all_kinds_over_in_time_and_can_be_written(controll
         ("impedance_control", {"joint_states", "wrench", "reference", "joint_effort"}),
     ],
 )
-def test_random_faults_are_on_all_topics_of_their_controller(
+def test_random_faults_are_of_all_kinds_on_all_topics_over_in_time_and_can_be_written(
     controller: str, topics: set[str]
 ) -> None:
-    found = [one for seed in range(300) for one in random_faults(seed, controller, 4.0)]
-    assert {one.topic for one in found} - {"", "robot"} == topics
-    assert {one.node for one in found if isinstance(one, Kill)} == {controller}
+    kinds, hit, killed = set(), set(), set()
+    for seed in range(300):
+        found = random_faults(seed, controller, 4.0)
+        assert 1 <= len(found) <= 4
+        assert list(found) == sorted(found, key=lambda one: one.at)
+        for one in found:
+            kinds.add(one.name)
+            hit.add(one.topic)
+            killed.add(one.node if isinstance(one, Kill) else controller)
+            assert one.at >= 0.4
+            assert one.end <= 2.4
+            assert parse_fault(yaml.safe_load(str(one))) == one
+            if not isinstance(one, Kill) and math.isfinite(one.duration):
+                assert 0.01 <= one.duration <= 0.5
+    assert kinds == set(Fault.registry)
+    assert hit - {"", "robot"} == topics
+    assert killed == {controller}
 
 
 def test_random_faults_kill_whom_they_may() -> None:

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5, Plant, robot_named, robot_of
+from arms import HOME, STILL, UR5, Plant, robot_named
 from samples import about, derivative, generator, moving, rodrigues, uniform, unit_vectors
 from tolerances import (
     ALGEBRAIC,
@@ -20,7 +20,6 @@ from tolerances import (
     DIFFERENCES,
     E19_FORCE,
     ERROR_EQUATION,
-    INERTIAL_FORCE,
     KINEMATICS,
     NO_JUMP,
     SETTLED,
@@ -805,34 +804,6 @@ def test_a_hold_and_a_resume_keep_the_efforts_as_they_are():
     last = scheme.last_command(q, STILL)
     np.testing.assert_allclose(last.effort, UR5.dynamic_state(q, STILL).g, rtol=0, atol=1e-9)
     np.testing.assert_allclose(last.frame.p_d, UR5.state(q, STILL).p_e, rtol=0, atol=KINEMATICS)
-
-
-# --- a tool beyond the sensor ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("inertial", [True, False])
-def test_a_moving_tool_is_no_contact_if_its_inertia_is_taken_out(inertial):
-    tool = Tool(2.0, np.array([0.02, -0.03, 0.08]), np.diag([0.01, 0.02, 0.015]))
-    robot = robot_of("ur5", tool=tool)
-    sensor = robot.placement(load_robot("ur5").sensor_frame)
-    np.testing.assert_allclose(sensor.R, I, atol=KINEMATICS)  # so that the tool is the same there
-    np.testing.assert_allclose(sensor.p, 0, atol=KINEMATICS)
-    there = DesiredFrame(MIDDLE.p_d + [0, 0.05, 0.05], about(2, 0.5) @ MIDDLE.R_d)
-    options = WrenchOptions(tool=tool, inertial=inertial, gravity=tuple(robot.gravity))
-    scheme = impedance_control(robot=robot, wrench=options)
-    over = Run(
-        scheme, at_the_middle(), MIDDLE, follow=False,
-        tool_mass=2.0, tool_com=tool.com.tolist(), tool_inertia=[0.01, 0, 0, 0.02, 0, 0.015],
-    )  # fmt: skip
-    over.controller.follow(Trajectory([0.0, 0.4], [MIDDLE, there]), 0)
-    over.go(0.45).end()
-    felt = np.array([tick.wrench for tick in over.ticks])
-    force, moment = np.abs(felt[2:, :3]).max(), np.abs(felt[2:, 3:]).max()
-    if inertial:
-        assert force < INERTIAL_FORCE
-        assert moment < 0.1 * INERTIAL_FORCE
-    else:
-        assert force > 10 * INERTIAL_FORCE
 
 
 # --- frames that are carried, gravity -------------------------------------------------------------

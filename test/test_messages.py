@@ -265,15 +265,7 @@ def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(
         reader.from_ros(travelled(state(**changes)))
     assert words in str(refusal.value)
     assert reader.from_ros(state())[1].tolist() == [1.0, 2.0, 3.0]  # the next one is good
-
-
-@pytest.mark.parametrize(("changes", "words"), STATE_REFUSALS)
-def test_a_reader_that_has_seen_good_joint_states_refuses_the_same(
-    changes: dict[str, Any], words: str
-) -> None:
-    reader = JointStateReader(JOINTS)
-    reader.from_ros(state())
-    with pytest.raises(InvalidMessageError) as refusal:
+    with pytest.raises(InvalidMessageError) as refusal:  # nor is it taken after a good one
         reader.from_ros(travelled(state(**changes)))
     assert words in str(refusal.value)
 
@@ -308,102 +300,42 @@ def good_reference() -> MultiDOFJointTrajectory:
     return motion_to_ros(Trajectory([0.0, 1.0], frames(2, key=5)), "base_link", "tool0")
 
 
-def set_frame(msg: MultiDOFJointTrajectory) -> None:
-    msg.header.frame_id = "world"
-
-
-def set_no_frame(msg: MultiDOFJointTrajectory) -> None:
-    msg.header.frame_id = ""
-
-
-def set_tip(msg: MultiDOFJointTrajectory) -> None:
-    msg.joint_names = ["tool0", "tool1"]
-
-
-def set_no_tip(msg: MultiDOFJointTrajectory) -> None:
-    msg.joint_names = []
-
-
-def set_no_points(msg: MultiDOFJointTrajectory) -> None:
-    msg.points = []
-
-
-def set_no_transform(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].transforms = []
-
-
-def set_two_transforms(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].transforms = [Transform(), Transform()]
-
-
-def set_two_velocities(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].velocities = [Twist(), Twist()]
-
-
-def set_two_accelerations(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].accelerations = [Twist(), Twist()]
-
-
-def set_times(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].time_from_start = Duration()
-
-
-def set_position(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].transforms[0].translation.y = math.nan
-
-
-def set_twist(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].velocities[0].angular.z = math.inf
-
-
-def set_acceleration(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].accelerations[0].linear.x = math.nan
-
-
-def set_norm(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].transforms[0].rotation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
-
-
-def set_nan_quaternion(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].transforms[0].rotation.x = math.nan
-
-
-def set_huge_quaternion(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[0].transforms[0].rotation.w = 1e200  # its square is no number
-
-
-def set_long_quaternion(msg: MultiDOFJointTrajectory) -> None:
-    msg.points[1].transforms[0].rotation = Quaternion(x=0.0, y=0.0, z=0.0, w=1.01)
+def put(msg: Any, path: str, value: Any) -> None:
+    """Set the part of a message at a path such as "points.1.transforms"."""
+    *steps, name = path.split(".")
+    for step in steps:
+        msg = msg[int(step)] if step.isdigit() else getattr(msg, step)
+    setattr(msg, name, value)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("path", "value", "words"),
     [
-        (set_frame, "the reference is in the frame 'world'; expected the base frame 'base_link'"),
-        (set_no_frame, "the reference is in the frame ''; expected the base frame 'base_link'"),
-        (set_tip, "the reference is for ['tool0', 'tool1']; expected the tip frame ['tool0']"),
-        (set_no_tip, "the reference is for []; expected the tip frame ['tool0']"),
-        (set_no_points, "the reference has no points; expected at least one"),
-        (set_no_transform, "point 1 of the reference has 0 transforms"),
-        (set_two_transforms, "point 0 of the reference has 2 transforms"),
-        (set_two_velocities, "point 1 of the reference has 2 velocities"),
-        (set_two_accelerations, "point 1 of the reference has 2 accelerations"),
-        (set_times, "the times of a trajectory must increase from point to point"),
-        (set_position, "point 1 of the reference has a non-finite value"),
-        (set_twist, "point 0 of the reference has a non-finite value"),
-        (set_acceleration, "point 0 of the reference has a non-finite value"),
-        (set_norm, "quaternion (x 0, y 0, z 0, w 0) has norm 0; expected 1"),
-        (set_nan_quaternion, "has norm nan; expected 1"),
-        (set_huge_quaternion, "w 1e+200) has norm 1e+200; expected 1"),
-        (set_long_quaternion, "w 1.01) has norm 1.01; expected 1"),
+        ("header.frame_id", "world", "in the frame 'world'; expected the base frame 'base_link'"),
+        ("header.frame_id", "", "in the frame ''; expected the base frame 'base_link'"),
+        ("joint_names", ["tool0", "x"], "is for ['tool0', 'x']; expected the tip frame ['tool0']"),
+        ("joint_names", [], "is for []; expected the tip frame ['tool0']"),
+        ("points", [], "the reference has no points; expected at least one"),
+        ("points.1.transforms", [], "point 1 of the reference has 0 transforms"),
+        ("points.0.transforms", [Transform()] * 2, "point 0 of the reference has 2 transforms"),
+        ("points.1.velocities", [Twist()] * 2, "point 1 of the reference has 2 velocities"),
+        ("points.1.accelerations", [Twist()] * 2, "point 1 of the reference has 2 accelerations"),
+        ("points.1.time_from_start", Duration(), "must increase from point to point"),
+        ("points.1.transforms.0.translation.y", math.nan, "point 1 of the reference has a non-fin"),
+        ("points.0.velocities.0.angular.z", math.inf, "point 0 of the reference has a non-finite"),
+        ("points.0.accelerations.0.linear.x", math.nan, "point 0 of the reference has a non-fini"),
+        ("points.0.transforms.0.rotation", Quaternion(w=0.0), "w 0) has norm 0; expected 1"),
+        ("points.0.transforms.0.rotation.x", math.nan, "has norm nan; expected 1"),
+        ("points.0.transforms.0.rotation.w", 1e200, "has norm 1e+200; expected 1"),  # no square
+        ("points.1.transforms.0.rotation", Quaternion(w=1.01), "w 1.01) has norm 1.01; expected 1"),
     ],
 )
 def test_a_reference_that_means_nothing_is_refused_with_what_was_found(
-    change: Any, words: str
+    path: str, value: Any, words: str
 ) -> None:
     msg = good_reference()
     motion_from_ros(msg, "base_link", "tool0", 0.1)
-    change(msg)
+    put(msg, path, value)
     with pytest.raises(InvalidMessageError) as refusal:
         motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
     assert words in str(refusal.value)

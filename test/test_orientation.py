@@ -40,7 +40,6 @@ from eulerparams_control.errors import ConfigurationError, SingularityError, Unk
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
-    SIGNS,
     EulerSequence,
     OrientationOptions,
     OrientationRepresentation,
@@ -452,12 +451,3 @@ def test_the_errors_about_an_axis_have_their_closed_forms(theta):
         ):
             error = make(name).displacement(R_d, R_e).error
             np.testing.assert_allclose(error, length * r, rtol=0, atol=ALGEBRAIC)
-
-
-@pytest.mark.parametrize("name", sorted(HAS_A_SIGN))
-@pytest.mark.parametrize("sign", SIGNS)
-def test_past_180_degrees_the_sign_rule_decides_which_way_round_to_go(name, sign):
-    law = make(name, sign=sign)
-    before, after = about(2, math.radians(179)), about(2, math.radians(181))
-    x_de = law.displacement(after, np.eye(3), law.displacement(before, np.eye(3)))
-    assert math.copysign(1, x_de.error[2]) == (-1 if sign == "shortest" else 1)

@@ -18,21 +18,18 @@ from samples import (
     about,
     accelerating,
     clear_of_poles,
-    derivative,
     half_turns,
     near_pole,
     pairs_apart,
     pole_clearance,
     poles,
     rodrigues,
-    turning,
     uniform,
     unit_vectors,
     vectors,
 )
 from tolerances import (
     ALGEBRAIC,
-    DIFFERENCES,
     DISTINCT,
     ERROR_EQUATION,
     FIRST_ORDER,
@@ -472,44 +469,6 @@ def test_V_1_is_twice_one_minus_eta(theta):
             assert value == pytest.approx(2 * (1 - eta), abs=ALGEBRAIC)  # eq. (30)
             expected = -K_PO * math.sin(theta / 2) ** 2  # eq. (31)
             assert rate == pytest.approx(expected, abs=ALGEBRAIC * K_PO)
-
-
-@pytest.mark.parametrize("theta", [0.1, 1.0, 2.0, 3.0])
-def test_dV_1_is_the_derivative_of_V_1_along_eq_29(theta):
-    for (R_d, R_e), omega_d in zip(pairs_apart(theta, 15), vectors(15), strict=True):
-        law, displacements = both_signs(R_d, R_e)
-        for x_de in displacements:
-            R_d_of = turning(R_d, omega_d)
-            R_e_of = turning(R_e, law.resolved_velocity(x_de, omega_d, K_PO))
-
-            def V_at(t, law=law, d=R_d_of, e=R_e_of, x_de=x_de):
-                return law.lyapunov_1(law.displacement(d(t), e(t), x_de), K_PO).V
-
-            dV_1 = law.lyapunov_1(x_de, K_PO).dV  # eq. (31)
-            assert dV_1 < 0
-            assert derivative(V_at) == pytest.approx(dV_1, abs=DIFFERENCES)
-
-
-@pytest.mark.parametrize("theta", [0.1, 1.0, 2.0, 3.0])
-def test_dV_2_is_the_derivative_of_V_2_along_eq_41(theta):
-    for m in moving(pairs_apart(theta, 15)):
-        law, displacements = both_signs(m.R_d, m.R_e)
-        for x_de in displacements:
-            a_o = a_o_of(law, m, previous=x_de)
-            R_d_of = accelerating(m.R_d, m.omega_d, m.domega_d)
-            R_e_of = accelerating(m.R_e, m.omega_e, a_o)
-
-            def V_at(t, law=law, d=R_d_of, e=R_e_of, x_de=x_de, m=m, a_o=a_o):
-                omega_de = m.omega_d - m.omega_e + t * (m.domega_d - a_o)
-                x_de_t = law.displacement(d(t), e(t), x_de)
-                return law.lyapunov_2(x_de_t, omega_de, K_PO, K_VO).V
-
-            omega_de = m.omega_d - m.omega_e
-            value, rate = law.lyapunov_2(x_de, omega_de, K_PO, K_VO)
-            expected = 2 * K_PO * (1 - x_de.Q_de.eta) + omega_de @ omega_de / 2
-            assert value == pytest.approx(expected, abs=ALGEBRAIC * K_PO)  # eq. (42)
-            assert rate == pytest.approx(-K_VO * omega_de @ omega_de, rel=RELATIVE)  # eq. (43)
-            assert derivative(V_at) == pytest.approx(rate, abs=K_PO * DIFFERENCES)
 
 
 def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():

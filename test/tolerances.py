@@ -81,9 +81,6 @@ CLOSED_FORM = 1e-3
 # Closed loops of gain k = 10, of the first error: the explicit step leaves k dt / (2 e) = 2e-3,
 # and the curvature of the joint motion as much again.
 CLOSED_LOOP = 5e-3
-# A simulated second of the whole arm in RK4 steps of 2 ms: the truncation is 6e-10; against an
-# independent integration of (41), the long way round, 2e-8.
-CLOSED_LOOP_DYNAMICS, INDEPENDENT_RUN = 1e-8, 1e-7
 # E7: errors of an arm that is commanded at 1 kHz.
 E7_DEG, E7_MM = 5e-3, 0.02
 # dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
@@ -109,9 +106,6 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 E19_FORCE = 1e-3
 # A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
 BY_CONTACT = 0.02
-# Force [N] of a tool of 2 kg at up to 2 m/s^2, whose inertia is taken out with the acceleration
-# that was commanded: motion loop and step of the simulator leave 1e-2 m/s^2 of it each.
-INERTIAL_FORCE = 0.1
 # Change of the efforts [Nm] in a tick through changes of the law: 0.16 seen; 3 without a blend.
 SMOOTH = 0.3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
