@@ -4,10 +4,8 @@ In ``realtime`` the wall clock drives; in ``lockstep`` the step to t_k+1 is made
 command stamped t_k arrives, so that runs repeat to the bit.
 """
 
-import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -20,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from eulerparams_control.errors import (
-    ConfigurationError,
     InvalidMessageError,
     SimulationError,
     kind_of,
@@ -28,25 +25,20 @@ from eulerparams_control.errors import (
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
-from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
-from sim_bridge.drive import Drive, DriveMode, DrivePolicy, DriveReply, DriveStatus
+from sim_bridge.bridge_parameters import LOCKSTEP, BridgeParameters
+from sim_bridge.drive import Drive, DriveMode, DriveReply, DriveStatus
 from sim_bridge.drive_words import DriveWords
 from sim_bridge.environment import Environment, nest, read_environment
-from sim_bridge.environment.keys import NO_TURN
 from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.pacing import LockStep, WallClock
-from sim_bridge.parameters import CONTROLS, NO_SHAPE, TOOL_SHAPES, SimulatorParameters
-from sim_bridge.protection import SPEED_FACTOR
 from sim_bridge.pushes import push_from_ros
 from sim_bridge.simulator import Simulator, SimulatorState
-
-REALTIME, LOCKSTEP = MODES = ("realtime", "lockstep")
 
 # Of the parameters environment.NAME.KEY, any number of them.
 _ENVIRONMENT = "environment."
@@ -56,115 +48,6 @@ _REPEAT_PERIOD = 0.05
 
 # The last messages are given this long to reach their readers at the end.
 _LINGER = Duration(seconds=1.0)
-
-
-@dataclass(frozen=True)
-class BridgeParameters:
-    """Parameters of the node ``pybullet_bridge``."""
-
-    robot: str = parameter("ur5", "name of a robot of config/robots")
-    urdf: str = parameter("", "path of a URDF to take instead of a robot of the catalogue")
-    mode: str = parameter("realtime", "what drives the time", choices=MODES)
-    control: str = parameter("position", "what a command is", choices=CONTROLS)
-    rate: float = parameter(1000.0, "steps per second", unit="Hz", bounds=(10.0, 10000.0))
-    clock_rate: float = parameter(100.0, "messages of /clock", unit="Hz", bounds=(1.0, 10000.0))
-    duration: float = parameter(0.0, "ends after; 0 runs on", unit="s", bounds=(0.0, 1e6))
-    gui: bool = parameter(False, "open PyBullet's window")
-    initial_positions: tuple[float, ...] = parameter((), "of the joints; empty: home", unit="rad")
-    servo_bandwidth: float = parameter(
-        100.0, "of the joint servo in position control", unit="rad/s", bounds=(0.1, 10000.0)
-    )
-    enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
-    protective_speed: float = parameter(
-        SPEED_FACTOR,
-        "times its speed limit, a joint makes the robot stop, in torque control with limits",
-        bounds=(1.0, 1000.0),
-    )
-    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the base frame", unit="m/s^2")
-    tool_mass: float = parameter(0.0, "beyond the sensor", unit="kg", bounds=(0.0, 1000.0))
-    tool_com: tuple[float, ...] = parameter((0.0, 0.0, 0.0), "in the sensor frame", unit="m")
-    tool_inertia: tuple[float, ...] = parameter(
-        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
-    )
-    tool_shape: str = parameter(
-        NO_SHAPE, "of the tool, which touches what is around it", choices=TOOL_SHAPES
-    )
-    tool_size: tuple[float, ...] = parameter(
-        (), "radius of a sphere; x, y, z; radius, length of a cylinder or a capsule", unit="m"
-    )
-    tool_position: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), "of the shape in the sensor frame", unit="m"
-    )
-    tool_orientation: tuple[float, ...] = parameter(
-        NO_TURN, "of the shape in the sensor frame, x, y, z, w"
-    )
-    collide_links: bool = parameter(False, "let the links touch what is around them too")
-    friction_viscous: tuple[float, ...] = parameter(
-        (), "one, or one a joint; empty: damping of the URDF", unit="Nm s/rad"
-    )
-    friction_coulomb: tuple[float, ...] = parameter(
-        (), "one, or one a joint; empty: friction of the URDF", unit="Nm"
-    )
-    noise_position: float = parameter(0.0, "standard deviation", unit="rad", bounds=(0.0, 1.0))
-    noise_velocity: float = parameter(0.0, "standard deviation", unit="rad/s", bounds=(0.0, 10.0))
-    encoder_resolution: int = parameter(
-        0, "counts per turn of the encoders; 0: exact", bounds=(0, 2**31 - 1)
-    )
-    velocity_cutoff: float = parameter(
-        0.0,
-        "of the filter that derives velocities from positions; 0: as simulated",
-        unit="Hz",
-        bounds=(0.0, 5000.0),
-    )
-    noise_force: float = parameter(0.0, "standard deviation", unit="N", bounds=(0.0, 1000.0))
-    noise_torque: float = parameter(0.0, "standard deviation", unit="Nm", bounds=(0.0, 1000.0))
-    wrench_bias: tuple[float, ...] = parameter((0.0,) * 6, "of the sensor", unit="N, Nm")
-    seed: int = parameter(0, "of the noise", bounds=(0, 2**31 - 1))
-    disturbance_effort: tuple[float, ...] = parameter(
-        (), "on the joints, which do not report it; one, or one a joint; empty: none", unit="Nm"
-    )
-    command_delay: int = parameter(0, "steps until a command acts", bounds=(0, 1000))
-    command_timeout: float = parameter(
-        0.1, "without commands the robot brakes after", unit="s", bounds=(0.001, 60.0)
-    )
-    external_wrench_timeout: float = parameter(
-        0.0, "a push that is not repeated ends after; 0: never", unit="s", bounds=(0.0, 3600.0)
-    )
-    lockstep_timeout: float = parameter(
-        10.0, "without a command the run ends after", unit="s", bounds=(0.1, 3600.0)
-    )
-    wait_for_subscribers: int = parameter(
-        0, "of joint_states, before the first step in lock-step", bounds=(0, 100)
-    )
-
-    def simulator(self, environment: Environment | None = None) -> SimulatorParameters:
-        """Return what concerns the simulator, with what is around the robot."""
-        names = SimulatorParameters.__dataclass_fields__.keys() & self.__dataclass_fields__.keys()
-        values = {name: getattr(self, name) for name in names}
-        return SimulatorParameters(**values, environment=environment or {})
-
-    def policy(self) -> DrivePolicy:
-        """Return how patient the robot is."""
-        return DrivePolicy(
-            self.command_timeout,
-            self.command_delay,
-            self.external_wrench_timeout or math.inf,
-            changes_at_once=self.mode == LOCKSTEP,
-        )
-
-    def first_positions(self, joints: Sequence[str]) -> tuple[float, ...] | None:
-        """Return where the joints begin; None is at home.
-
-        Raises:
-            ConfigurationError: if it is not one for each of the joints.
-        """
-        q = self.initial_positions
-        if q and len(q) != len(joints):
-            raise ConfigurationError(
-                f"initial_positions has {len(q)} values; expected {len(joints)} for "
-                f"{', '.join(joints)}"
-            )
-        return q or None
 
 
 def declare_environment(node: Node) -> Environment:

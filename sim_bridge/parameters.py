@@ -1,6 +1,6 @@
 """What is simulated besides the robot: rate, control, tool, surroundings, friction, noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.fields import parameter
 from sim_bridge.environment import Solid, Thing, read_environment
 from sim_bridge.environment.keys import NO_TURN, rotation, unit_quaternion
 from sim_bridge.protection import SPEED_FACTOR
@@ -32,43 +33,75 @@ _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
 @dataclass(frozen=True)
-class SimulatorParameters:
-    """Parameters of :class:`sim_bridge.simulator.Simulator`.
+class SimulatedParameters:
+    """What the node and the simulator share; in the sensor frame unless it is said otherwise."""
+
+    control: str = parameter("position", "what a command is", choices=CONTROLS)
+    rate: float = parameter(1000.0, "steps per second", unit="Hz", bounds=(10.0, 10000.0))
+    gui: bool = parameter(False, "open PyBullet's window")
+    servo_bandwidth: float = parameter(
+        100.0, "of the joint servo in position control", unit="rad/s", bounds=(0.1, 10000.0)
+    )
+    enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
+    protective_speed: float = parameter(
+        SPEED_FACTOR,
+        "times its speed limit, a joint makes the robot stop, in torque control with limits",
+        bounds=(1.0, 1000.0),
+    )
+    gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the base frame", unit="m/s^2")
+    tool_mass: float = parameter(0.0, "beyond the sensor", unit="kg", bounds=(0.0, 1000.0))
+    tool_com: tuple[float, ...] = parameter((0.0, 0.0, 0.0), "in the sensor frame", unit="m")
+    tool_inertia: tuple[float, ...] = parameter(
+        (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
+    )
+    tool_shape: str = parameter(
+        NO_SHAPE, "of the tool, which touches what is around it", choices=TOOL_SHAPES
+    )
+    tool_size: tuple[float, ...] = parameter(
+        (), "radius of a sphere; x, y, z; radius, length of a cylinder or a capsule", unit="m"
+    )
+    tool_position: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "of the shape in the sensor frame", unit="m"
+    )
+    tool_orientation: tuple[float, ...] = parameter(
+        NO_TURN, "of the shape in the sensor frame, x, y, z, w"
+    )
+    collide_links: bool = parameter(False, "let the links touch what is around them too")
+    friction_viscous: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: damping of the URDF", unit="Nm s/rad"
+    )
+    friction_coulomb: tuple[float, ...] = parameter(
+        (), "one, or one a joint; empty: friction of the URDF", unit="Nm"
+    )
+    noise_position: float = parameter(0.0, "standard deviation", unit="rad", bounds=(0.0, 1.0))
+    noise_velocity: float = parameter(0.0, "standard deviation", unit="rad/s", bounds=(0.0, 10.0))
+    encoder_resolution: int = parameter(
+        0, "counts per turn of the encoders; 0: exact", bounds=(0, 2**31 - 1)
+    )
+    velocity_cutoff: float = parameter(
+        0.0,
+        "of the filter that derives velocities from positions; 0: as simulated",
+        unit="Hz",
+        bounds=(0.0, 5000.0),
+    )
+    noise_force: float = parameter(0.0, "standard deviation", unit="N", bounds=(0.0, 1000.0))
+    noise_torque: float = parameter(0.0, "standard deviation", unit="Nm", bounds=(0.0, 1000.0))
+    wrench_bias: tuple[float, ...] = parameter((0.0,) * 6, "of the sensor", unit="N, Nm")
+    seed: int = parameter(0, "of the noise", bounds=(0, 2**31 - 1))
+    disturbance_effort: tuple[float, ...] = parameter(
+        (), "on the joints, which do not report it; one, or one a joint; empty: none", unit="Nm"
+    )
+
+
+@dataclass(frozen=True)
+class SimulatorParameters(SimulatedParameters):
+    """Parameters of :class:`sim_bridge.simulator.Simulator`, checked together.
+
+    With limits no joint is faster than ten times what makes the robot stop, in any control: it is
+    locked.  The shape of the tool has no mass but ``tool_mass``.  ``servo_bandwidth`` is at most
+    ``rate``, ``velocity_cutoff`` below half of it and without ``noise_velocity``.
 
     Attributes:
-        rate: steps per second, Hz.
-        control: one of ``CONTROLS``.
-        gui: open PyBullet's window.
-        collide_links: whether not only the tool but the links of the robot touch what is
-            around it.
-        gravity: in the world frame, m/s^2; 3.
-        servo_bandwidth: of the joint servo, rad/s; at most ``rate``.
-        enforce_limits: clip commands to the limits of the URDF, and stop joints there.
-        protective_speed: with limits, and in torque control, a joint that is so many times as
-            fast as its speed limit is a reason to stop; at least 1.  Ten times that, and in any
-            control, it is locked.
-        tool_mass: of the tool beyond the sensor, kg.
-        tool_com: its centre of mass in the sensor frame, m; 3.
-        tool_inertia: xx, xy, xz, yy, yz, zz about that, sensor axes, kg m^2; 6.
-        tool_shape: that of the tool which touches what is around it, one of ``TOOL_SHAPES``;
-            it has no mass but ``tool_mass``.
-        tool_size: its numbers, see :data:`sim_bridge.shapes.SIZES`, m.
-        tool_position: of its middle in the sensor frame, m; 3.
-        tool_orientation: in the sensor frame, x, y, z, w.
-        friction_viscous: Nm s/rad; one for all joints or one for each; empty: ``damping``
-            of the URDF.
-        friction_coulomb: Nm; the same; empty: ``friction`` of the URDF.
-        noise_position, noise_velocity: standard deviations, rad and rad/s.
-            ``velocity_cutoff`` excludes the latter.
-        encoder_resolution: counts per turn, to which the noisy position is rounded;
-            0: exact.
-        velocity_cutoff: the velocity is derived from the measured position, with a low
-            pass of this cut-off, Hz; below half the rate; 0: the velocity as simulated.
-        noise_force, noise_torque: standard deviations, N and Nm.
-        wrench_bias: added to the wrench, N and Nm; 6.
-        seed: of the noise.
-        disturbance_effort: added to the efforts of the joints, which do not tell of it, Nm;
-            one for all joints or one for each; empty: none.
         environment: what is around the robot: by their names, things of
             :mod:`sim_bridge.environment`, or their keys and values.
 
@@ -76,32 +109,6 @@ class SimulatorParameters:
         ConfigurationError: if a value is impossible.
     """
 
-    rate: float = 1000.0
-    control: str = "position"
-    gui: bool = False
-    collide_links: bool = False
-    gravity: Sequence[float] = (0.0, 0.0, -9.81)
-    servo_bandwidth: float = 100.0
-    enforce_limits: bool = True
-    protective_speed: float = SPEED_FACTOR
-    tool_mass: float = 0.0
-    tool_com: Sequence[float] = (0.0,) * 3
-    tool_inertia: Sequence[float] = (0.0,) * 6
-    tool_shape: str = NO_SHAPE
-    tool_size: Sequence[float] = ()
-    tool_position: Sequence[float] = (0.0,) * 3
-    tool_orientation: Sequence[float] = NO_TURN
-    friction_viscous: float | Sequence[float] = ()
-    friction_coulomb: float | Sequence[float] = ()
-    noise_position: float = 0.0
-    noise_velocity: float = 0.0
-    encoder_resolution: int = 0
-    velocity_cutoff: float = 0.0
-    noise_force: float = 0.0
-    noise_torque: float = 0.0
-    wrench_bias: Sequence[float] = (0.0,) * 6
-    seed: int = 0
-    disturbance_effort: float | Sequence[float] = ()
     environment: Mapping[str, Thing | Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

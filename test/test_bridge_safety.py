@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from eulerparams_control.events import ExitCode
 from eulerparams_control.messages.from_ros import ns_from_ros
-from sim_bridge.bridge_node import BridgeParameters
+from sim_bridge.bridge_parameters import BridgeParameters
 from sim_bridge.parameters import SimulatorParameters
 
 # A braked joint is slower [rad/s]; brakes leave 1e-7.

@@ -32,7 +32,7 @@ from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
 from eulerparams_control.tool.identify_tool_node import IdentifyToolParameters
-from sim_bridge.bridge_node import BridgeParameters
+from sim_bridge.bridge_parameters import BridgeParameters
 
 RCLError = rclpy_implementation.RCLError
 

@@ -20,7 +20,7 @@ from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
-from sim_bridge.bridge_node import BridgeParameters
+from sim_bridge.bridge_parameters import BridgeParameters
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,66 @@
+"""Parameters of the node ``pybullet_bridge``."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.parameters.fields import parameter
+from sim_bridge.drive import DrivePolicy
+from sim_bridge.environment import Environment
+from sim_bridge.parameters import SimulatedParameters, SimulatorParameters
+
+REALTIME, LOCKSTEP = MODES = ("realtime", "lockstep")
+
+
+@dataclass(frozen=True)
+class BridgeParameters(SimulatedParameters):
+    """Parameters of the node ``pybullet_bridge``."""
+
+    robot: str = parameter("ur5", "name of a robot of config/robots")
+    urdf: str = parameter("", "path of a URDF to take instead of a robot of the catalogue")
+    mode: str = parameter("realtime", "what drives the time", choices=MODES)
+    clock_rate: float = parameter(100.0, "messages of /clock", unit="Hz", bounds=(1.0, 10000.0))
+    duration: float = parameter(0.0, "ends after; 0 runs on", unit="s", bounds=(0.0, 1e6))
+    initial_positions: tuple[float, ...] = parameter((), "of the joints; empty: home", unit="rad")
+    command_delay: int = parameter(0, "steps until a command acts", bounds=(0, 1000))
+    command_timeout: float = parameter(
+        0.1, "without commands the robot brakes after", unit="s", bounds=(0.001, 60.0)
+    )
+    external_wrench_timeout: float = parameter(
+        0.0, "a push that is not repeated ends after; 0: never", unit="s", bounds=(0.0, 3600.0)
+    )
+    lockstep_timeout: float = parameter(
+        10.0, "without a command the run ends after", unit="s", bounds=(0.1, 3600.0)
+    )
+    wait_for_subscribers: int = parameter(
+        0, "of joint_states, before the first step in lock-step", bounds=(0, 100)
+    )
+
+    def simulator(self, environment: Environment | None = None) -> SimulatorParameters:
+        """Return what concerns the simulator, with what is around the robot."""
+        values = {field.name: getattr(self, field.name) for field in fields(SimulatedParameters)}
+        return SimulatorParameters(**values, environment=environment or {})
+
+    def policy(self) -> DrivePolicy:
+        """Return how patient the robot is."""
+        return DrivePolicy(
+            self.command_timeout,
+            self.command_delay,
+            self.external_wrench_timeout or math.inf,
+            changes_at_once=self.mode == LOCKSTEP,
+        )
+
+    def first_positions(self, joints: Sequence[str]) -> tuple[float, ...] | None:
+        """Return where the joints begin; None is at home.
+
+        Raises:
+            ConfigurationError: if it is not one for each of the joints.
+        """
+        q = self.initial_positions
+        if q and len(q) != len(joints):
+            raise ConfigurationError(
+                f"initial_positions has {len(q)} values; expected {len(joints)} for "
+                f"{', '.join(joints)}"
+            )
+        return q or None
