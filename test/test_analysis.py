@@ -15,10 +15,9 @@ from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import number, quantity
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.headline import describe, fill, placeholders
-from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.lyapunov import lyapunov_series
 from eulerparams_control.analysis.main import main

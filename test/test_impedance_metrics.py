@@ -16,7 +16,11 @@ import pytest
 from synthetic_runs import write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, STEP
 
-from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.compliant import (
+    CompliantMotion,
+    rotational_residual,
+    translational_residual,
+)
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.loading import load
@@ -25,7 +29,6 @@ from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.metrics.contact import desired_rotations
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.residuals import rotational_residual, translational_residual
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, exp

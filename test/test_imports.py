@@ -21,7 +21,7 @@ FLOORS = (
     ("laws.rotations", "laws.rotations_batch"),
     ("motion.frames", "motion.trajectories", "motion.desired_motion"),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
-    ("robot.urdf", "robot.urdf_xml", "robot.urdf_inertial"),
+    ("robot.urdf",),
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),
     ("parameters.schemes", "parameters.common"),
     ("laws", "parameters"),
@@ -113,6 +113,11 @@ def test_only_nodes_import_ros_and_only_they_and_messages_import_messages(path):
 def test_only_the_ros_layer_imports_the_ros_layer(path):
     found = {name for name in imports(path, at_module_level=True) if may_import_ros(name)}
     assert may_import_ros(module_of(path)) or not found & MODULES.keys()
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_no_arrow_goes_upward(module):
+    assert {to for to in ARROWS[module] if floor_of(to) > floor_of(module)} == set()
 
 
 @pytest.mark.parametrize("module", MODULES)

@@ -3,14 +3,24 @@
 Notation: ``p_cd_d`` (3,) [m] R_d' (p_c - p_d); ``R_cd`` (3, 3) R_d' R_c; ``rho_cd_d`` (3,) [rad]
 its rotation vector; ``x`` (3,) [rad/s] R_d' (omega_c - omega_d), as in (59); all of them in the
 desired frame.
+
+The impedance equations (52), (55), (59) relate motion and wrench at the centre of compliance of the
+node impedance_control, which may be off the tip.  What they leave of a recorded wrench is 0 where
+they hold.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.analysis.controllers import centre_of_compliance, impedance_node
 from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.analysis.series import Series
+from eulerparams_control.analysis.wrenches import Wrenches
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import (
     quaternions,
@@ -94,3 +104,113 @@ class CompliantMotion:
         """
         c, d = self.frames, self.desired
         return turn_back(d.R, c.domega - d.domega - np.cross(d.omega, c.omega))
+
+
+class ImpedanceRun(NamedTuple):
+    """An impedance at work, at N instants.
+
+    Attributes:
+        motion: of the compliant and the desired frame at the centre of compliance.
+        f: (N, 3) [N] contact force, base axes; 0 if no wrench is known.
+        mu: (N, 3) [Nm] contact moment about the centre, base axes; 0 if no wrench is known.
+    """
+
+    motion: CompliantMotion
+    f: Array
+    mu: Array
+
+    @property
+    def f_d(self) -> Array:
+        """(N, 3) [N] f in the desired frame; NaN where there is none."""
+        return self._in_desired(self.f)
+
+    @property
+    def mu_d(self) -> Array:
+        """(N, 3) [Nm] mu in the desired frame; NaN where there is none."""
+        return self._in_desired(self.mu)
+
+    def _in_desired(self, vectors: Array) -> Array:
+        return turn_back(self.motion.desired.R, vectors)
+
+
+def impedance_run(
+    compliant: CompliantMotion,
+    wrench: Wrenches | None,
+    measured: Series,
+    parameters: Mapping[str, Mapping[str, Any]],
+) -> ImpedanceRun:
+    """Return motion and wrench at the centre of compliance.
+
+    Args:
+        compliant: the compliant frame of the tip.
+        wrench: at the tip; None if it is not known.
+        measured: motion of the arm; its last state before each instant counts.
+        parameters: of the recorded nodes, by node and name.
+
+    Raises:
+        BagError: if the parameters are impossible.
+    """
+    centre = centre_of_compliance(impedance_node(parameters) or {}, measured.robot)
+    motion = compliant.carrying(centre)
+    if wrench is None:
+        return ImpedanceRun(motion, np.zeros((len(motion.t), 3)), np.zeros((len(motion.t), 3)))
+    f, mu = wrench.at(compliant.t)
+    before = np.maximum(np.searchsorted(measured.t, compliant.t, side="right") - 1, 0)
+    r = measured.R_e[before] @ centre.p
+    return ImpedanceRun(motion, f, mu - np.cross(r, f))
+
+
+class _Displacement(NamedTuple):
+    """x (N, 3) [m] with its first and second derivative."""
+
+    x: Array
+    dx: Array
+    ddx: Array
+
+
+def translational_residual(compliant: CompliantMotion, f: Array, Z: Impedance, frame: str) -> Array:
+    """Return f - (M_p ddx + D_p dx + K_p x) (N, 3) [N], eq. (52); NaN without a desired frame.
+
+    Args:
+        compliant: motion of the compliant frame.
+        f: (N, 3) [N] contact force at the same instants, base axes.
+        Z: M_p, D_p, K_p.
+        frame: whose axes these refer to, "base" or "desired".
+    """
+    c, d = compliant.frames, compliant.desired
+    in_base = frame == "base"
+    x, dx, ddx = _in_base(c, d) if in_base else _in_desired(c, d)
+    f = f if in_base else turn_back(d.R, f)
+    residual: Array = f - (ddx @ Z.M.T + dx @ Z.D.T + x @ Z.K.T)
+    return residual
+
+
+def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> Array:
+    """Return mu^d - (M_o dx + D_o x + K_o' eps_cd_d) (N, 3) [Nm], eq. (59).
+
+    NaN without a desired frame.
+
+    Args:
+        compliant: motion of the compliant frame.
+        mu: (N, 3) [Nm] contact moment at the same instants, base axes.
+        Z: M_o, D_o, K_o.
+    """
+    eta, eps = compliant.Q_cd[:, :1], compliant.Q_cd[:, 1:]
+    K_eps = eps @ Z.K.T
+    mu_E = 2 * (eta * K_eps + np.cross(eps, K_eps))  # 2 E' K_o eps, eqs. (60), (66)
+    mu_d = turn_back(compliant.desired.R, mu)
+    residual: Array = mu_d - (compliant.dx @ Z.M.T + compliant.x @ Z.D.T + mu_E)
+    return residual
+
+
+def _in_base(c: Frames, d: Frames) -> _Displacement:
+    return _Displacement(c.p - d.p, c.dp - d.dp, c.ddp - d.ddp)
+
+
+def _in_desired(c: Frames, d: Frames) -> _Displacement:
+    """Return the components of p_c - p_d in the desired frame and their derivatives."""
+    p, dp, ddp = _in_base(c, d)
+    omega, domega = d.omega, d.domega
+    dx = dp - np.cross(omega, p)  # in base axes, as seen from the frame that turns
+    ddx = ddp - np.cross(domega, p) - 2 * np.cross(omega, dx) - np.cross(omega, np.cross(omega, p))
+    return _Displacement(*(turn_back(d.R, v) for v in (p, dx, ddx)))

@@ -8,7 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.analysis.digest import Curve, Digest
-from eulerparams_control.analysis.grids import joint_panel, vector_panel
+from eulerparams_control.analysis.grids import (
+    approach_lines,
+    approach_notes,
+    bands,
+    closest,
+    joint_panel,
+    top_margin,
+    vector_panel,
+)
 from eulerparams_control.analysis.labels import colour, labels, sequences
 from eulerparams_control.analysis.plots import (
     Drawing,
@@ -36,13 +44,6 @@ from eulerparams_control.analysis.quantity import (
     VectorQuantity,
 )
 from eulerparams_control.analysis.scale import axis, signed_axis
-from eulerparams_control.analysis.shades import (
-    approach_lines,
-    approach_notes,
-    bands,
-    closest,
-    top_margin,
-)
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.laws.rotations import Array
 

@@ -12,8 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import number, quantity
-from eulerparams_control.analysis.labels import labels
+from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.metrics import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import UnknownNameError

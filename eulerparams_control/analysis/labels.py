@@ -1,5 +1,6 @@
-"""Names and colours that tell runs apart, the same in every plot and table."""
+"""Names and colours that tell runs apart, the same in every plot and table; numbers as text."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -62,3 +63,18 @@ def line(index: int, count: int) -> dict[str, str | float]:
     """
     width = 1.6 + 2.4 * (1 - (index + 1) / count)
     return {"color": colour(index), "dash": dash(index), "width": round(width, 2)}
+
+
+def number(value: float) -> str:
+    """Return a number with three significant digits, in powers of ten where that is shorter."""
+    if not math.isfinite(value) or value == 0:
+        return f"{value:g}"
+    if 1e-3 <= abs(value) < 1e5:
+        digits = max(0, 2 - math.floor(math.log10(abs(value))))
+        return f"{value:.{digits}f}"
+    return f"{value:.2e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a number and its unit."""
+    return f"{number(value)} {unit}".rstrip()

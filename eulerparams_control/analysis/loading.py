@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.controllers import options_of
+from eulerparams_control.analysis.controllers import impedance_node, options_of
 from eulerparams_control.analysis.decode import Rows, joined
 from eulerparams_control.analysis.desired import DesiredFrames, References
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.impedances import impedance_node
 from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports

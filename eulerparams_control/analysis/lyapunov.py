@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.controllers import node_of
-from eulerparams_control.analysis.impedance_run import ImpedanceRun
-from eulerparams_control.analysis.impedances import (
+from eulerparams_control.analysis.compliant import ImpedanceRun
+from eulerparams_control.analysis.controllers import (
     IMPEDANCE_NODE,
     impedance_node,
+    node_of,
     rotational_impedance,
 )
 from eulerparams_control.analysis.series import Series

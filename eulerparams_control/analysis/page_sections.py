@@ -16,8 +16,7 @@ from eulerparams_control.analysis.page_tables import (
     reports,
 )
 from eulerparams_control.analysis.plots import Panel, prediction_dash
-from eulerparams_control.analysis.replay import Replay
-from eulerparams_control.analysis.replay_view import replay_section
+from eulerparams_control.analysis.replay import Replay, replay_section
 from eulerparams_control.analysis.table import Row
 from eulerparams_control.analysis.verdict import Verdict
 

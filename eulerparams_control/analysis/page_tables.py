@@ -6,8 +6,7 @@ from html import escape
 from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import quantity
-from eulerparams_control.analysis.labels import colour, dash, labels
+from eulerparams_control.analysis.labels import colour, dash, labels, quantity
 from eulerparams_control.analysis.table import MISSING, Row
 from eulerparams_control.analysis.verdict import Verdict, groups
 from eulerparams_control.messages.keys import REMEDY

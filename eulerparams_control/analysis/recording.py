@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.compliant import CompliantMotion
+from eulerparams_control.analysis.compliant import CompliantMotion, ImpedanceRun, impedance_run
 from eulerparams_control.analysis.controllers import options_of
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.impedance_run import ImpedanceRun, impedance_run
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable

@@ -8,8 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import number
-from eulerparams_control.analysis.labels import labels, sequences
+from eulerparams_control.analysis.labels import labels, number, sequences
 from eulerparams_control.analysis.metrics import get_metric
 from eulerparams_control.analysis.table_numbers import NUMBERS, TableNumber
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from eulerparams_control.analysis.format import quantity
+from eulerparams_control.analysis.labels import quantity
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.impedances import IMPEDANCE_NODE, impedance_node
+from eulerparams_control.analysis.controllers import IMPEDANCE_NODE, impedance_node
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError, RobotError
 from eulerparams_control.laws.rotations import Array

@@ -1,18 +1,25 @@
-"""Write a bag: a folder with one MCAP file, laid out as Jazzy's own recorder does."""
+"""Write a bag: a folder with one MCAP file, laid out as Jazzy's own recorder does.
+
+The index of its chunks is kept on the disk until the bag is closed: a recorder ends ten chunks a
+second, and in memory the index would grow by 9 kB/s.
+"""
 
 import contextlib
 import fcntl
 import os
+import shutil
+import tempfile
 import time
+from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from mcap.records import Attachment
+from mcap.data_stream import RecordBuilder
+from mcap.records import Attachment, ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from eulerparams_control.bags.chunk_index import spill_index
 from eulerparams_control.bags.format import (
     METADATA_FILE,
     METADATA_KEY,
@@ -26,9 +33,44 @@ from eulerparams_control.bags.format import (
 from eulerparams_control.bags.schema import message_definition
 from eulerparams_control.errors import BagError, OccupiedError
 
+# mcap's name of its list, which it appends to, and writes one by one at the end.
+_LIST = "_Writer__chunk_indices"
+
 # What a killed process loses: the chunk in progress, no larger and no older than this.
 _CHUNK_BYTES = 64 * 1024
 _CHUNK_NS = 100_000_000
+
+
+class SpilledIndex:
+    """What mcap's writer takes for its list of chunk indexes."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 (it ends with the writer)
+
+    def __del__(self) -> None:
+        """Give the file back; it has no name."""
+        self._file.close()
+
+    def append(self, index: ChunkIndex) -> None:
+        """Take one more."""
+        builder = RecordBuilder()
+        index.write(builder)
+        self._file.write(builder.end())  # type: ignore[no-untyped-call]
+
+    def __iter__(self) -> Iterator["SpilledIndex"]:
+        """Give all of them as one."""
+        yield self
+
+    def write(self, builder: Any) -> None:
+        """Write all of them."""
+        self._file.seek(0)
+        shutil.copyfileobj(self._file, builder)
+
+
+def spill_index(writer: Writer) -> None:
+    """Let a writer that has just been made keep its index on the disk."""
+    assert getattr(writer, _LIST) == []
+    setattr(writer, _LIST, SpilledIndex())
 
 
 class _Output:

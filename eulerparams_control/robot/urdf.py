@@ -1,15 +1,26 @@
-"""A URDF as the tree of links and joints that it must be."""
+"""A URDF as the tree of links and joints that it must be, whoever sent it.
+
+Its XML is parsed without entities, files or endless nesting.  The mass of a link is checked:
+Pinocchio leaves out an ``<inertial>`` that it cannot read and goes on with a massless link, so
+that the arm would be held with too little effort, and PyBullet takes it for another one.
+"""
 
 import math
 import xml.etree.ElementTree as ET
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from eulerparams_control.errors import RobotError, UnknownNameError
-from eulerparams_control.robot.urdf_inertial import check_inertial
-from eulerparams_control.robot.urdf_xml import attribute, number, numbers, parse
 
-__all__ = ["COULOMB_SPEED", "MOVING", "Limits", "UrdfTree", "attribute", "joint_friction",
-           "joint_limits"]  # fmt: skip
+LARGEST = 1e9
+"""No length, mass or inertia of an arm is larger; what is would overflow sooner or later."""
+
+_LONGEST_TEXT = 64_000_000  # characters
+_DEEPEST = 50  # elements within elements; robots have seven
+
+_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+# Entries of bodies that are points have a rounded zero on their diagonal [kg m^2].
+_ROUNDING = 1e-9
 
 MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints of one degree of freedom."""
@@ -22,6 +33,133 @@ _LONGEST_CHAIN = 200
 
 COULOMB_SPEED = 0.05
 """Coulomb friction is tanh(dq / COULOMB_SPEED) [rad/s] of its value; a step would chatter."""
+
+
+class _Builder(ET.TreeBuilder):
+    """Builds the tree; refuses what a URDF does not need and a hostile one has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = 0
+
+    def doctype(self, *_: object) -> NoReturn:
+        """Refuse a DOCTYPE: only by it come entities, which grow without bound or name files."""
+        raise RobotError("not a URDF: it has a DOCTYPE; remove it")
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        """Begin an element."""
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise RobotError(f"not a URDF: more than {_DEEPEST} elements within each other")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        """End an element."""
+        self._depth -= 1
+        return super().end(tag)
+
+
+def parse(text: str) -> ET.Element:
+    """Return the ``<robot>`` of an XML text.
+
+    Raises:
+        RobotError: if it is not XML, not a URDF, longer or deeper than a URDF is, or has a DOCTYPE.
+    """
+    if len(text) > _LONGEST_TEXT:
+        raise RobotError(f"the URDF has {len(text)} characters; expected at most {_LONGEST_TEXT}")
+    try:
+        root = ET.fromstring(text, parser=ET.XMLParser(target=_Builder()))
+    except (ET.ParseError, ValueError) as error:  # the latter for text that no file can have
+        raise RobotError(f"not valid XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotError(f"not a URDF: the root element is <{root.tag}>, expected <robot>")
+    return root
+
+
+def attribute(element: ET.Element, name: str) -> str:
+    """Return an attribute.
+
+    Raises:
+        RobotError: if there is none of this name.
+    """
+    value = element.get(name)
+    if value is None:
+        raise RobotError(f"a <{element.tag}> has no attribute '{name}'")
+    return value
+
+
+def number(text: str) -> float:
+    """Return a number as URDF has it; Python's ``1_0`` or digits of other scripts are none.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"could not convert string to float: {text!r}")
+    return float(text)
+
+
+def numbers(element: ET.Element, name: str, default: str) -> list[float]:
+    """Return the three numbers of an attribute, each finite and at most ``LARGEST``.
+
+    Raises:
+        RobotError: if they are not.
+    """
+    text = element.get(name, default)
+    try:
+        values = [number(word) for word in text.split()]
+    except ValueError as error:
+        raise RobotError(f"{name} of a <{element.tag}>: {error}") from error
+    if len(values) != 3 or not all(map(is_plausible, values)):
+        raise RobotError(
+            f"{name} of a <{element.tag}> is '{text}'; expected three numbers up to {LARGEST:g}"
+        )
+    return values
+
+
+def is_plausible(value: float) -> bool:
+    """Return whether a value is finite and not larger than ``LARGEST``."""
+    return math.isfinite(value) and abs(value) <= LARGEST
+
+
+def check_inertial(link: ET.Element) -> None:
+    """Check the ``<inertial>`` of a link; a link without one has no mass.
+
+    Raises:
+        RobotError: if mass or inertia is not stated, is no finite number, or is negative.
+    """
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    try:
+        _check_origin(inertial)
+        mass = _value(inertial, "mass", "value")
+        entries = {name: _value(inertial, "inertia", name) for name in _ENTRIES}
+    except (ValueError, RobotError) as error:
+        raise RobotError(f"inertial of link '{link.get('name')}': {error}") from error
+    negative = {name: entries[name] for name in ("ixx", "iyy", "izz") if entries[name] < -_ROUNDING}
+    if mass < 0 or negative:
+        raise RobotError(
+            f"inertial of link '{link.get('name')}': mass {mass:g} kg, negative moments "
+            f"{negative or 'none'}; expected 0 or more"
+        )
+
+
+def _check_origin(inertial: ET.Element) -> None:
+    origin = inertial.find("origin")
+    if origin is not None:
+        numbers(origin, "xyz", "0 0 0")
+        numbers(origin, "rpy", "0 0 0")
+
+
+def _value(inertial: ET.Element, part: str, name: str) -> float:
+    element = inertial.find(part)
+    if element is None:
+        raise RobotError(f"a <{inertial.tag}> has no <{part}>")
+    value = number(attribute(element, name))
+    if not is_plausible(value):
+        raise RobotError(f"{name} of <{part}> is {value:g}; expected a finite number")
+    return value
 
 
 class Limits(NamedTuple):

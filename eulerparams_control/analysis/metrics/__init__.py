@@ -15,7 +15,6 @@ recorded raises BagError.  Options that many have:
 from eulerparams_control.analysis.metrics import (
     compliant_frame,
     contact,
-    efforts,
     errors,
     motion,
     raw_messages,
@@ -34,7 +33,6 @@ __all__ = [
     "Metric",
     "compliant_frame",
     "contact",
-    "efforts",
     "errors",
     "get_metric",
     "measure",

@@ -10,19 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.impedance_run import ImpedanceRun
-from eulerparams_control.analysis.impedances import (
+from eulerparams_control.analysis.compliant import (
+    CompliantMotion,
+    ImpedanceRun,
+    rotational_residual,
+    translational_residual,
+)
+from eulerparams_control.analysis.controllers import (
     IMPEDANCE_NODE,
     impedance_node,
     rotational_impedance,
     translational_impedance,
 )
 from eulerparams_control.analysis.metrics.base import metric, quotient, within
+from eulerparams_control.analysis.metrics.contact import Axis, along, known, mean_at_end
 from eulerparams_control.analysis.metrics.stability import growth
-from eulerparams_control.analysis.metrics.vectors import Axis, along, known, mean_at_end
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.residuals import rotational_residual, translational_residual
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
 

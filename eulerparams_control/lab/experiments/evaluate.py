@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import quantity
 from eulerparams_control.analysis.headline import describe, fill
+from eulerparams_control.analysis.labels import quantity
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.recording import Recording

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.format import quantity
+from eulerparams_control.analysis.labels import quantity
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.verdict import Verdict

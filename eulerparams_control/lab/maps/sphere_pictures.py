@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from eulerparams_control.analysis.format import number
+from eulerparams_control.analysis.labels import number
 from eulerparams_control.analysis.static_image import STYLE
 from eulerparams_control.lab.maps.base import MapVariant, Picture, Table, of_variant, pictures
 from eulerparams_control.lab.maps.pressed_maps import StiffnessMap
