@@ -31,7 +31,7 @@ from eulerparams_control.lab.experiments.faulty_run import deeds, turn
 from eulerparams_control.lab.experiments.fingerprint import code_of_runs, digest
 from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.paper import paper_experiments
-from eulerparams_control.lab.experiments.processes import Stopped
+from eulerparams_control.lab.experiments.processes import RunStopped
 from eulerparams_control.lab.experiments.run_cache import Making
 from eulerparams_control.lab.experiments.runner import node_parameters
 from eulerparams_control.lab.faults import Drop, Fault, Kill, parse_faults
@@ -205,7 +205,7 @@ def test_nodes_are_killed_and_started_in_the_order_of_their_times() -> None:
 def test_runs_in_real_time_wait_for_each_other_unless_they_are_stopped() -> None:
     stop = threading.Event()
     stop.set()
-    with turn(None), pytest.raises(Stopped), turn(stop):
+    with turn(None), pytest.raises(RunStopped), turn(stop):
         raise AssertionError("two at a time")
     with turn(stop):  # it was given back
         pass

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from synthetic_runs import _START as START
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
 
-from eulerparams_control.analysis.desired import NO_START, DesiredFrames, References
+from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.loading import Options, blocks, load
 from eulerparams_control.bags import Bag, BagWriter
@@ -81,11 +81,11 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag: Path) -> None:
 
 def _references(
     sent: Sequence[int], motions: Sequence[SetPoint | Trajectory], starts: Sequence[int | None]
-) -> References:
+) -> RecordedReferences:
     frames = Frames.of([motion.frames[0] for motion in motions])
     found = {k: motion for k, motion in enumerate(motions) if isinstance(motion, Trajectory)}
     begin = np.array([NO_START if start is None else start for start in starts], dtype=int)
-    return References(np.array(sent), begin, frames, found)
+    return RecordedReferences(np.array(sent), begin, frames, found)
 
 
 def _frame(seed: int) -> DesiredFrame:

@@ -22,7 +22,7 @@ from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments.display import Display
 from eulerparams_control.lab.experiments.domains import Domain
 from eulerparams_control.lab.experiments.model import Experiment, Variant
-from eulerparams_control.lab.experiments.processes import Stopped
+from eulerparams_control.lab.experiments.processes import RunStopped
 from eulerparams_control.lab.experiments.result import Outcome
 from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
 from eulerparams_control.lab.experiments.runner import IncompleteBagError
@@ -579,7 +579,7 @@ def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(
     def run(variant: str, stop: threading.Event) -> None:
         assert stop.wait(PATIENCE)
         ends.append(variant)
-        raise Stopped
+        raise RunStopped
 
     def interrupted(*_: object, **__: object) -> None:
         while len(watch.said) < 2:

@@ -21,7 +21,7 @@ NO_START = -1
 
 
 @dataclass(frozen=True)
-class References:
+class RecordedReferences:
     """K references in the order in which they were sent.
 
     Attributes:
@@ -71,7 +71,7 @@ class DesiredFrames:
         self.knows_trajectories = False
 
     def follow(
-        self, references: References, ticks: Stamps, sent: Stamps, at: Stamps | None = None
+        self, references: RecordedReferences, ticks: Stamps, sent: Stamps, at: Stamps | None = None
     ) -> tuple[Frames, int]:
         """Return the frames at M stamps, and how many references are done with.
 
@@ -121,7 +121,7 @@ class DesiredFrames:
         self,
         found: Frames,
         going: _Motion | None,
-        references: References,
+        references: RecordedReferences,
         begun: NDArray[np.intp],
         begins: NDArray[np.intp],
         stamps: Stamps,
@@ -149,7 +149,7 @@ class DesiredFrames:
     def _streamed(
         self,
         found: Frames,
-        references: References,
+        references: RecordedReferences,
         begun: NDArray[np.intp],
         starts: Stamps,
         begins: NDArray[np.intp],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.controllers import impedance_node, options_of
 from eulerparams_control.analysis.decode import Rows, joined
-from eulerparams_control.analysis.desired import DesiredFrames, References
+from eulerparams_control.analysis.desired import DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.recording import Recording
@@ -329,7 +329,7 @@ class _Reader:
     ) -> tuple[NDArray[np.int64], Frames]:
         """Return stamps at which the desired frame is known, and the frames.
 
-        References begin at the commands, the ticks of the controller, if there are some.
+        RecordedReferences begin at the commands, the ticks of the controller, if there are some.
         """
         overlap = self._last_desired
         commands = ("joint_reference", "joint_effort")
@@ -361,13 +361,13 @@ class _Reader:
         state = self._robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
 
-    def _references(self) -> References:
+    def _references(self) -> RecordedReferences:
         queue = self._messages.get("reference")
         new = queue.everything() if queue else None
         parts = [part for part in (self._pending, new) if part is not None]
         if not parts:
             nothing = np.zeros(0, dtype=np.int64)
-            return References(nothing, nothing, Frames.nowhere(0), {})
+            return RecordedReferences(nothing, nothing, Frames.nowhere(0), {})
         found = joined(parts)
         found = self._pending = found.take(np.argsort(found.sent, kind="stable"))
         for news, start in self._parsers.began.items():
@@ -380,7 +380,7 @@ class _Reader:
             for k, sent in enumerate(found.sent.tolist())
             if sent in self._parsers.trajectories
         }
-        return References(found.sent, found.stamp, Frames(*found.values), trajectories)
+        return RecordedReferences(found.sent, found.stamp, Frames(*found.values), trajectories)
 
     def _forget(self, done: int) -> None:
         if self._pending is None:

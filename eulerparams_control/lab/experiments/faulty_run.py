@@ -15,7 +15,7 @@ from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import INJECTOR, recorded, remaps
 from eulerparams_control.lab.experiments.model import Parameters, Variant
-from eulerparams_control.lab.experiments.processes import Nodes, Stopped
+from eulerparams_control.lab.experiments.processes import Nodes, RunStopped
 from eulerparams_control.lab.experiments.run_cache import RunRecord
 from eulerparams_control.lab.faults import Fault, Kill
 
@@ -40,7 +40,7 @@ def record_faulty(
     Raises:
         SimulationError: if a node dies that was not killed; with its last words.
         BagError: if its bag holds no motion.
-        Stopped: if it was told to.
+        RunStopped: if it was told to.
     """
     controller = CONTROLLERS[settings.controller]
     with Nodes(record.path.parent, stop) as nodes:
@@ -62,10 +62,10 @@ def record_faulty(
 
 @contextmanager
 def turn(stop: threading.Event | None) -> Iterator[None]:
-    """Wait until no other run in real time goes on; raises Stopped."""
+    """Wait until no other run in real time goes on; raises RunStopped."""
     while not _REAL_TIME.acquire(timeout=0.2):
         if stop is not None and stop.is_set():
-            raise Stopped
+            raise RunStopped
     try:
         yield
     finally:

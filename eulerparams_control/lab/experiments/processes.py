@@ -36,7 +36,7 @@ def module_of(executable: str) -> str:
     raise ConfigurationError(f"the package is not installed: it has no executable '{executable}'")
 
 
-class Stopped(Exception):
+class RunStopped(Exception):
     """A run was told to stop before its end."""
 
 
@@ -148,7 +148,7 @@ class Nodes:
 
         Raises:
             SimulationError: if any node has died; with its last words.
-            Stopped: if they are to end.
+            RunStopped: if they are to end.
         """
         self.check(executable)
         return self.processes[executable].poll() is not None
@@ -161,10 +161,10 @@ class Nodes:
 
         Raises:
             SimulationError: if any node has died; with its last words.
-            Stopped: if they are to end.
+            RunStopped: if they are to end.
         """
         if self._stop.is_set():
-            raise Stopped
+            raise RunStopped
         for name, process in self.processes.items():
             if process.poll() is not None and (process.returncode != 0 or name != may_end):
                 raise SimulationError(

@@ -81,7 +81,7 @@ def run_variant(
     Raises:
         BagError: if there is a bag that is not ours, or it is not complete (IncompleteBagError).
         SimulationError: if a node dies, with its last words; not if the run may diverge and did.
-        Stopped: if it was told to.
+        RunStopped: if it was told to.
     """
     settings = experiment.variants[variant]
     record, started = RunRecord(folder, variant), time.monotonic()

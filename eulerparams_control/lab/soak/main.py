@@ -9,7 +9,7 @@ from rich.console import Console
 
 from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
-from eulerparams_control.lab.experiments.processes import Stopped
+from eulerparams_control.lab.experiments.processes import RunStopped
 from eulerparams_control.lab.soak.page import write_page
 from eulerparams_control.lab.soak.plan import CONTROLLERS, SoakPlan
 from eulerparams_control.lab.soak.record import SoakRecord
@@ -38,7 +38,7 @@ def main(args: list[str] | None = None) -> int:
     except EulerParamsError as error:
         say(console, f"error: {error}", "red")
         return 2
-    except (KeyboardInterrupt, Stopped):
+    except (KeyboardInterrupt, RunStopped):
         say(console, "stopped; nothing was written", "red")
         return 130
 

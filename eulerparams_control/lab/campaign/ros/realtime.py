@@ -62,7 +62,7 @@ def run_realtime(plan: SequencePlan, stop: threading.Event | None = None) -> Seq
 
     Raises:
         SimulationError: if a node other than the controller dies, or nothing begins.
-        Stopped: if it was told to end.
+        RunStopped: if it was told to end.
     """
     with tempfile.TemporaryDirectory(prefix="faults_") as folder:
         with Nodes(Path(folder), stop) as nodes:
