@@ -34,6 +34,7 @@ from eulerparams_control.analysis.quantities import (
 from eulerparams_control.analysis.quantity import Prediction, Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
+from eulerparams_control.bags.flaws import BagFlaw, BagWarning
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.robot.robot import Robot
 
@@ -233,7 +234,7 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
     evil_folder = EVIL.replace("/", "\\")
     parameters = {EVIL: EVIL, "euler_sequence": "XYZ"}
     run = load(write_run(tmp_path / evil_folder, [0.1, 0.2], parameters=parameters))
-    run = replace(run, warning=EVIL, diverged=1.0)
+    run = replace(run, warnings=(BagWarning(BagFlaw.DAMAGED, EVIL),), diverged=1.0)
     verdict = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
     text = page_of(tmp_path, [run, run], EVIL, EVIL, [verdict])
     assert "<script>alert" not in text

@@ -26,8 +26,8 @@ HOLDING = "holding still: <b>the arm</b> is blocked"
 
 LATE_NS = 60_000_000  # by which messages of one node overtake those of another
 
-type Saying = tuple[float, str, bytes, str, str]
-"""When [s] a node says what, with which level, and what to do."""
+type Saying = tuple[float, str, bytes, str, str | dict[str, str]]
+"""When [s] a node says what, with which level, and what to do; or other keys and their values."""
 
 STORY: Sequence[Saying] = (
     (0.0, "clik", OK, "following a reference", ""),
@@ -53,7 +53,8 @@ def write_story(
     plain = write_run(folder / "plain", measured, lasting=lasting)
     sayings = []
     for t, name, level, message, remedy in story:
-        values = [KeyValue(key="remedy", value=remedy)] if remedy else []
+        keys = remedy if isinstance(remedy, dict) else {"remedy": remedy}
+        values = [KeyValue(key=key, value=value) for key, value in keys.items()]
         status = DiagnosticStatus(
             name=namespace + name, level=level, message=message, values=values
         )
@@ -208,25 +209,26 @@ def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) ->
     assert "Reports</h2>" not in page.read_text(encoding="utf-8")
 
 
-SLOW = "active with euler_parameters: following a reference; slowed down, inside x"
+SLOW = {"mode": "following", "pace": "0.98", "frozen": "0"}
 
 
 @pytest.mark.parametrize("size", [0, 7])
 @pytest.mark.parametrize("trajectory", [True, False])
 @pytest.mark.parametrize(
-    ("message", "delays"),
+    ("keys", "delays"),
     [
         (SLOW, True),
-        ("active with xyz: following a reference; no wrench: the compliant frame is frozen", True),
-        ("active with xyz: following a reference; inside the limit of x", False),
-        ("active with xyz: holding the measured pose; slowed down, inside x", False),
+        (SLOW | {"pace": "1", "frozen": "1"}, True),
+        (SLOW | {"pace": "1"}, False),
+        (SLOW | {"mode": "holding"}, False),
+        ({"mode": "following", "pace": "fast"}, False),  # of somebody else
     ],
 )
 def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
-    tmp_path: Path, size: int, message: str, delays: bool, trajectory: bool
+    tmp_path: Path, size: int, keys: dict[str, str], delays: bool, trajectory: bool
 ) -> None:
-    story = [*STORY[:2], (0.25, "clik", WARN, message, ""), STORY[-1], (0.9, *STORY[-1][1:])]
-    story.insert(-1, (0.8, "clik", WARN, message, ""))
+    story = [*STORY[:2], (0.25, "clik", WARN, "slow", keys), STORY[-1], (0.9, *STORY[-1][1:])]
+    story.insert(-1, (0.8, "clik", WARN, "slow", keys))
     path = write_story(tmp_path, story, lasting=0.5 if trajectory else 0.0)
     for start in (0.0, 0.5):  # it is late from then on
         digest = Digest.of_parts(blocks(path, Options(start=start), size=size))
@@ -253,7 +255,7 @@ def test_a_motion_is_said_to_be_slowed_down_where_it_is(
 
 
 def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> None:
-    path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, SLOW, "")], lasting=0.5)
+    path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, "slow", SLOW)], lasting=0.5)
     assert "wait" not in load(path).warning
 
 

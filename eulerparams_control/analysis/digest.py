@@ -29,6 +29,7 @@ from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
 from eulerparams_control.analysis.table_numbers import together, values
+from eulerparams_control.bags.flaws import BagWarning, in_words
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
@@ -82,7 +83,7 @@ class Digest:
         robot: the arm.
         urdf: its text.
         parameters: of the recorded nodes, by node and name.
-        warning: what is wrong with the bag; "" if nothing.
+        warnings: what is wrong with the bag.
         why_no_wrench: why there is no contact wrench although one was recorded; "" if not so.
         diverged: [s] when the run left all numbers; None if it did not.
         start, end: [s] of what was analysed.
@@ -103,7 +104,7 @@ class Digest:
     robot: Robot = field(repr=False)
     urdf: str = field(repr=False)
     parameters: Mapping[str, Mapping[str, Any]] = field(repr=False)
-    warning: str
+    warnings: tuple[BagWarning, ...]
     why_no_wrench: str
     diverged: float | None
     start: float
@@ -119,6 +120,11 @@ class Digest:
     namespace: str = ""
     reports: Sequence[Report] = ()
     reports_left_out: int = 0
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the bag, in words; "" if nothing."""
+        return in_words(self.warnings)
 
     @property
     def name(self) -> str:
@@ -194,7 +200,7 @@ class _Making:
             last.robot,
             last.urdf,
             last.parameters,
-            last.warning,
+            last.warnings,
             last.why_no_wrench if last.sensed is not None else "",
             last.diverged,
             self._start,

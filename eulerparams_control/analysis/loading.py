@@ -23,6 +23,7 @@ from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
+from eulerparams_control.bags.flaws import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
 from eulerparams_control.laws.orientation import (
@@ -126,7 +127,7 @@ class _Reader:
         self._namespace = _namespace(bag, arms, options.namespace)
         self._topics = topics(bag, self._namespace, options.names)
         self._parameters = _parameters(bag, self._namespace)
-        self._said: dict[str, None] = {}  # warnings, an ordered set
+        self._flaws: dict[BagWarning, None] = {}  # an ordered set
         self._orientation = self._options_of_orientation()
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
@@ -152,13 +153,14 @@ class _Reader:
         base, tip = given = self._frames()
         base, tip = options.base_frame or base, options.tip_frame or tip
         if "reference" in self._topics and (base, tip) != given:
-            self._warn(f"its reference is for {given[1]} in {given[0]}, not for {tip} in {base}: "
-                       "errors are not known")  # fmt: skip
+            text = f"its reference is for {given[1]} in {given[0]}, not for {tip} in {base}"
+            self._warn(BagFlaw.FRAMES, f"{text}: errors are not known")
         told = (impedance_node(self._parameters) or {}).get("gravity") or EARTH
         try:
             gravity = np.array(told, dtype=float).reshape(3)
         except (TypeError, ValueError):
-            self._warn(f"the gravity {told} of the parameters is not valid: {EARTH} is taken")
+            text = f"the gravity {told} of the parameters is not valid: {EARTH} is taken"
+            self._warn(BagFlaw.PARAMETERS, text)
             gravity = np.array(EARTH)
         try:
             return Robot(self._urdf, base, tip, gravity=gravity.tolist())
@@ -171,19 +173,20 @@ class _Reader:
             name = self._options.euler_sequence
             return replace(told, sequence=EulerSequence(name)) if name else told
         except (TypeError, ValueError, EulerParamsError) as error:
-            self._warn(f"the parameters of the controller are not valid ({error}): the defaults of "
-                       "euler_sequence and quaternion_sign are taken")  # fmt: skip
+            text = f"the parameters of the controller are not valid ({error}): the defaults of "
+            self._warn(BagFlaw.PARAMETERS, f"{text}euler_sequence and quaternion_sign are taken")
             return OrientationOptions()
 
-    def _warn(self, text: str) -> None:
-        self._said[text] = None
+    def _warn(self, kind: BagFlaw, text: str) -> None:
+        self._flaws[BagWarning(kind, text)] = None
 
     def _warn_of_delay(self) -> None:
         """Say from when on a trajectory is later than it was sent to be; set-points are not."""
         if self._reports.delayed < math.inf and self._desired.knows_trajectories:
             self._warn(
+                BagFlaw.DELAY,
                 f"a motion that is slowed down or has to wait, first at {self._reports.delayed:.3f}"
-                " s, is compared with what was sent: from then on errors may be too large"
+                " s, is compared with what was sent: from then on errors may be too large",
             )
 
     def _frames(self) -> tuple[str, str]:
@@ -307,17 +310,20 @@ class _Reader:
         elif missing.any():
             dq[missing] = 0.0
         if missing.any():
-            self._warn(f"{name} lacks velocities: differences of its positions are taken for them")
+            text = f"{name} lacks velocities: differences of its positions are taken for them"
+            self._warn(BagFlaw.INCOMPLETE, text)
 
     def _check_the_ends(self, measured: Rows) -> None:
         """Warn if a topic ends before joint_states, or does not have its time."""
         for name, queue in self._given():
             latest = self._latest.get(name)
             if latest is None and queue.has_any:
-                self._warn(f"{name} has no stamp within those of joint_states")
+                text = f"{name} has no stamp within those of joint_states"
+                self._warn(BagFlaw.INCOMPLETE, text)
             if latest is not None and latest < measured.stamp[-1] - _ANSWERED:
                 end, of = self._times(np.array([latest, measured.stamp[-1]]))
-                self._warn(f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s")
+                text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
+                self._warn(BagFlaw.INCOMPLETE, text)
 
     def _given(self) -> Iterator[tuple[str, Queue]]:
         for name, queue in self._messages.items():
@@ -415,7 +421,7 @@ class _Reader:
             series(taken.get("joint_reference")),
             Efforts(self._times(efforts.stamp), efforts.values[0]) if efforts else None,
             self._parameters,
-            self._warning(),
+            self._warnings(),
             sensed=self._sensed(sensed),
             compliant=self._compliant(taken.get("compliant_frame"), own, frames),
             urdf=self._urdf,
@@ -461,9 +467,9 @@ class _Reader:
             for name in OrientationRepresentation.registry
         }
 
-    def _warning(self) -> str:
+    def _warnings(self) -> tuple[BagWarning, ...]:
         """Return what is wrong with the bag, as far as it was read."""
-        found = [self._bag.warning] if self._bag.warning else []
+        found = []
         for name, queue in self._messages.items():
             if queue.invalid:
                 found.append(f"{queue.invalid} messages of {name} are not valid and left out")
@@ -473,7 +479,8 @@ class _Reader:
         if self._jumped:
             end = f"{self._end_of_part:.3f} s"
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
-        return "; ".join([*found, *self._said])
+        left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
+        return *self._bag.warnings, *left_out, *self._flaws
 
 
 def _namespace(bag: Bag, arms: Sequence[str], wanted: str | None) -> str:

@@ -19,6 +19,7 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.analysis.topics import namespaces
+from eulerparams_control.bags.flaws import BagFlaw
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
@@ -219,10 +220,11 @@ def _first(digests: list[Digest]) -> str:
 def _warn(digest: Digest, console: Console) -> None:
     if digest.warning:
         say(console, f"warning: {digest.name}: {digest.warning}", "yellow")
-    if "was not finished" in digest.warning:
+    flaws = {warning.kind for warning in digest.warnings}
+    if BagFlaw.UNFINISHED in flaws:
         say(console, f"it was read up to {digest.end:.3f} s; bag_recorder --recover {digest.path} "
              "makes it whole as far as it goes", "yellow")  # fmt: skip
-    if "position_error" not in digest.curves and "errors are not known" not in digest.warning:
+    if "position_error" not in digest.curves and BagFlaw.FRAMES not in flaws:
         say(console, f"{digest.name}: no reference was recorded: errors are not known", "yellow")
 
 

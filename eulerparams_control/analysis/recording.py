@@ -22,6 +22,7 @@ from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_serie
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
+from eulerparams_control.bags.flaws import BagWarning, in_words
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import (
     EulerSequence,
@@ -44,7 +45,7 @@ class Recording:
         command: from joint_reference; None if there is none.
         effort: from joint_effort; None if there is none.
         parameters: of the recorded nodes, by node and name.
-        warning: what is wrong with the bag; "" if nothing.
+        warnings: what is wrong with the bag.
         diverged: [s] when the simulation ended because the arm left all numbers, or its
             controller gave up; None if it did not.
         sensed: from wrench; None if there is none.
@@ -63,7 +64,7 @@ class Recording:
     command: Series | None
     effort: Efforts | None
     parameters: dict[str, dict[str, Any]]
-    warning: str
+    warnings: tuple[BagWarning, ...]
     diverged: float | None = None
     sensed: SensorSeries | None = None
     compliant: CompliantMotion | None = None
@@ -74,6 +75,11 @@ class Recording:
     options: OrientationOptions | None = None
     began: int = 0
     reports: Sequence[Report] = ()
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the bag, in words; "" if nothing."""
+        return in_words(self.warnings)
 
     @property
     def name(self) -> str:

@@ -2,15 +2,16 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.control.mode import Mode
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import FOLLOWING, FROZEN, SLOWED
-from eulerparams_control.messages.keys import REMEDY
+from eulerparams_control.messages.keys import FROZEN, MODE, PACE, REMEDY
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
@@ -36,11 +37,6 @@ class Report(NamedTuple):
     message: str
     remedy: str
 
-    @property
-    def delays(self) -> bool:
-        """Whether the motion that is followed waits, and comes later than it was sent to be."""
-        return FOLLOWING in self.message and (SLOWED in self.message or FROZEN in self.message)
-
 
 class Reports:
     """Takes what nodes say, and gives what is new in each part of a run.
@@ -57,13 +53,16 @@ class Reports:
         self._said: dict[str, Report] = {}
         self._new: list[tuple[int, Report]] = []
         self._before: dict[str, Report] = {}  # the last of each node before the start
-        self._until = math.inf  # [ns]
+        self._until = self._waits = math.inf  # [ns]
         self.delayed = math.inf
 
     def add(self, status: Any, sent: int) -> None:
         """Take a DiagnosticStatus that was sent at a time [ns]."""
-        remedy = next((value.value for value in status.values if value.key == REMEDY), "")
-        node, message, remedy = map(_short, (status.name, status.message, remedy))
+        values = {value.key: value.value for value in status.values}
+        told = status.name, status.message, values.get(REMEDY, "")
+        node, message, remedy = map(_short, told)
+        if sent < self._until and _waits(values):
+            self._waits = min(self._waits, sent)
         report = Report(0.0, node, _level(status.level), message, remedy)
         if message and self._said.get(node) != report and sent < self._until:
             self._said[node] = report
@@ -72,6 +71,7 @@ class Reports:
     def drop_after(self, sent: int) -> None:
         """Forget what was sent at that time [ns] or later, also what is added yet."""
         self._until = min(self._until, sent)
+        self._waits = self._waits if self._waits < self._until else math.inf
         self._new = [one for one in self._new if one[0] < self._until]
 
     def take(self, sent: NDArray[np.int64], t: Array, last: bool) -> list[Report]:
@@ -89,8 +89,8 @@ class Reports:
         now = [one for one in self._new if last or one[0] <= sent[-1]]
         self._new = [] if last else [one for one in self._new if one[0] > sent[-1]]
         told = sorted(report._replace(t=_time(at, sent, t)) for at, report in now)
-        delays = (report.t for report in told if report.delays and report.t <= t[-1])
-        self.delayed = min(self.delayed, *delays, math.inf)
+        if self.delayed == math.inf and self._waits <= sent[-1]:
+            self.delayed = _time(int(self._waits), sent, t)
         self._before |= {report.node: report for report in told if report.t < self._start}
         if t[-1] < self._start:
             return []
@@ -122,6 +122,14 @@ class Kept:
         """Return them in their order."""
         parts = (*self._first.values(), *self._last.values())
         return sorted((report for part in parts for report in part), key=lambda one: one.t)
+
+
+def _waits(values: Mapping[str, str]) -> bool:
+    """Return whether the motion that is followed waits, and comes later than it was sent to be."""
+    with suppress(ValueError):  # of somebody else
+        slows = float(values.get(PACE, 1)) < 1 or values.get(FROZEN) == "1"
+        return values.get(MODE) == Mode.FOLLOWING and slows
+    return False
 
 
 def _short(text: str) -> str:

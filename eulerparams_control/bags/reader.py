@@ -10,6 +10,7 @@ from mcap.records import Channel, Message, Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from eulerparams_control.bags.columns import check, check_schema
+from eulerparams_control.bags.flaws import BagFlaw, BagWarning, in_words
 from eulerparams_control.bags.format import (
     PARAMETERS_ATTACHMENT,
     bag_information,
@@ -62,7 +63,7 @@ class Bag:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._files = [survey(file) for file in bag_files(self.path)]
-        self._damage: dict[str, None] = {}  # an ordered set
+        self._flaws: dict[BagWarning, None] = {}  # an ordered set
         self._decoders: dict[str, Any] = {}
         for file in self._files:
             if file.scan is not None:
@@ -74,9 +75,14 @@ class Bag:
         return any(file.scan is not None and not file.scan.ended for file in self._files)
 
     @property
+    def warnings(self) -> tuple[BagWarning, ...]:
+        """What is wrong with the bag, as far as it was read until now."""
+        return tuple(self._flaws)
+
+    @property
     def warning(self) -> str:
-        """What is wrong with the bag, as far as it was read until now; empty if nothing."""
-        return "; ".join(self._damage)
+        """The same in words; "" if nothing is wrong."""
+        return in_words(self._flaws)
 
     @property
     def topics(self) -> dict[str, TopicInfo]:
@@ -246,11 +252,12 @@ class Bag:
 
     def _note(self, scan: Scan) -> None:
         """Remember what a pass over a file could not read."""
-        notes = [f"{scan.path}: left out {damage}" for damage in scan.damage]
+        for damage in scan.damage:
+            self._flaws[BagWarning(BagFlaw.DAMAGED, f"{scan.path}: left out {damage}")] = None
         if not scan.ended:
             tail = f"; its last {scan.unread} bytes are incomplete" if scan.unread else ""
-            notes.append(f"{scan.path}: was not finished{tail}")
-        self._damage.update(dict.fromkeys(notes))
+            text = f"{scan.path}: was not finished{tail}"
+            self._flaws[BagWarning(BagFlaw.UNFINISHED, text)] = None
 
 
 def _times(message: Message) -> tuple[int, int]:

@@ -127,10 +127,6 @@ class _JointReader:
         return picked
 
 
-FOLLOWING, SLOWED, FROZEN = "following a reference", "slowed down", "the compliant frame is frozen"
-"""Words in the state of a controller: it follows a reference, and what makes the motion wait."""
-
-
 class JointStateReader(_JointReader):
     """Reads the measured state of the active joints from joint_states.
 
