@@ -2,30 +2,44 @@
 
 from glob import glob
 from pathlib import Path
+from runpy import run_path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
 
 PACKAGE = "eulerparams_control"
-EXECUTABLES = {
-    "clik": "eulerparams_control.ros.clik_node",
-    "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
-    "impedance_control": "eulerparams_control.ros.impedance_control_node",
-    "reference": "eulerparams_control.ros.reference_node",
-    "identify_tool": "eulerparams_control.tool.identify_tool_node",
-    "fault_injector": "eulerparams_control.lab.faults.fault_injector_node",
-    "pybullet_bridge": "sim_bridge.bridge_node",
-    "bag_recorder": "eulerparams_control.bags.recorder",
-    "experiment": "eulerparams_control.lab.experiments.main",
-    "analyze": "eulerparams_control.analysis.main",
-    "fault_campaign": "eulerparams_control.lab.campaign.main",
-    "failure_map": "eulerparams_control.lab.maps.main",
-}
+SCRIPTS = f"$base/lib/{PACKAGE}"
+SCRIPT = """#!/bin/sh
+# pip puts the entry points into bin, where `ros2 run` does not look; it finds this file.
+exec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"
+"""
+
+command_line = run_path(f"{PACKAGE}/command_line.py")
+extras = {name: list(packages) for name, packages in command_line["EXTRAS"].items()}
 
 
 def config_files():
     """Return the folder config as data files, subfolders kept."""
     folders = sorted({str(Path(file).parent) for file in glob("config/**/*.yaml", recursive=True)})
     return [(f"share/{PACKAGE}/{folder}", sorted(glob(f"{folder}/*.yaml"))) for folder in folders]
+
+
+def scripts():
+    """Write the scripts that `ros2 run` finds; return their paths."""
+    files = [Path("build", "executables", name) for name in command_line["executables"]()]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(SCRIPT, encoding="utf-8")
+        file.chmod(0o755)
+    return [str(file) for file in files]
+
+
+def options():
+    """Return where scripts go under colcon; `develop` of newer setuptools has no such option."""
+    found = {"install": {"install_scripts": SCRIPTS}}
+    if any(option.startswith("script-dir") for option, *_ in develop.user_options):
+        found["develop"] = {"script_dir": SCRIPTS}
+    return found
 
 
 setup(
@@ -36,34 +50,30 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        # `ros2 run` looks here; pip puts entry points into bin instead
-        (f"lib/{PACKAGE}", sorted(glob("resource/executables/*"))),
+        (f"lib/{PACKAGE}", scripts()),
         *config_files(),
     ],
     python_requires=">=3.12",
     install_requires=[
-        "setuptools",
         "ros-jazzy-rclpy[fastrtps]",
         "ros-jazzy-common-interfaces",
         "pin>=4.1",
         "numpy",
         "pybullet>=3.2.7",
+        "example-robot-data",
         "mcap>=1.6",
         "mcap-ros2-support>=0.5",
         "lz4",
         "zstandard",
         "PyYAML",
-        "example-robot-data",
-        "plotly>=6",
-        "meshcat",
-        "matplotlib",
-        "pyarrow",
-        "dask[distributed]",
-        "rich",
     ],
     extras_require={
-        "test": ["pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright"]
-        + ["colcon-common-extensions"],
+        **extras,
+        "all": sorted({package for packages in extras.values() for package in packages}),
+        "test": [
+            *("pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright"),
+            "colcon-common-extensions",
+        ],
         "dev": ["ruff", "mypy", "pin-pink", "quadprog"],
     },
     zip_safe=False,
@@ -71,7 +81,6 @@ setup(
     maintainer_email="maintainers@example.com",
     description="Cartesian control of robot arms with Euler parameters",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]
-    },
+    entry_points={"console_scripts": command_line["entry_points"]()},
+    options=options(),
 )

@@ -1,23 +1,100 @@
-"""What the executables that are no nodes share: a console, and whole numbers as options."""
+"""The executables: where they are, the extras that they need, what their command lines share.
+
+``setup.py`` runs this file where nothing is installed yet.
+"""
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
+PROGRAMS = {
+    "pybullet_bridge": "sim_bridge.bridge_node",
+    "bag_recorder": "eulerparams_control.bags.recorder",
+    "analyze": "eulerparams_control.analysis.main",
+    "experiment": "eulerparams_control.lab.experiments.main",
+    "fault_campaign": "eulerparams_control.lab.campaign.main",
+    "failure_map": "eulerparams_control.lab.maps.main",
+}
+"""The modules of the executables that are not named after their file."""
+
+_ANALYSIS = ("plotly>=6", "matplotlib", "pyarrow", "meshcat", "rich")
+EXTRAS = {"analysis": _ANALYSIS, "lab": (*_ANALYSIS, "dask[distributed]")}
+"""What pip brings for the programs in the rooms of these names."""
 
 _PLAIN_WIDTH = 110  # characters of a table where there is no terminal
 
 
-def make_console() -> Console:
+@cache
+def executables() -> dict[str, str]:
+    """Return the modules of all executables by name: ``NAME_node.py`` with a main is NAME."""
+    root = Path(__file__).resolve().parents[1]
+    nodes = {
+        path.stem.removesuffix("_node"): ".".join(path.relative_to(root).with_suffix("").parts)
+        for path in sorted(root.glob("eulerparams_control/**/*_node.py"))
+        if "\ndef main(" in path.read_text(encoding="utf-8")
+    }
+    return nodes | PROGRAMS
+
+
+def entry_points() -> list[str]:
+    """Return all executables as entry points: those that need an extra look for it first."""
+    return [
+        f"{name} = {f'eulerparams_control.command_line:{name}' if extra_of(name) else f'{at}:main'}"
+        for name, at in executables().items()
+    ]
+
+
+def extra_of(name: str) -> str:
+    """Return the extra that an executable needs; "" if none."""
+    room = PROGRAMS.get(name, "").split(".")[1:2]
+    return room[0] if room and room[0] in EXTRAS else ""
+
+
+def package_name(requirement: str) -> str:
+    """Return the package of a requirement, without versions and extras."""
+    return re.split(r"[<>=\[]", requirement)[0]
+
+
+def __getattr__(name: str) -> Any:
+    if name in PROGRAMS:
+        return partial(_run, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _run(name: str, args: list[str] | None = None) -> int:
+    """Run a program; return its exit code, 2 if a package of its extra is missing."""
+    extra = extra_of(name)
+    missing = [name for name in map(package_name, EXTRAS[extra]) if find_spec(name) is None]
+    if missing:
+        print(
+            f"error: {name} needs {', '.join(missing)}; install the extra '{extra}': "
+            f"pip install 'eulerparams_control[{extra}]'",
+            file=sys.stderr,
+        )
+        return 2
+    return int(import_module(PROGRAMS[name]).main(args))
+
+
+def make_console() -> "Console":
     """Return a console; where nothing says how wide it is, it is wider than 80 characters."""
+    from rich.console import Console  # of an extra
+
     is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     return Console(width=None if is_known else _PLAIN_WIDTH)
 
 
-def say(console: Console, text: str | Text, style: str = "") -> None:
+def say(console: "Console", text: "str | Text", style: str = "") -> None:
     """Print a line as it is: names, paths and what nodes say may look like markup."""
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 

@@ -21,6 +21,7 @@ import yaml
 from numpy.typing import NDArray
 from tolerances import HELD, LAW_IN_A_NODE
 
+from eulerparams_control.command_line import executables
 from eulerparams_control.lab.experiments.domains import Domain
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -45,16 +46,7 @@ STANDSTILL = 1e-9
 # experiments nor the other tests use them.
 DOMAINS = range(215, 232)
 
-MODULES = {
-    "clik": "eulerparams_control.ros.clik_node",
-    "dynamic_control": "eulerparams_control.ros.dynamic_control_node",
-    "impedance_control": "eulerparams_control.ros.impedance_control_node",
-    "reference": "eulerparams_control.ros.reference_node",
-    "identify_tool": "eulerparams_control.tool.identify_tool_node",
-    "pybullet_bridge": "sim_bridge.bridge_node",
-    "experiment": "eulerparams_control.lab.experiments.main",
-    "bag_recorder": "eulerparams_control.bags.recorder",
-    "fault_injector": "eulerparams_control.lab.faults.fault_injector_node",
+MODULES = executables() | {
     # a controller with a defect that shows when it moves
     "clik broken in law": "broken_node clik law",
     "clik broken in timer": "broken_node clik timer",

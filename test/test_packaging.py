@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from eulerparams_control.command_line import EXTRAS, executables, extra_of, package_name
+
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "dynamic_control", "impedance_control", "reference"),
@@ -92,13 +94,42 @@ def test_setup_installs_executables_and_definitions_where_they_are_looked_for(so
     assert_is_installed(tmp_path)
 
 
+def python(code, *blocked):
+    """Return how a Python ends that runs ``code`` where some packages are not installed."""
+    block = "".join(f"sys.modules[{name!r}] = None; " for name in blocked)
+    return subprocess.run(
+        [sys.executable, "-c", f"import sys; {block}{code}"],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+PACKAGES = {*map(package_name, (*EXTRAS["lab"], *EXTRAS["analysis"])), "distributed", "jinja2"}
+
+
+def test_the_executables_of_a_robot_need_no_extra():
+    modules = [module for name, module in executables().items() if not extra_of(name)]
+    result = python(f"import {', '.join(modules)}; print('imported')", *PACKAGES)
+    assert "imported" in result.stdout, result.stderr
+
+
+@pytest.mark.parametrize("name", [name for name in EXECUTABLES if extra_of(name)])
+def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
+    code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
+    assert python(code).returncode == 0
+    result = python(code, "rich", "plotly")
+    (line,) = result.stderr.splitlines()
+    assert f"{name} needs plotly, rich" in line
+    assert f"pip install 'eulerparams_control[{extra_of(name)}]'" in line
+    assert result.returncode == 2
+
+
 def test_each_executable_is_an_entry_point_with_a_main():
     points = {
         point.name: point.load()
         for point in entry_points(group="console_scripts")
         if point.dist is not None and point.dist.name.replace("-", "_") == "eulerparams_control"
     }
-    assert set(points) == EXECUTABLES
+    assert points.keys() == executables().keys() == EXECUTABLES
     assert all(callable(main) for main in points.values())
 
 

@@ -11,12 +11,9 @@ from pathlib import Path
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rich.console import Console
-from rich.text import Text
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from eulerparams_control.command_line import make_console
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import (
     ConfigurationError,
@@ -258,15 +255,14 @@ class IdentifyToolNode(Node):
 
     def finish(self) -> int:
         """Print, and write, what the poses taken say; return the exit code."""
-        console = make_console()
         try:
-            self._finish(console)
+            self._finish()
         except EulerParamsError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
             return 1
         return 0
 
-    def _finish(self, console: Console) -> None:
+    def _finish(self) -> None:
         found = self._identify()
         assert self._collector is not None
         assert self._mount is not None
@@ -279,9 +275,9 @@ class IdentifyToolNode(Node):
             p.max_residual_force,
             p.max_residual_torque,
         )
-        console.print(report.table())
+        print(report.table())
         for warning in report.warnings():
-            console.print(Text(f"warning: {warning}", "yellow"))
+            print(f"warning: {warning}")
         print(f"\n{report.yaml()}", flush=True)
         if p.output:
             _write(Path(p.output), report.yaml())

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.tool.identification import Identification
@@ -77,14 +75,11 @@ class ToolReport(NamedTuple):
                 "correct its inertials"
             )
 
-    def table(self) -> Table:
+    def table(self) -> str:
         """Return the result as a table for a terminal."""
         found, sensor = self.found, self.mount.frame
-        table = Table(title=f"The tool and the sensor, from {len(self.poses)} poses")
-        table.add_column("")
-        for column in ("", "+-"):
-            table.add_column(column, justify="right", no_wrap=True)
-        for row in (
+        rows = (
+            ("", "", "+-"),
             ("mass [kg]", f"{found.mass:.4f}", f"{found.mass_std:.4f}"),
             (f"centre of mass in {sensor} [mm]", *_rows(1e3 * found.com, 1e3 * found.com_std, 2)),
             ("bias of the force [N]", *_rows(found.bias[:3], found.bias_std[:3], 3)),
@@ -92,9 +87,12 @@ class ToolReport(NamedTuple):
             ("unexplained force [N]", _worst(found.residual_force), ""),
             ("unexplained torque [Nm]", _worst(found.residual_torque), ""),
             ("difference of the poses [deg]", f"{np.degrees(found.spread):.0f}", ""),
-        ):
-            table.add_row(*map(Text, row))
-        return table
+        )
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = (f"{name:{widths[0]}}  {value:>{widths[1]}}  {std:>{widths[2]}}"
+                 for name, value, std in rows)  # fmt: skip
+        title = f"The tool and the sensor, from {len(self.poses)} poses"
+        return "\n".join((title, *map(str.rstrip, lines)))
 
     def yaml(self) -> str:
         """Return the result as parameters: an overlay after the file of a controller."""

@@ -10,8 +10,8 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+from eulerparams_control.command_line import executables
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
-from eulerparams_control.lab.experiments.processes import module_of
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("eulerparams_control", "sim_bridge")
@@ -35,7 +35,7 @@ def code_of_runs(faulty: bool = False) -> str:
     names = {name for controller in CONTROLLERS.values() for name in controller.executables}
     nodes = ("bag_recorder", "pybullet_bridge", "reference", *sorted(names))
     nodes += ("fault_injector",) if faulty else ()
-    return version(imported(map(module_of, nodes)))
+    return version(imported(executables()[name] for name in nodes))
 
 
 @cache

@@ -7,33 +7,22 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
 import yaml
 
-from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.command_line import executables
+from eulerparams_control.errors import SimulationError
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.lab.experiments.domains import Domain
-from eulerparams_control.resources import PACKAGE
 
 LOG, EVENTS = ".log", ".events"
 """How the names of the files end that nodes write: for people, and for programs."""
 
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
-
-
-@cache
-def module_of(executable: str) -> str:
-    """Return the module of an executable of this package; raises ConfigurationError."""
-    for point in entry_points(group="console_scripts", name=executable):
-        if point.dist is not None and point.dist.name.replace("-", "_") == PACKAGE:
-            return point.module
-    raise ConfigurationError(f"the package is not installed: it has no executable '{executable}'")
 
 
 class RunStopped(Exception):
@@ -87,7 +76,7 @@ class Nodes:
     ) -> None:
         """Start a node with its parameters, and with other names for some of its topics."""
         file = self._write(executable, parameters)
-        command = [sys.executable, "-m", module_of(executable), "--ros-args"]
+        command = [sys.executable, "-m", executables()[executable], "--ros-args"]
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
