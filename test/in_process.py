@@ -23,7 +23,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from ros_processes import DOMAINS, MODULES, Peer
+from ros_processes import MODULES, Peer
 
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.errors import EulerParamsError
@@ -31,6 +31,10 @@ from eulerparams_control.lab.experiments.domains import Domain
 
 # A guard against hanging, not a measure [s]: within a process a message is there at once.
 _HANGS = 30.0
+
+# So many messages are acted on before a condition is looked at again: a run in lock-step does not
+# end by itself; and so long [s] it may take.
+_AT_ONCE, _LONGEST = 1000, 100.0
 
 # Time [s] that goes by between two looks at a condition, and after which it is given up.
 STEP, PATIENCE = 0.02, 200.0
@@ -91,7 +95,7 @@ def run_to_its_end(
     arguments = ros_arguments(folder, parameters, files, ())
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     out, err = io.StringIO(), io.StringIO()
-    domain = Domain(DOMAINS)
+    domain = Domain()
     try:
         with (
             redirect_stdout(out),
@@ -138,6 +142,11 @@ class InProcess:
         self.world.change()
         return bool(super().destroy_subscription(subscription))  # type: ignore[misc]
 
+    def destroy_node(self) -> None:
+        self.world.forget(self)
+        super().destroy_node()  # type: ignore[misc]
+        vars(self).clear()  # what is left in cycles would keep the ports of the domain
+
     def create_timer(self, period: float, callback: Any, **keywords: Any) -> Any:
         timer = super().create_timer(period, callback, **keywords, autostart=False)  # type: ignore[misc]
         self.world.timers.append(_Timer(self, timer, period, self.world.now + period))
@@ -183,13 +192,15 @@ class Running:
 
     def kill(self) -> None:
         """Let the node be no more, without a last word."""
-        self._close(-9)
+        self.exit_code = -9
+        self.node.destroy_node()
 
-    def stop(self) -> int:
-        """End the node as a signal does; return the exit code."""
+    def stop(self, meanwhile: Callable[[], Any] = lambda: None) -> int:
+        """End the node as a signal does, while something goes on; return the exit code."""
         deadline = self.world.now + _STOP_SECONDS
         at_rest = getattr(self.node, "at_rest", lambda: True)
         while not self.world.act(at_rest) and self.world.now < deadline:
+            meanwhile()
             self.world.advance(STEP)
         self.finish()
         assert self.exit_code is not None
@@ -203,21 +214,16 @@ class Running:
             self.stderr += f"error: {error}\n"
         self.exit_code = error.exit_code if error is not None else 0
         self.world.act(node.close)
-        self._close(self.exit_code)
         if hasattr(node, "finish") and self.exit_code == 0:
             with redirect_stdout(out), redirect_stderr(err):
                 self.exit_code = node.finish()
             self.stdout, self.stderr = self.stdout + out.getvalue(), self.stderr + err.getvalue()
+        node.destroy_node()
 
     def review(self) -> None:
         """End the node if it is done."""
         if self.exit_code is None and getattr(self.node, "done", False):
             self.finish(getattr(self.node, "error", None))
-
-    def _close(self, code: int) -> None:
-        if self.node is not None:
-            self.world.forget(self.node)
-        self.exit_code = code
 
 
 class World:
@@ -230,7 +236,7 @@ class World:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._domain = Domain(DOMAINS)
+        self._domain = Domain()
         self.domain = self._domain.number
         self.now = 1000.0
         self.timers: list[_Timer] = []
@@ -255,6 +261,7 @@ class World:
             for node in list(self._nodes):
                 node.destroy_node()
             self.context.try_shutdown()
+            self.context.destroy()
         finally:
             set_steady()
             self._domain.release()
@@ -301,15 +308,17 @@ class World:
             node = self.act(lambda: made(*args, **given))
         return node
 
+    def create_node(self, name: str, **_: Any) -> Any:
+        """Return a plain node in this world, as ``rclpy.create_node`` does."""
+        return self.make(Node, [], name)
+
     def forget(self, node: Any) -> None:
-        """Destroy a node."""
-        if node in self._nodes:
-            self._nodes.remove(node)
-            self.timers = [each for each in self.timers if each.node is not node]
-            gone = set(map(id, node.publishers))
-            self._publishers = [each for each in self._publishers if id(each) not in gone]
-            node.destroy_node()
-            self.change()
+        """Do without a node that goes."""
+        self._nodes.remove(node)
+        self.timers = [each for each in self.timers if each.node is not node]
+        gone = set(map(id, node.publishers))
+        self._publishers = [each for each in self._publishers if id(each) not in gone]
+        self.change()
 
     def logs(self) -> str:
         """Return what all nodes have said."""
@@ -383,7 +392,9 @@ class World:
 
     def _settle(self) -> None:
         self._see_changes()
-        while self._waiting:
+        for _ in range(_AT_ONCE):
+            if not self._waiting:
+                break
             node, subscription = self._waiting.popleft()
             self._outstanding[id(subscription)] -= 1
             if node in self._nodes and subscription in node.subscriptions:
@@ -477,8 +488,12 @@ class World:
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Let time pass until ``condition()`` is true; return what it returned."""
+        deadline = time.monotonic() + _LONGEST
         for _ in range(round(PATIENCE / STEP)):
-            if result := condition():
+            while not (result := condition()) and self._waiting:
+                self.act()
+                assert time.monotonic() < deadline, f"{what}: takes too long\n{self.logs()}"
+            if result:
                 return result
             self.advance(STEP)
         raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
@@ -497,7 +512,7 @@ class WorldPeer(Peer):
 
     def another_node(self, name: str) -> Any:
         """Return one more node of the test."""
-        return self.graph.make(Node, [], name)
+        return self.graph.create_node(name)
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service of a node."""

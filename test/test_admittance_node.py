@@ -5,7 +5,6 @@ reference of ``clik``.  The arm is moved by the test, or by ``pybullet_bridge``.
 """
 
 import re
-import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -13,18 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import (
-    FRAMES,
-    HOME,
-    MODEL,
-    UR5,
-    Arm,
-    Array,
-    Graph,
-    Process,
-    pose,
-    reference,
-)
+from in_process import Running, World
+from ros_processes import FRAMES, HOME, MODEL, UR5, Arm, Array, pose, reference
 from samples import rodrigues
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -79,9 +68,9 @@ class CompliantArm(Arm):
 class Admittance:
     """Both nodes with an arm that takes positions, and feels what touches it."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph, self.peer = graph, graph.peer
-        self.arm = CompliantArm(graph, UR5)
+    def __init__(self, world: World) -> None:
+        self.world, self.peer = world, world.peer
+        self.arm = CompliantArm(world, UR5)
         self.arm.wear_sensor()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, "reference")
         self.impedance = self.start_impedance()
@@ -89,12 +78,12 @@ class Admittance:
         self.arm.connect()
         self.ready()
 
-    def start_impedance(self) -> Process:
-        return self.graph.start(NAME, COMPLIANT)
+    def start_impedance(self) -> Running:
+        return self.world.start(NAME, COMPLIANT)
 
-    def start_clik(self) -> Process:
+    def start_clik(self) -> Running:
         parameters = SIMULATED | {"reference_timeout": 0.02}  # a blow does not last
-        return self.graph.start("clik", parameters, remap=FOLLOWING)
+        return self.world.start("clik", parameters, remap=FOLLOWING)
 
     def ready(self) -> None:
         """Tick until both are active, and clik follows."""
@@ -105,23 +94,23 @@ class Admittance:
             self.arm.tick()
             return bool(self.arm.frames) and "following a reference" in self.clik.log
 
-        self.graph.until(following, "clik following")
+        self.world.until(following, "clik following")
         self.arm.alive = True
 
-    def until_active(self, process: Process) -> None:
+    def until_active(self, process: Running) -> None:
         """Send states until a process that was started is active; clik may answer or not."""
 
         def active() -> bool:
             self.arm.send_next()
             return "active with" in process.log
 
-        self.graph.until(active, "the node active")
+        self.world.until(active, "the node active")
         self.arm.commands.clear()
 
 
 @pytest.fixture(scope="module")
-def shared(shared_graph: Graph) -> Admittance:
-    return Admittance(shared_graph)
+def shared(shared_world: World) -> Admittance:
+    return Admittance(shared_world)
 
 
 @pytest.fixture
@@ -131,7 +120,7 @@ def both(shared: Admittance) -> Iterator[Admittance]:
     arm.release()
     arm.sensor.on = True
     arm.start_afresh()
-    shared.graph.until(lambda: (arm.tick(), arm.frame())[1], "a compliant frame")
+    shared.world.until(lambda: (arm.tick(), arm.frame())[1], "a compliant frame")
     yield shared
     arm.release()
     arm.sensor.on = True
@@ -151,7 +140,7 @@ def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment
     arm, (p, R) = both.arm, pose(HOME)
     arm.environment = spring(p)
     both.references.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
-    both.graph.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "motion")
+    both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "motion")
     arm.ticks(100)
     settle(arm)
     np.testing.assert_allclose(arm.contact()[:3], [-FORCE, 0.0, 0.0], rtol=0, atol=0.01 * FORCE)
@@ -227,9 +216,7 @@ def test_an_impedance_control_that_is_started_anew_begins_where_the_arm_is(
     arm.ticks(20)
     assert np.abs(arm.dq).max() > 0.05
     arm.alive = False
-    both.impedance.signal(signal.SIGINT)
-    arm.ticks_until(lambda: both.impedance.exit_code is not None)
-    assert both.impedance.end() == 0
+    assert both.impedance.stop(arm.tick) == 0
     arm.ticks(110)  # a set-point lasts 0.1 s
     settle(arm)
     q = arm.q
@@ -242,7 +229,7 @@ def test_an_impedance_control_that_is_started_anew_begins_where_the_arm_is(
     np.testing.assert_allclose(arm.frame().p_d, pose(q)[0], rtol=0, atol=FOLLOWED)
     np.testing.assert_allclose(arm.q, q, rtol=0, atol=FOLLOWED)
     arm.push(0.0, 5.0, 0.0)
-    both.graph.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "clik finding it")
+    both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "clik finding it")
     settle(arm)
     moved = pose(arm.q)[0] - pose(q)[0]
     np.testing.assert_allclose(moved, [0.0, 5.0 / K_P, 0.0], rtol=0, atol=FOLLOWED)
@@ -288,10 +275,10 @@ def silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PositionArm]:
     """An arm without velocities and inertias, with impedance_control."""
     urdf = re.sub(r"<inertial>.*?</inertial>", "", UR5.urdf, flags=re.DOTALL)
     assert urdf.count("<inertial>") == 0 < UR5.urdf.count("<inertial>")
-    with Graph(tmp_path_factory.mktemp("silent")) as graph:
-        arm = PositionArm(graph, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
+    with World(tmp_path_factory.mktemp("silent")) as world:
+        arm = PositionArm(world, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
         arm.wear_sensor()
-        process = graph.start(NAME, {**COMPLIANT, "wrench_pairing": "stamp"})
+        process = world.start(NAME, {**COMPLIANT, "wrench_pairing": "stamp"})
         arm.connect()
         yield arm
         assert process.stop() == 0
@@ -330,9 +317,9 @@ def stamp(msg: Any) -> int:
 
 
 def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equal_to_the_bit(
-    graph: Graph,
+    world: World,
 ) -> None:
-    peer, (p, R) = graph.peer, pose(HOME)
+    peer, (p, R) = world.peer, pose(HOME)
     end, step = 400_000_000, 2_000_000
     bridge = {
         **{"mode": "lockstep", "control": "position", "rate": 500.0, "duration": end / 1e9},
@@ -351,23 +338,23 @@ def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equ
         }
         topics = {name: peer.listen(kind, f"{namespace}/{name}") for name, kind in kinds.items()}
         goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        robot = graph.start("pybullet_bridge", bridge, namespace=namespace)
+        robot = world.start("pybullet_bridge", bridge, namespace=namespace)
         own = {"wrench_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        graph.start(NAME, {**COMPLIANT, **own}, namespace=namespace)
+        world.start(NAME, {**COMPLIANT, **own}, namespace=namespace)
         own = {"reference_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        graph.start("clik", {**SIMULATED, **own}, namespace=namespace, remap=FOLLOWING)
+        world.start("clik", {**SIMULATED, **own}, namespace=namespace, remap=FOLLOWING)
         runs.append((topics, robot, goals))
     for _, _, goals in runs:
-        graph.until(goals.get_subscription_count, "a subscriber of reference")
+        world.until(goals.get_subscription_count, "a subscriber of reference")
     for topics, _, _ in runs:  # the robot repeats its first state
         for name in ("joint_states", "wrench"):
-            graph.until(lambda m=topics[name]: m, name)
+            world.until(lambda m=topics[name]: m, name)
     found = []
     for _, _, goals in runs:
         goals.publish(goal)
     for topics, robot, _ in runs:
         for messages in topics.values():
-            graph.until(lambda m=messages: m and stamp(m[-1]) == end, "the end")
+            world.until(lambda m=messages: m and stamp(m[-1]) == end, "the end")
         assert robot.end() == 0
         by_stamp = {
             name: {stamp(msg): str(msg) for msg in messages} for name, messages in topics.items()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from in_process import World
 from ros_processes import (
     FRAMES,
     HOME,
@@ -18,7 +19,6 @@ from ros_processes import (
     UR5,
     Array,
     Controlled,
-    Graph,
     TorqueArm,
     assert_holds,
     pose,
@@ -49,9 +49,9 @@ TOOL_POSITION, TOOL_ROTATION = 9.81 / 400, 0.05
 
 
 @pytest.fixture(scope="module")
-def shared(shared_graph: Graph) -> Controlled:
+def shared(shared_world: World) -> Controlled:
     """A controller that the tests of this module share; it runs with its defaults."""
-    return Controlled(shared_graph, "dynamic_control", FRAMES)
+    return Controlled(shared_world, "dynamic_control", FRAMES)
 
 
 @pytest.fixture
@@ -189,15 +189,15 @@ def test_where_euler_angles_have_no_rates_the_arm_is_held_and_the_singularity_na
 # --- types of commands -----------------------------------------------------------------------
 
 
-def test_the_command_can_be_an_array_of_efforts(graph: Graph) -> None:
-    arm = TorqueArm(graph, UR5, command=Float64MultiArray)
-    graph.start("dynamic_control", {**FRAMES, "command_type": "forward", "use_sim_time": True})
+def test_the_command_can_be_an_array_of_efforts(world: World) -> None:
+    arm = TorqueArm(world, UR5, command=Float64MultiArray)
+    world.start("dynamic_control", {**FRAMES, "command_type": "forward", "use_sim_time": True})
 
     def answered() -> bool:
         arm.send(arm.message())
         return bool(arm.commands)
 
-    graph.until(answered, "a command")
+    world.until(answered, "a command")
     gravity = MODEL.dynamic_state(HOME, np.zeros(6)).g
     assert arm.commands[0].data.tolist() == pytest.approx(gravity.tolist(), rel=1e-9)
 
@@ -208,21 +208,21 @@ LOCKSTEP = {"mode": "lockstep", "control": "torque"}
 SIMULATED = {**FRAMES, "use_sim_time": True, "require_reference": True}
 
 
-def until_heard(graph: Graph, node: str) -> None:
+def until_heard(world: World, node: str) -> None:
     """Wait until no command of a node can be missed.
 
     It is active, so it publishes; and it has answered, so it has discovered what the peer
     subscribed to before.
     """
-    graph.until(lambda: graph.peer.lifecycle_state(node) == "active", f"{node} active")
+    world.until(lambda: world.peer.lifecycle_state(node) == "active", f"{node} active")
 
 
 def stamp(msg: JointState) -> int:
     return ns_from_ros(msg.header.stamp)
 
 
-def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(graph: Graph) -> None:
-    peer, rate = graph.peer, 500.0
+def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(world: World) -> None:
+    peer, rate = world.peer, 500.0
     changes: list[dict[str, Any]] = [
         {"orientation": "euler_angles"},
         {"euler_sequence": "ZYX"},
@@ -237,22 +237,28 @@ def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(grap
     states = peer.listen(JointState, "joint_states")
     references = peer.publisher(MultiDOFJointTrajectory, "reference")
     tool = {"tool_mass": 1.0, "tool_com": [0.0, 0.05, 0.1]}  # unknown: there are errors
-    bridge = graph.start("pybullet_bridge", {**LOCKSTEP, **tool, "duration": 1.5})
+    bridge = world.start("pybullet_bridge", {**LOCKSTEP, **tool, "duration": 1.5})
     parameters = {**SIMULATED, "max_effort_rate": rate}
-    node = graph.start("dynamic_control", parameters)
-    graph.until(lambda: references.get_subscription_count() and states, "the nodes")
-    until_heard(graph, "dynamic_control")
+    node = world.start("dynamic_control", parameters)
+    world.until(lambda: references.get_subscription_count() and states, "the nodes")
+    until_heard(world, "dynamic_control")
     motion = Circle(0.05, np.array([1.0, 0.0, 0.0]), 2.0, tilt=0.3, ramp=0.5).trajectory(
         *pose(HOME)
     )
     msg, start = motion_to_ros(motion, *FRAMES.values()), 100_000_000
     msg.header.stamp = Time(nanosec=start)
+    due = iter(250_000_000 + 120_000_000 * i for i in range(len(changes)))
+    next_due = [next(due)]
+
+    def change(state: JointState) -> None:
+        if changes and stamp(state) > next_due[0]:
+            assert peer.set_parameters("dynamic_control", **changes.pop(0)) == []
+            next_due[0] = next(due, 0)
+
+    peer.node.create_subscription(JointState, "joint_states", change, 100)
     references.publish(msg)
-    for i, change in enumerate(changes):
-        graph.until(lambda i=i: stamp(states[-1]) > (0.25 + 0.12 * i) * 1e9, "the next change")
-        assert peer.set_parameters("dynamic_control", **change) == []
-    assert stamp(states[-1]) < 1.5e9  # all of them while it moves
-    graph.until(lambda: stamp(efforts[-1]) == 1_500_000_000, "the end")
+    world.until(lambda: efforts and stamp(efforts[-1]) == 1_500_000_000, "the end")
+    assert changes == []
     assert bridge.end() == 0
     efforts = efforts[sum(stamp(msg) == 0 for msg in efforts) - 1 :]  # it was repeated until then
     assert [stamp(msg) for msg in efforts] == list(range(0, 1_500_000_001, 1_000_000))
@@ -268,7 +274,7 @@ def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(grap
     assert node.stop() == 0
 
 
-def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(graph: Graph) -> None:
+def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(world: World) -> None:
     motion: dict[str, Any] = {
         "motion": "circle",
         "circle_period": 1.0,
@@ -278,17 +284,17 @@ def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(graph: Graph) 
     }
     runs = []
     for namespace in ("/first", "/second"):
-        efforts = graph.peer.listen(JointState, f"{namespace}/joint_effort")
+        efforts = world.peer.listen(JointState, f"{namespace}/joint_effort")
         bridge = {**LOCKSTEP, "duration": 0.3}
-        runs.append((efforts, graph.start("pybullet_bridge", bridge, namespace=namespace)))
+        runs.append((efforts, world.start("pybullet_bridge", bridge, namespace=namespace)))
         controller = SIMULATED
-        graph.start("dynamic_control", controller, namespace=namespace)
-        graph.start("reference", {**FRAMES, **motion}, namespace=namespace)
+        world.start("dynamic_control", controller, namespace=namespace)
+        world.start("reference", {**FRAMES, **motion}, namespace=namespace)
     for namespace in ("/first", "/second"):
-        until_heard(graph, f"{namespace}/dynamic_control")
-        graph.peer.listen(MultiDOFJointTrajectory, f"{namespace}/reference")  # it is sent now
+        until_heard(world, f"{namespace}/dynamic_control")
+        world.peer.listen(MultiDOFJointTrajectory, f"{namespace}/reference")  # it is sent now
     for efforts, bridge in runs:
-        graph.until(lambda e=efforts: e and stamp(e[-1]) == 300_000_000, "the end")
+        world.until(lambda e=efforts: e and stamp(e[-1]) == 300_000_000, "the end")
         assert bridge.end() == 0
     first, second = ({stamp(msg): msg.effort.tobytes() for msg in efforts} for efforts, _ in runs)
     assert list(first) == list(range(0, 300_000_001, 1_000_000))
@@ -296,22 +302,22 @@ def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(graph: Graph) 
     assert first == second
 
 
-def test_when_the_controller_is_killed_the_moving_robot_brakes(graph: Graph) -> None:
-    peer = graph.peer
+def test_when_the_controller_is_killed_the_moving_robot_brakes(world: World) -> None:
+    peer = world.peer
     states = peer.listen(JointState, "joint_states")
     references = peer.publisher(MultiDOFJointTrajectory, "reference")
-    graph.start("pybullet_bridge", {"control": "torque", "rate": 200.0, "command_timeout": 0.5})
-    node = graph.start("dynamic_control", {**FRAMES, "state_timeout": 1.0})
-    graph.until(lambda: references.get_subscription_count() and states, "the nodes")
+    world.start("pybullet_bridge", {"control": "torque", "rate": 200.0, "command_timeout": 0.5})
+    node = world.start("dynamic_control", {**FRAMES, "state_timeout": 1.0})
+    world.until(lambda: references.get_subscription_count() and states, "the nodes")
     p, R = pose(HOME)
     goal = p + [0.0, 0.0, 0.3]
     references.publish(reference(DesiredFrame(goal, R), times=(2.0,)))
-    graph.until(lambda: np.abs(states[-1].velocity).max() > 0.1, "motion")
+    world.until(lambda: np.abs(states[-1].velocity).max() > 0.1, "motion")
     node.kill()
     status = peer.status("pybullet_bridge", lambda s: "no command for 0.5 s: braked" in s.message)
     assert status.level == b"\x02"
-    graph.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
+    world.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
     stopped, count = states[-1].position[:6], len(states)
-    graph.until(lambda: len(states) > count + 40, "0.2 s more")
+    world.until(lambda: len(states) > count + 40, "0.2 s more")
     np.testing.assert_allclose(states[-1].position[:6], stopped, atol=SIMULATED_POSE)
     assert np.linalg.norm(pose(stopped)[0] - goal) > 0.05

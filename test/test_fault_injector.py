@@ -4,15 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import ros_processes
+import rclpy
 from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
-from ros_processes import ROOT, Graph, Process
+from in_process import Running, World, run_to_its_end
+from ros_processes import ROOT
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
-
-ros_processes.MODULES.setdefault(
-    "fault_injector", "eulerparams_control.lab.faults.fault_injector_node"
-)
 
 ALWAYS = "at: 0.0, for: .inf"
 TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
@@ -27,22 +24,22 @@ def state(k: int) -> JointState:
 class Between:
     """A fault injector, and a node of the test at both of its ends."""
 
-    def __init__(self, graph: Graph, *faults: str, **parameters: Any) -> None:
-        self.graph = graph
+    def __init__(self, world: World, *faults: str, **parameters: Any) -> None:
+        self.world = world
         given = parameters | ({"faults": list(faults)} if faults else {})
-        self.process: Process = graph.start("fault_injector", given)
+        self.process: Running = world.start("fault_injector", given)
         self._outs: dict[str, list[Any]] = {}
         self._publishers: dict[str, Any] = {}
 
     def join(self, topic: str) -> None:
         """Listen to what is given on of a topic, and wait until that is taken."""
         kind = TYPES.get(topic, JointState)
-        self._publishers[topic] = self.graph.peer.publisher(kind, topic)
-        self._outs[topic] = self.graph.peer.listen(kind, f"faulty/{topic}")
+        self._publishers[topic] = self.world.peer.publisher(kind, topic)
+        self._outs[topic] = self.world.peer.listen(kind, f"faulty/{topic}")
         taken = self._publishers[topic].get_subscription_count
-        self.graph.until(taken, f"a subscription of {topic}")
-        there = self.graph.peer.node.count_publishers
-        self.graph.until(lambda: there(f"faulty/{topic}"), f"a publisher of faulty/{topic}")
+        self.world.until(taken, f"a subscription of {topic}")
+        there = self.world.peer.node.count_publishers
+        self.world.until(lambda: there(f"faulty/{topic}"), f"a publisher of faulty/{topic}")
 
     def send(self, topic: str, msg: Any) -> None:
         self._publishers[topic].publish(msg)
@@ -50,12 +47,12 @@ class Between:
     def got(self, topic: str, count: int) -> list[Any]:
         """Return what was given on, once there are so many."""
         out = self._outs[topic]
-        self.graph.until(lambda: len(out) >= count, f"{count} messages of faulty/{topic}")
+        self.world.until(lambda: len(out) >= count, f"{count} messages of faulty/{topic}")
         return out
 
 
-def test_without_a_fault_all_topics_go_through_as_they_came(graph: Graph) -> None:
-    between = Between(graph)
+def test_without_a_fault_all_topics_go_through_as_they_came(world: World) -> None:
+    between = Between(world)
     force = Wrench(force=Vector3(x=1.0, y=2.0, z=3.0))
     given = {
         "joint_states": state(1),
@@ -70,22 +67,22 @@ def test_without_a_fault_all_topics_go_through_as_they_came(graph: Graph) -> Non
         assert between.got(topic, 1) == [msg]
 
 
-def test_a_topic_is_not_taken_before_somebody_listens_to_what_is_given_on(graph: Graph) -> None:
-    between = Between(graph)
+def test_a_topic_is_not_taken_before_somebody_listens_to_what_is_given_on(world: World) -> None:
+    between = Between(world)
     between.join("joint_states")
-    sender = graph.peer.publisher(MultiDOFJointTrajectory, "reference")
-    there = graph.peer.node.count_publishers
-    graph.until(lambda: there("faulty/reference"), "a publisher of faulty/reference")
+    sender = world.peer.publisher(MultiDOFJointTrajectory, "reference")
+    there = world.peer.node.count_publishers
+    world.until(lambda: there("faulty/reference"), "a publisher of faulty/reference")
     between.send("joint_states", state(1))  # what follows goes through: it is at work
     between.got("joint_states", 1)
     assert sender.get_subscription_count() == 0
-    graph.peer.listen(MultiDOFJointTrajectory, "faulty/reference")
-    graph.until(sender.get_subscription_count, "a subscription of reference")
+    world.peer.listen(MultiDOFJointTrajectory, "faulty/reference")
+    world.until(sender.get_subscription_count, "a subscription of reference")
 
 
-def test_time_begins_with_the_first_message_of_the_topic_that_is_named(graph: Graph) -> None:
+def test_time_begins_with_the_first_message_of_the_topic_that_is_named(world: World) -> None:
     jump = "{fault: clock_jump, topic: joint_states, at: 0.0, by: 100.5}"
-    between = Between(graph, jump, start_on="reference")
+    between = Between(world, jump, start_on="reference")
     between.join("joint_states")
     between.join("reference")
     between.send("joint_states", state(1))
@@ -97,12 +94,12 @@ def test_time_begins_with_the_first_message_of_the_topic_that_is_named(graph: Gr
     late = between.got("joint_states", 2)[1]
     assert (late.header.stamp.sec, late.header.stamp.nanosec) == (112, 500_000_000)
     assert late.position == state(2).position
-    graph.until_said(between.process, "the time of the faults begins")
+    world.until_said(between.process, "the time of the faults begins")
 
 
-def test_faults_are_done_to_their_topic_and_not_to_others(graph: Graph) -> None:
+def test_faults_are_done_to_their_topic_and_not_to_others(world: World) -> None:
     between = Between(
-        graph,
+        world,
         f"{{fault: duplicate, topic: joint_effort, {ALWAYS}, copies: 2}}",
         f"{{fault: nan, topic: joint_states, {ALWAYS}, field: velocity, value: inf}}",
     )
@@ -118,8 +115,8 @@ def test_faults_are_done_to_their_topic_and_not_to_others(graph: Graph) -> None:
     assert between.got("joint_reference", 1) == [state(3)]
 
 
-def test_what_was_held_is_given_on_though_nothing_follows(graph: Graph) -> None:
-    between = Between(graph, f"{{fault: delay, topic: wrench, {ALWAYS}, by: 0.2}}")
+def test_what_was_held_is_given_on_though_nothing_follows(world: World) -> None:
+    between = Between(world, f"{{fault: delay, topic: wrench, {ALWAYS}, by: 0.2}}")
     between.join("wrench")
     msg = WrenchStamped(wrench=Wrench(force=Vector3(x=1.0)))
     between.send("wrench", msg)
@@ -130,8 +127,8 @@ def test_what_is_random_is_that_of_the_seed(tmp_path: Path) -> None:
     noise = f"{{fault: noise, topic: joint_states, {ALWAYS}, std: 1.0}}"
 
     def heard(seed: int, folder: str) -> list[Any]:
-        with Graph(tmp_path / folder) as graph:
-            between = Between(graph, noise, seed=seed)
+        with World(tmp_path / folder) as world:
+            between = Between(world, noise, seed=seed)
             between.join("joint_states")
             between.send("joint_states", state(1))
             return [list(msg.position) for msg in between.got("joint_states", 1)]
@@ -143,36 +140,39 @@ def test_what_is_random_is_that_of_the_seed(tmp_path: Path) -> None:
 
 
 def test_each_fault_that_begins_and_ends_is_said_in_the_log_and_on_diagnostics(
-    graph: Graph,
+    world: World,
 ) -> None:
     drop = "{fault: drop, topic: wrench, at: 0.0, for: 0.5}"
-    between = Between(graph, drop, start_on="reference")
+    between = Between(world, drop, start_on="reference")
     between.join("reference")
-    status = graph.peer.status("fault_injector")
+    status = world.peer.status("fault_injector")
     assert (status.level, status.message) == (b"\x00", "1 faults to come")
     between.send("reference", MultiDOFJointTrajectory())
-    status = graph.peer.status("fault_injector", lambda found: found.level == b"\x01")
+    status = world.peer.status("fault_injector", lambda found: found.level == b"\x01")
     assert status.message == "at work: drop on wrench"
-    status = graph.peer.status("fault_injector", lambda found: found.level == b"\x00")
+    status = world.peer.status("fault_injector", lambda found: found.level == b"\x00")
     assert status.message == "no fault at work, 0 to come"
     told = "{fault: drop, topic: wrench, at: 0.0, for: 0.5, probability: 1.0}"
-    graph.until_said(between.process, f"ends: {told}")
+    world.until_said(between.process, f"ends: {told}")
     log = between.process.log
     assert log.count(f"begins: {told}") == log.count(f"ends: {told}") == 1
 
 
-def test_messages_at_which_a_fault_was_at_work_are_counted(graph: Graph) -> None:
-    between = Between(graph, f"{{fault: duplicate, topic: wrench, {ALWAYS}}}")
+def test_messages_at_which_a_fault_was_at_work_are_counted(world: World) -> None:
+    between = Between(world, f"{{fault: duplicate, topic: wrench, {ALWAYS}}}")
     between.join("wrench")
     for _ in range(3):
         between.send("wrench", WrenchStamped())
     between.got("wrench", 6)
-    assert graph.peer.counter("fault_injector", "wrench at which a fault was at work", 3) == 3
+    assert world.peer.counter("fault_injector", "wrench at which a fault was at work", 3) == 3
 
 
-def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(graph: Graph) -> None:
+def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rclpy, "create_node", world.create_node)
     second = "{fault: second_publisher, topic: joint_states, at: 0.0, for: 2.0, offset: 0.25}"
-    between = Between(graph, second, start_on="joint_states")
+    between = Between(world, second, start_on="joint_states")
     between.join("joint_states")
     between.send("joint_states", state(1))
     other = between.got("joint_states", 2)[1]
@@ -180,11 +180,11 @@ def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(graph: Grap
     assert list(other.velocity) == [2.25, 3.25]
 
     def publishers() -> set[str]:
-        found = graph.peer.node.get_publishers_info_by_topic("faulty/joint_states")
+        found = world.peer.node.get_publishers_info_by_topic("faulty/joint_states")
         return {info.node_name for info in found}
 
-    graph.until(lambda: publishers() == {"fault_injector", "intruder"}, "a second publisher")
-    graph.until(lambda: publishers() == {"fault_injector"}, "its end")
+    world.until(lambda: publishers() == {"fault_injector", "intruder"}, "a second publisher")
+    world.until(lambda: publishers() == {"fault_injector"}, "its end")
     assert between.process.stop() == 0
 
 
@@ -200,31 +200,31 @@ def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(graph: Grap
     ],
 )
 def test_a_fault_that_cannot_be_is_refused_at_the_start(
-    graph: Graph, fault: str, words: str
+    tmp_path: Path, fault: str, words: str
 ) -> None:
     topics = ["joint_states", "reference"]
-    process = graph.start("fault_injector", {"topics": topics, "faults": [fault]})
-    assert process.end() == 1
+    process = run_to_its_end("fault_injector", tmp_path, {"topics": topics, "faults": [fault]})
+    assert process.exit_code == 1
     assert words in process.stderr
     assert "parameter 'faults'" in process.stderr
     assert "Traceback" not in process.stderr
 
 
-def test_the_robot_has_to_send_what_its_clock_is_to_jump_on(graph: Graph) -> None:
+def test_the_robot_has_to_send_what_its_clock_is_to_jump_on(world: World) -> None:
     jump = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
-    process = graph.start("fault_injector", {"topics": ["reference"], "faults": [jump]})
+    process = world.start("fault_injector", {"topics": ["reference"], "faults": [jump]})
     assert process.end() == 1
     assert "none of joint_states, wrench is among 'topics'" in process.stderr
 
 
-def test_time_cannot_begin_on_a_topic_that_is_not_given_on(graph: Graph) -> None:
-    process = graph.start("fault_injector", {"topics": ["wrench"], "start_on": "reference"})
+def test_time_cannot_begin_on_a_topic_that_is_not_given_on(world: World) -> None:
+    process = world.start("fault_injector", {"topics": ["wrench"], "start_on": "reference"})
     assert process.end() == 1
     assert "start_on" in process.stderr
 
 
-def test_the_parameters_that_come_with_the_package_are_possible(graph: Graph) -> None:
-    process = graph.start("fault_injector", files=(ROOT / "config/fault_injector.yaml",))
-    graph.until_said(process, "3 faults to come")
+def test_the_parameters_that_come_with_the_package_are_possible(world: World) -> None:
+    process = world.start("fault_injector", files=(ROOT / "config/fault_injector.yaml",))
+    world.until_said(process, "3 faults to come")
     assert process.stop() == 0
     assert "error" not in process.log.lower()

@@ -1,4 +1,4 @@
-"""The node ``identify_tool`` as its users run it: a real process that talks over DDS.
+"""The node ``identify_tool`` over DDS.
 
 The arm is ``pybullet_bridge``, or is played by the test, whose stamps go as fast as the node
 follows.
@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import HOME, ROOT, UR5, Array, Graph, Process, values
+from in_process import Ended, Running, World, run_to_its_end
+from ros_processes import HOME, ROOT, UR5, Array, values
 from samples import generator
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -78,24 +79,24 @@ class Found:
 class Rig:
     """An arm with its sensor, played by the test: a state and a wrench every 10 ms of stamps."""
 
-    def __init__(self, graph: Graph, *, frame: str = "tool0", **parameters: Any) -> None:
-        self.graph, self.frame = graph, frame
+    def __init__(self, world: World, *, frame: str = "tool0", **parameters: Any) -> None:
+        self.world, self.frame = world, frame
         self.sensor = Robot(UR5.urdf, "", frame)
-        peer = graph.peer
+        peer = world.peer
         self._description = peer.publisher(String, "robot_description", latched=True)
         self._description.publish(String(data=UR5.urdf))
         self.states = peer.publisher(JointState, "joint_states")
         self.wrenches = peer.publisher(WrenchStamped, "wrench")
-        self.process = graph.start("identify_tool", {**QUICK, **parameters})
+        self.process = world.start("identify_tool", {**QUICK, **parameters})
         self.t = 1_000_000_000
         self.has_velocities = True
         self.extra, self.sign = np.zeros(6), 1.0
         self.gravity = parameters.get("gravity", [0.0, 0.0, -9.81])
-        graph.until(
+        world.until(
             lambda: self.states.get_subscription_count() * self.wrenches.get_subscription_count(),
             "subscribers of joint_states and wrench",
         )
-        graph.until_said(self.process, "waiting for the first wrench")
+        world.until_said(self.process, "waiting for the first wrench")
 
     def wrench(self, q: Array) -> WrenchStamped:
         """Return what the sensor measures at q (n,), at the present stamp."""
@@ -127,7 +128,7 @@ class Rig:
                 self.tick(q)
             return condition()
 
-        self.graph.until(happened, what)
+        self.world.until(happened, what)
 
     def until_said(self, words: str, q: Array = HOME) -> None:
         self.until(lambda: words in self.process.log, q, f"'{words}' in the log")
@@ -139,14 +140,14 @@ class Rig:
 
     def status(self, condition: Callable[[Any], Any]) -> Any:
         """Let the arm rest until a status meets a condition; return it."""
-        return self.graph.peer.status("identify_tool", condition, lambda: self.tick(HOME))
+        return self.world.peer.status("identify_tool", condition, lambda: self.tick(HOME))
 
     def end(self) -> int:
-        self.graph.until(lambda: self.process.exit_code is not None, "the end of identify_tool")
+        self.world.until(lambda: self.process.exit_code is not None, "the end of identify_tool")
         return self.process.end()
 
 
-def assert_failed(process: Process, *words: str) -> None:
+def assert_failed(process: Running | Ended, *words: str) -> None:
     """Assert that a process ends with exit code 1 and one line that has some words."""
     assert process.end() == 1
     assert "Traceback" not in process.stderr
@@ -159,32 +160,32 @@ def assert_failed(process: Process, *words: str) -> None:
 
 
 def test_the_simulated_tool_and_bias_are_found_as_the_arm_goes_through_six_poses(
-    graph: Graph, tmp_path: Path
+    world: World, tmp_path: Path
 ) -> None:
     output = tmp_path / "tool.yaml"
-    graph.start("pybullet_bridge", {**SIMULATED, "command_timeout": 60.0, "rate": 500.0})
-    process = graph.start("identify_tool", {"output": str(output)})
-    commands = graph.peer.publisher(JointState, "joint_reference")
-    graph.until(commands.get_subscription_count, "a subscriber of joint_reference")
+    world.start("pybullet_bridge", {**SIMULATED, "command_timeout": 60.0, "rate": 200.0})
+    process = world.start("identify_tool", {"output": str(output)})
+    commands = world.peer.publisher(JointState, "joint_reference")
+    world.until(commands.get_subscription_count, "a subscriber of joint_reference")
     for number, q in enumerate(POSES, 1):
         commands.publish(JointState(name=list(UR5.joints), position=q.tolist()))
-        graph.until_said(process, f"pose {number} of 6 taken")
+        world.until_said(process, f"pose {number} of 6 taken")
     assert process.end() == 0
     Found(process.stdout).assert_within_the_bars()
     Found(output.read_text()).assert_within_the_bars()
     assert "warning" not in process.log
 
 
-def test_the_shipped_motion_takes_clik_through_six_poses(graph: Graph) -> None:
+def test_the_shipped_motion_takes_clik_through_six_poses(world: World) -> None:
     """The files of the README; in lock-step, so that it takes less time."""
-    lockstep = {"mode": "lockstep", "rate": 200.0, "wait_for_subscribers": 2}
+    lockstep = {"mode": "lockstep", "rate": 100.0, "wait_for_subscribers": 2}
     clik = {"use_sim_time": True, "require_reference": True}
-    process = graph.start("identify_tool", files=(CONFIG / "identify_tool.yaml",))
-    graph.start("clik", clik, files=(CONFIG / "clik.yaml",))
-    graph.start("reference", files=(CONFIG / "identify_tool_motion.yaml",))
+    process = world.start("identify_tool", files=(CONFIG / "identify_tool.yaml",))
+    world.start("clik", clik, files=(CONFIG / "clik.yaml",))
+    world.start("reference", files=(CONFIG / "identify_tool_motion.yaml",))
     bridge = (CONFIG / "pybullet_bridge.yaml",)
-    graph.start("pybullet_bridge", {**SIMULATED, **lockstep}, files=bridge)
-    graph.until(lambda: process.exit_code is not None, "the end of identify_tool")
+    world.start("pybullet_bridge", {**SIMULATED, **lockstep}, files=bridge)
+    world.until(lambda: process.exit_code is not None, "the end of identify_tool")
     assert process.end() == 0
     assert "pose 6 of 6 taken" in process.log
     assert "warning" not in process.log.lower()
@@ -195,28 +196,28 @@ def test_the_shipped_motion_takes_clik_through_six_poses(graph: Graph) -> None:
 
 
 def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(
-    graph: Graph, tmp_path: Path
+    world: World, tmp_path: Path
 ) -> None:
     output = tmp_path / "tool.yaml"
-    rig = Rig(graph, output=str(output))
+    rig = Rig(world, output=str(output))
     rig.take(POSES)
     assert rig.end() == 0
     Found(rig.process.stdout).assert_exact()
     Found(output.read_text()).assert_exact()
     assert "The tool and the sensor, from 6 poses" in rig.process.stdout
     for node in ("dynamic_control", "impedance_control"):
-        graph.start(node, files=(CONFIG / f"{node}.yaml", output))
-        mass, com = graph.peer.get_parameters(f"/{node}", "tool_mass", "tool_com")
+        world.start(node, files=(CONFIG / f"{node}.yaml", output))
+        mass, com = world.peer.get_parameters(f"/{node}", "tool_mass", "tool_com")
         assert mass == pytest.approx(MASS, abs=PRINTED)
         np.testing.assert_allclose(com, COM, rtol=0, atol=PRINTED)
-    (bias,) = graph.peer.get_parameters("/impedance_control", "wrench_bias")
+    (bias,) = world.peer.get_parameters("/impedance_control", "wrench_bias")
     np.testing.assert_allclose(bias, BIAS, rtol=0, atol=PRINTED)
 
 
 def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the_tip_frame(
-    graph: Graph,
+    world: World,
 ) -> None:
-    rig = Rig(graph, frame="wrist_3_link", poses=3)
+    rig = Rig(world, frame="wrist_3_link", poses=3)
     rig.take(POSES[:3])
     assert rig.end() == 0
     q, still = HOME, np.zeros(6)
@@ -226,28 +227,28 @@ def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the
     Found(rig.process.stdout).assert_exact(com)
 
 
-def test_an_arm_on_a_wall_has_its_own_gravity(graph: Graph) -> None:
-    rig = Rig(graph, poses=3, gravity=[5.0, 0.0, -8.4])
+def test_an_arm_on_a_wall_has_its_own_gravity(world: World) -> None:
+    rig = Rig(world, poses=3, gravity=[5.0, 0.0, -8.4])
     rig.take(POSES[:3])
     assert rig.end() == 0
     Found(rig.process.stdout).assert_exact()
 
 
-def test_velocities_in_joint_states_are_not_needed(graph: Graph) -> None:
-    rig = Rig(graph, poses=3)
+def test_velocities_in_joint_states_are_not_needed(world: World) -> None:
+    rig = Rig(world, poses=3)
     rig.has_velocities = False
     rig.take(POSES[:3])
     assert rig.end() == 0
     Found(rig.process.stdout).assert_exact()
 
 
-def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(graph: Graph) -> None:
-    rig = Rig(graph, poses=3)
+def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(world: World) -> None:
+    rig = Rig(world, poses=3)
     rig.sign = -1.0
     rig.take(POSES[:3])
     rig.end()
     assert_failed(rig.process, "negative, -1.2 kg", "set wrench_sign: -1")
-    rig.process = graph.start("identify_tool", {**QUICK, "poses": 3, "wrench_sign": -1})
+    rig.process = world.start("identify_tool", {**QUICK, "poses": 3, "wrench_sign": -1})
     rig.take(POSES[:3])
     assert rig.end() == 0
     found = Found(rig.process.stdout)
@@ -255,8 +256,8 @@ def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(graph: Graph
     assert found.sign == -1
 
 
-def test_a_tool_that_touches_something_in_a_pose_is_warned_of(graph: Graph) -> None:
-    rig = Rig(graph)
+def test_a_tool_that_touches_something_in_a_pose_is_warned_of(world: World) -> None:
+    rig = Rig(world)
     rig.take(POSES[:3])
     rig.extra = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
     rig.take(POSES[3:4], first=4)
@@ -271,27 +272,27 @@ def test_a_tool_that_touches_something_in_a_pose_is_warned_of(graph: Graph) -> N
 # --- when a pose is taken --------------------------------------------------------------------
 
 
-def test_poses_that_are_too_similar_are_not_enough(graph: Graph) -> None:
-    rig = Rig(graph, poses=3)
+def test_poses_that_are_too_similar_are_not_enough(world: World) -> None:
+    rig = Rig(world, poses=3)
     in_a_row = [HOME + [0, 0, 0, angle, 0, 0] for angle in (0.0, 0.4, 0.8)]
     rig.take(in_a_row)
     words = "the poses are too similar, one more is needed: tilt about another axis"
-    graph.until_said(rig.process, words)
+    world.until_said(rig.process, words)
     rig.take(POSES[2:3], first=4)
     assert rig.end() == 0
     Found(rig.process.stdout).assert_exact()
 
 
-def test_how_long_and_how_far_apart_is_as_the_parameters_say(graph: Graph) -> None:
-    rig = Rig(graph, averaging_time=0.3, min_angle=1.2)
+def test_how_long_and_how_far_apart_is_as_the_parameters_say(world: World) -> None:
+    rig = Rig(world, averaging_time=0.3, min_angle=1.2)
     rig.take(POSES[:1])
     rig.until_said("gravity 52 deg from where it was in pose 1; expected 69 deg", POSES[1])
     (samples,) = re.findall(r"taken: (\d+) wrenches", rig.process.log)
     assert 20 < int(samples) <= 31  # every 10 ms; some may be lost on the way
 
 
-def test_no_pose_is_taken_twice_and_none_while_the_arm_moves(graph: Graph) -> None:
-    rig = Rig(graph)
+def test_no_pose_is_taken_twice_and_none_while_the_arm_moves(world: World) -> None:
+    rig = Rig(world)
     rig.take(POSES[:1])
     rig.until_said(
         "sensor sees gravity 0 deg from where it was in pose 1", HOME + [1, 0, 0, 0, 0, 0]
@@ -299,11 +300,10 @@ def test_no_pose_is_taken_twice_and_none_while_the_arm_moves(graph: Graph) -> No
     rig.extra = np.full(6, 100.0)
     for _ in range(15):
         rig.tick(POSES[1])
-        graph.peer.spin_once()
     rig.extra = np.zeros(6)
     rig.until_said("the arm moved too early, the pose was dropped: let it rest", POSES[2])
     rig.take(POSES[2:], first=2)
-    graph.until_said(rig.process, "pose 5 of 6")
+    world.until_said(rig.process, "pose 5 of 6")
     assert rig.process.stop() == 0
     Found(rig.process.stdout).assert_exact()
 
@@ -329,9 +329,9 @@ def stale(msg: WrenchStamped) -> None:
     ],
 )
 def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
-    graph: Graph, spoil: Callable[[WrenchStamped], None], words: str
+    world: World, spoil: Callable[[WrenchStamped], None], words: str
 ) -> None:
-    rig = Rig(graph, poses=3)
+    rig = Rig(world, poses=3)
     rig.until_said("the sensor is at tool0")
     for number, q in enumerate(POSES[:3], 1):
 
@@ -343,7 +343,7 @@ def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
 
         rig.until(taken, q, f"pose {number}")
         if number == 2:
-            rejected = values(graph.peer.status("identify_tool"))["wrench rejected"]
+            rejected = values(world.peer.status("identify_tool"))["wrench rejected"]
             assert int(rejected) > 0
     assert rig.end() == 0
     Found(rig.process.stdout).assert_exact()
@@ -353,9 +353,9 @@ def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
 
 @pytest.mark.parametrize("frame", ["tol0", ""])
 def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(
-    graph: Graph, frame: str
+    world: World, frame: str
 ) -> None:
-    rig = Rig(graph)
+    rig = Rig(world)
     rig.frame = frame
     rig.until_said(f"its frame is no link of the robot description: unknown frame '{frame}'")
     assert "known: base" in rig.process.log
@@ -364,13 +364,13 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(
     rig.take(POSES[:1])
 
 
-def test_joint_states_that_cannot_be_used_are_counted(graph: Graph) -> None:
-    rig = Rig(graph)
+def test_joint_states_that_cannot_be_used_are_counted(world: World) -> None:
+    rig = Rig(world)
     rig.until_said("the sensor is at tool0")
     msg = rig.state(HOME)
     msg.position[2] = math.nan
     rig.states.publish(msg)
-    status = graph.peer.status("identify_tool", lambda s: "joint_states rejected" in values(s))
+    status = world.peer.status("identify_tool", lambda s: "joint_states rejected" in values(s))
     assert values(status)["joint_states rejected"] == "1"
     rig.take(POSES[:1])
     assert "joint_states rejected: joint_states has a non-finite position" in rig.process.log
@@ -379,8 +379,8 @@ def test_joint_states_that_cannot_be_used_are_counted(graph: Graph) -> None:
 # --- the end ---------------------------------------------------------------------------------
 
 
-def test_sigint_computes_from_the_poses_there_are_if_they_are_enough(graph: Graph) -> None:
-    rig = Rig(graph)
+def test_sigint_computes_from_the_poses_there_are_if_they_are_enough(world: World) -> None:
+    rig = Rig(world)
     rig.take(POSES[:3])
     assert rig.process.stop() == 0
     Found(rig.process.stdout).assert_exact()
@@ -388,16 +388,16 @@ def test_sigint_computes_from_the_poses_there_are_if_they_are_enough(graph: Grap
 
 
 @pytest.mark.parametrize("count", [0, 2])
-def test_sigint_with_too_few_poses_is_an_error_that_says_how_many(graph: Graph, count: int) -> None:
-    rig = Rig(graph)
+def test_sigint_with_too_few_poses_is_an_error_that_says_how_many(world: World, count: int) -> None:
+    rig = Rig(world)
     rig.take(POSES[:count])
     rig.process.stop()
     assert_failed(rig.process, f"too few poses, {count}; expected at least 3")
     assert rig.process.stdout == ""
 
 
-def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(graph: Graph) -> None:
-    rig = Rig(graph, timeout=5.0)
+def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(world: World) -> None:
+    rig = Rig(world, timeout=5.0)
     rig.until(lambda: rig.process.exit_code is not None, HOME, "the end")
     assert rig.process.log.count(" taken: ") == 1
     assert_failed(
@@ -405,10 +405,10 @@ def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(graph: Gra
     )
 
 
-def test_without_a_robot_it_says_what_is_missing(graph: Graph) -> None:
-    process = graph.start("identify_tool", {"timeout": 4.0})
-    graph.until_said(process, "no joint_states within 2 s")
-    graph.until_said(process, "no wrench within 2 s")
+def test_without_a_robot_it_says_what_is_missing(world: World) -> None:
+    process = world.start("identify_tool", {"timeout": 4.0})
+    world.until_said(process, "no joint_states within 2 s")
+    world.until_said(process, "no wrench within 2 s")
     assert_failed(process, "with 0 of 6 poses, waiting for the topic robot_description")
 
 
@@ -429,17 +429,17 @@ def test_without_a_robot_it_says_what_is_missing(graph: Graph) -> None:
     ],
 )
 def test_what_is_impossible_is_refused_at_the_start(
-    graph: Graph, parameters: dict[str, Any], words: str
+    tmp_path: Path, parameters: dict[str, Any], words: str
 ) -> None:
-    assert_failed(graph.start("identify_tool", parameters), words)
+    assert_failed(run_to_its_end("identify_tool", tmp_path, parameters), words)
 
 
-def test_a_file_is_never_overwritten(graph: Graph, tmp_path: Path) -> None:
+def test_a_file_is_never_overwritten(world: World, tmp_path: Path) -> None:
     output = tmp_path / "tool.yaml"
-    rig = Rig(graph, poses=3, output=str(output))
+    rig = Rig(world, poses=3, output=str(output))
     output.write_text("mine")
     assert_failed(
-        graph.start("identify_tool", {"output": str(output)}),
+        world.start("identify_tool", {"output": str(output)}),
         f"output: {output} exists; name another file, or remove it",
     )
     rig.take(POSES[:3])
@@ -449,8 +449,8 @@ def test_a_file_is_never_overwritten(graph: Graph, tmp_path: Path) -> None:
     Found(rig.process.stdout).assert_exact()  # what was measured is not lost
 
 
-def test_a_tip_that_moves_against_the_sensor_is_refused(graph: Graph) -> None:
-    rig = Rig(graph)
+def test_a_tip_that_moves_against_the_sensor_is_refused(world: World) -> None:
+    rig = Rig(world)
     msg = rig.wrench(HOME)
     msg.header.frame_id = "forearm_link"
 
@@ -458,12 +458,12 @@ def test_a_tip_that_moves_against_the_sensor_is_refused(graph: Graph) -> None:
         rig.wrenches.publish(msg)
         return rig.process.exit_code is not None
 
-    graph.until(ended, "the end")
+    world.until(ended, "the end")
     assert_failed(rig.process, "wrist_3_joint moves between the sensor at 'forearm_link' and")
 
 
-def test_noise_does_not_hide_the_standstill(graph: Graph) -> None:
-    rig = Rig(graph, poses=3)
+def test_noise_does_not_hide_the_standstill(world: World) -> None:
+    rig = Rig(world, poses=3)
     noise = generator(80)
     for number, q in enumerate(POSES[:3], 1):
 
@@ -471,6 +471,6 @@ def test_noise_does_not_hide_the_standstill(graph: Graph) -> None:
             rig.tick(q + noise.normal(scale=1e-4, size=6))
             return f"pose {number} of " in rig.process.log
 
-        graph.until(taken, f"pose {number}")
+        world.until(taken, f"pose {number}")
     assert rig.end() == 0
     assert Found(rig.process.stdout).mass == pytest.approx(MASS, rel=1e-3)
