@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -134,6 +135,15 @@ def test_no_imports_go_in_a_circle():
             break
         settled |= free
     assert sorted(MODULES.keys() - settled) == []
+
+
+def test_each_class_has_a_name_of_its_own():
+    places = defaultdict(list)
+    for name, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(name)
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def test_few_modules_lie_flat():

@@ -9,7 +9,7 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps.base import MapVariant, Row
 from eulerparams_control.lab.maps.run import Sampling, run
 from eulerparams_control.lab.maps.sampling import passing
-from eulerparams_control.lab.maps.tip import Drive, FreeTip
+from eulerparams_control.lab.maps.tip import DrivenTip, FreeTip
 from eulerparams_control.lab.maps.turning_maps import TurningMap
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
@@ -68,7 +68,7 @@ class GainMap(TurningMap):
             return DesiredFrame(np.zeros(3), R_d, omega_d=speed * n)
 
         tip = FreeTip(desired(0.0).R_d, speed * n)
-        drive = Drive(self.motion_law(variant, float(cell["gain"])), tip)
+        drive = DrivenTip(self.motion_law(variant, float(cell["gain"])), tip)
         sampling = Sampling(self.dt, duration, math.radians(self.noise), math.radians(self.settled))
         outcome = run(drive, desired, sampling, random)
         if outcome.worst > sampling.bound:  # it had settled: it was to stay so

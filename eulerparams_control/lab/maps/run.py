@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.lab.maps.tip import Drive
+from eulerparams_control.lab.maps.tip import DrivenTip
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -53,7 +53,7 @@ class Sampling(NamedTuple):
 
 
 def run(
-    drive: Drive,
+    drive: DrivenTip,
     desired: Callable[[float], DesiredFrame],
     sampling: Sampling,
     random: np.random.Generator,

@@ -88,7 +88,7 @@ class ArmTip:
         self._q = self._q + dt / 2 * (before + self._dq)
 
 
-class Drive:
+class DrivenTip:
     """A law of kinematic (23), (28) or dynamic control (38), (40) that moves a tip.
 
     Args:

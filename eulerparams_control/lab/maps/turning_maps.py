@@ -9,7 +9,7 @@ from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, Row, Table
 from eulerparams_control.lab.maps.run import Sampling, TurnOutcome, failure, run
 from eulerparams_control.lab.maps.sampling import away, directions, random_axis, with_tool_axis
-from eulerparams_control.lab.maps.tip import Drive, FreeTip, Tip
+from eulerparams_control.lab.maps.tip import DrivenTip, FreeTip, Tip
 from eulerparams_control.laws.clik import ClikLaw
 from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
 from eulerparams_control.laws.rotations import Array, exp
@@ -75,7 +75,7 @@ class TurningMap(MapKind):
     ) -> dict[str, float]:
         """Return what becomes of a tip that is theta [rad] away from R_d (3, 3), at rest."""
         desired = DesiredFrame(tip.state.p_e, R_d)
-        drive = Drive(self.motion_law(variant), tip)
+        drive = DrivenTip(self.motion_law(variant), tip)
         outcome = run(drive, lambda _: desired, self.sampling, random)
         return self.row(outcome, self.direct_peak(theta), theta)
 
@@ -159,7 +159,7 @@ class OrientationMap(TurningMap):
             return DesiredFrame(np.zeros(3), exp((t - half) * omega_d) @ R_d, omega_d=omega_d)
 
         tip = FreeTip(desired(0.0).R_d, omega_d)
-        drive = Drive(self.motion_law(self.variant(cell)), tip)
+        drive = DrivenTip(self.motion_law(self.variant(cell)), tip)
         outcome = run(drive, desired, self.sampling, random)
         if outcome.worst > self.sampling.bound:  # it had settled: it was to stay so
             outcome = outcome._replace(settled=math.inf)
