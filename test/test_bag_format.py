@@ -713,18 +713,6 @@ def test_a_bag_cut_at_any_byte_gives_all_messages_of_the_chunks_before(
 
 
 @anything
-@given(size=st.integers(0, 7))
-def test_less_than_the_first_eight_bytes_is_refused(
-    size: int, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    whole = mcap_of(small_bag).read_bytes()
-    folder = rewritten(tmp_path_factory.mktemp("cut") / "bag", whole[:size])
-    for read in (Bag, recover):
-        with pytest.raises(BagError, match="expected an MCAP file"):
-            read(folder)
-
-
-@anything
 @given(data=st.data(), bit=st.integers(0, 7))
 def test_a_flipped_bit_costs_messages_but_invents_none(
     data: st.DataObject, bit: int, small_bag: Path, tmp_path_factory: pytest.TempPathFactory

@@ -195,38 +195,6 @@ def test_a_law_is_replaced_by_another_without_a_jump_of_the_velocity(before, aft
     assert law_differs(*laws, tick.state, goal) > 0.1  # there was something to jump
 
 
-def test_after_some_blend_times_only_the_new_law_is_left():
-    laws = law("euler_angles", K), law("euler_parameters", 3 * K)
-    (_, replaced), goal, _ = run_and_replace(laws, blend_time=0.01)
-    replaced.tick(DT, HOME, STILL, goal)
-    jump = law_differs(*laws, replaced.tick(0.0, HOME, STILL, goal).state, goal)
-    for _ in range(300):  # 30 blend times
-        tick = replaced.tick(DT, HOME, STILL, goal)
-    dq, _, _ = laws[1].velocity(tick.state, goal, None)
-    assert jump > 0.1
-    np.testing.assert_allclose(tick.command.dq, dq, rtol=0, atol=NO_JUMP)
-
-
-def test_a_blend_decays_exponentially():
-    laws = law(k=K), law(k=3 * K)
-    (_, replaced), goal, _ = run_and_replace(laws, blend_time=0.1)
-    offsets = []
-    for _ in range(3):
-        tick = replaced.tick(0.05, HOME, STILL, goal)
-        offsets.append(tick.command.dq - laws[1].velocity(tick.state, goal, None)[0])
-    assert np.abs(offsets[0]).max() > 0.1
-    for i in (1, 2):
-        expected = math.exp(-0.5 * i) * offsets[0]
-        np.testing.assert_allclose(offsets[i], expected, rtol=0, atol=NO_JUMP)
-
-
-def test_a_law_replaced_twice_before_a_tick_does_not_jump_either():
-    laws = law("euler_angles", K), law("angle_axis", 7 * K), law("euler_parameters", 3 * K)
-    (_, replaced), goal, last = run_and_replace(laws)
-    dq = replaced.tick(DT, HOME, STILL, goal).command.dq
-    np.testing.assert_allclose(dq, last, rtol=0, atol=NO_JUMP)
-
-
 def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_changes():
     laws = law(k=K, sign="continuous"), law(k=2 * K, sign="continuous")
     goal = pose_of(UR5, HOME)

@@ -121,14 +121,6 @@ def test_the_settle_time_of_clik_with_euler_parameters_is_that_of_28() -> None:
     assert table_of(kind)["settle_time"] == pytest.approx(expected, rel=kind.rate * kind.dt)
 
 
-def test_small_errors_of_dynamic_control_peak_like_a_critically_damped_oscillator() -> None:
-    kind = OrientationMap(
-        variants=(VECTOR, PARAMETERS, RELATIVE, ANGLE_AXIS), samples=3, trials=1, errors=(3.0,),
-        speeds=(), noise=0.0, dt=1e-3,
-    )  # fmt: skip
-    assert table_of(kind)["speed_ratio"] == pytest.approx(1.0, abs=0.02)
-
-
 @pytest.mark.parametrize(("variant", "row"), [(XYZ, 0), (ZYZ, 2)])
 def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(
     variant: MapVariant, row: int
@@ -140,19 +132,6 @@ def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(
     assert s.max() > 0.8
     assert table["k_min"] == pytest.approx(1 / (1 + s), rel=1e-3)
     assert table["k_max"] == pytest.approx(1 / (1 - s), rel=1e-3)
-
-
-def test_the_apparent_stiffness_of_euler_parameters_is_the_chosen_one() -> None:
-    kind = StiffnessMap(variants=(PARAMETERS, RELATIVE), samples=3, K_o=(50.0, 100.0, 200.0))
-    table = table_of(kind)
-    assert table["k_min"] == pytest.approx(1.0, abs=1e-3)
-    assert table["k_max"] == pytest.approx(1.0, abs=1e-3)
-    assert table["deviation"].max() < 0.1
-
-
-def test_with_euler_angles_a_moment_turns_about_another_axis() -> None:
-    kind = StiffnessMap(variants=(XYZ,), samples=6, K_o=(50.0, 100.0, 200.0))
-    assert table_of(kind)["deviation"].min() > 5
 
 
 def test_large_moments_turn_as_in_closed_form() -> None:
