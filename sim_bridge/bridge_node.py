@@ -32,12 +32,12 @@ from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
 from sim_bridge.bridge_parameters import LOCKSTEP, BridgeParameters
+from sim_bridge.commands import push_from_ros
 from sim_bridge.drive import Drive, DriveMode, DriveReply, DriveStatus
 from sim_bridge.drive_words import DriveWords
 from sim_bridge.environment import Environment, nest, read_environment
 from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.pacing import LockStep, WallClock
-from sim_bridge.pushes import push_from_ros
 from sim_bridge.simulator import Simulator, SimulatorState
 
 # Of the parameters environment.NAME.KEY, any number of them.

@@ -1,14 +1,17 @@
-"""The commands of a robot in one kind of control."""
+"""What comes to a robot: commands in one kind of control, and pushes at its tool."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import CommandReader
+from eulerparams_control.messages.from_ros import CommandReader, wrench_from_ros
 
 Command = tuple[Array, ...]
 """q and dq (n,) [rad, rad/s] in position control, tau (n,) [Nm] in torque control."""
+
+STRONGEST = 1e5
+"""Nothing pushes an arm so strongly [N, Nm]: it is a mistake."""
 
 
 class CommandInput:
@@ -51,3 +54,17 @@ class CommandInput:
             f"{self.topic} has {found} only, but the robot is in {control} control; start a "
             f"controller for {control} control, or the robot with another control"
         )
+
+
+def push_from_ros(msg: Any, frame: str) -> Array:
+    """Return force and moment (6,) [N, Nm] of a message, which must be in the sensor frame.
+
+    Raises:
+        InvalidMessageError: if the frame is another, or a value not finite or impossible.
+    """
+    wrench = wrench_from_ros(msg, frame)
+    if abs(wrench).max() > STRONGEST:
+        raise InvalidMessageError(
+            f"the wrench {wrench.tolist()} is impossible; expected up to {STRONGEST:g}"
+        )
+    return wrench

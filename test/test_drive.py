@@ -15,6 +15,7 @@ from eulerparams_control.events import ExitCode
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.command_source import UNNUMBERED, Senders
 from sim_bridge.command_statistics import Tally
+from sim_bridge.commands import push_from_ros
 from sim_bridge.drive import (
     CLIPPED,
     GIVEN_UP,
@@ -36,7 +37,6 @@ from sim_bridge.drive import (
 from sim_bridge.drive_words import ERROR, OK, WARN, DriveWords
 from sim_bridge.pacing import LockStep, WallClock
 from sim_bridge.parameters import SimulatorParameters
-from sim_bridge.pushes import push_from_ros
 from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.stamp_filter import StampOrder
 
@@ -678,9 +678,8 @@ class Paced:
         self.stamps: list[int] = []
         self.forces: dict[int, float] = {}
         rate = 1.0 / robot.dt
-        self.pacing = kind(
-            robot.drive, self.publish, rate, duration, lambda: self.clock, **options
-        )
+        given = robot.drive, self.publish, rate, duration, lambda: self.clock
+        self.pacing = kind(*given, **options)
 
     def publish(self, state: SimulatorState, stamp: int) -> None:
         self.stamps.append(stamp)
