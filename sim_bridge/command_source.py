@@ -1,4 +1,4 @@
-"""Who sends the commands: one controller, or two that must not be obeyed.
+"""Who sends the commands, one controller or two that must not be obeyed; and in which order.
 
 The graph does not tell: a controller that was killed stays in it for 20 s, one that is
 inactive for ever, and two may have the same name.  The messages do: each publisher numbers
@@ -120,3 +120,32 @@ class Senders:
 
         near = [s for s in self._known if may_be(s)]
         return max(near, key=lambda s: (s.number, s is self._last), default=None)
+
+
+class StampOrder:
+    """Tells commands that come too late by their stamps, which grow from one to the next.
+
+    Stamps that stay older for longer than ``patience`` are those of a clock that went back,
+    and are taken from then on.  The stamp 0 says nothing.  A command of the same stamp as the
+    last one replaces it: the last word of a controller answers a state that it has answered.
+
+    Args:
+        patience: [s].
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        self._newest = 0
+        self._since: float | None = None  # when the first of the older stamps came [s]
+
+    def is_late(self, stamp: int, now: float) -> bool:
+        """Return whether a command stamped so [ns], which came at ``now`` [s], is too late."""
+        if stamp == 0:
+            return False
+        if stamp < self._newest:
+            if self._since is None:
+                self._since = now
+            if now - self._since <= self._patience:
+                return True
+        self._newest, self._since = stamp, None
+        return False

@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
-from sim_bridge.command_source import Senders
+from sim_bridge.command_source import Senders, StampOrder
 from sim_bridge.commands import Command, CommandInput
 from sim_bridge.simulator import Simulator, SimulatorState
-from sim_bridge.stamp_filter import StampOrder
 
 # Stamps older than this [s] are forgotten, so that a restarted clock is soon accepted.
 _LONGEST_MEMORY = 1.0
@@ -95,15 +94,6 @@ TRANSITIONS: dict[DriveMode, dict[DriveEvent, DriveMode]] = {
 }
 """The mode after each event that matters in a mode; the others change nothing."""
 
-_CAUSES = {
-    _E.COMMAND: DriveCause.NONE,
-    _E.SILENCE: DriveCause.SILENCE,
-    _E.VIOLATION: DriveCause.PROTECTIVE_STOP,
-    _E.STANDSTILL: DriveCause.PROTECTIVE_STOP,
-    _E.CONTEST: DriveCause.CONTESTED,
-    _E.SETTLED: DriveCause.CONTEST_OVER,
-}
-
 # These events find the robot braked already, and what was rejected is still worth knowing.
 _RELEASES = (_E.STANDSTILL, _E.SETTLED)
 
@@ -152,19 +142,14 @@ class DrivePolicy:
     takes_late: bool = False
 
 
-REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP, PUSHES_OVER = (
-    "commands rejected",
-    "commands clipped",
-    "commands out of order",
-    "commands of a second controller",
-    "commands refused in a stop",
-    "protective stops",
-    "steps given up",
-    "external_wrench timed out",
+COUNTED = REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP = (
+    *("commands rejected", "commands clipped", "commands out of order"),
+    *("commands of a second controller", "commands refused in a stop"),
+    *("protective stops", "steps given up"),
 )
 """Keys on /diagnostics of what is counted."""
 
-_SHOWN_FROM_THE_START = (REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP)
+PUSHES_OVER = "external_wrench timed out"
 
 
 class Drive:
@@ -199,7 +184,7 @@ class Drive:
             simulator.command_position if position else simulator.command_effort
         )
         self.topic = self._reader.topic
-        self.values: dict[str, str | int | float] = dict.fromkeys(_SHOWN_FROM_THE_START, 0)
+        self.values: dict[str, str | int | float] = dict.fromkeys(COUNTED, 0)
         self._begin(0.0)
 
     def reset(self, q0: ArrayLike | None = None, now: float = 0.0) -> SimulatorState:
@@ -210,8 +195,7 @@ class Drive:
 
     def _begin(self, now: float) -> None:
         timeout = self._policy.command_timeout
-        at_once = self._policy.changes_at_once
-        self._senders = Senders(timeout, _QUIET, at_once=at_once)
+        self._senders = Senders(timeout, _QUIET, at_once=self._policy.changes_at_once)
         self._order = StampOrder(min(timeout, _LONGEST_MEMORY))
         self._delayed: deque[Command] = deque()
         self._heard = now  # when the last command was taken
@@ -253,7 +237,8 @@ class Drive:
         self._delayed.append(command)
         if len(self._delayed) > self._policy.command_delay:
             self._act(*self._delayed.popleft())
-            self._note_clipping()
+            if self._simulator.clipped is not None:
+                self._clip(str(self._simulator.clipped))
         return DriveReply.TAKEN
 
     def _may_take(self, stamp: int, now: float, *, heeded: bool) -> bool:
@@ -268,14 +253,13 @@ class Drive:
             return True
         return False
 
-    def _note_clipping(self) -> None:
-        if self._simulator.clipped is None:
-            return
-        self._clipped = str(self._simulator.clipped)
+    def _clip(self, text: str) -> None:
+        """Warn of a command that was cut to a limit, once while it goes on."""
+        self._clipped = text
         self.count(CLIPPED)
         if self.status.cause is not DriveCause.CLIPPED:
-            self.values["last command clipped"] = self._clipped
-            self._set(replace(self.status, cause=DriveCause.CLIPPED, clipped=self._clipped))
+            self.values["last command clipped"] = text
+            self._set(replace(self.status, cause=DriveCause.CLIPPED, clipped=text))
 
     def push(self, wrench: ArrayLike | None, since: float = math.inf) -> None:
         """Push the tool with ``wrench`` (6,) [N, Nm] as of ``since`` [s]; None ends it."""
@@ -291,7 +275,7 @@ class Drive:
             SimulationError: if the state is not finite any more.
         """
         if now - self._heard > self._policy.command_timeout:
-            self._go(DriveEvent.SILENCE, now)
+            self._go(DriveEvent.SILENCE, now, DriveCause.SILENCE)
         if now >= self._push_end - _ROUNDING:
             self.push(None)
             self.count(PUSHES_OVER)
@@ -301,18 +285,15 @@ class Drive:
             self.end(now, DriveCause.DIVERGED, str(error))
             raise
         self.state = self._simulator.read()
-        if self._simulator.violation:
-            self._stop(self._simulator.violation, now)
+        if violation := self._simulator.violation:
+            self.count(STOPS)
+            self._go(DriveEvent.VIOLATION, now, DriveCause.PROTECTIVE_STOP, violation=violation)
+            if not self._simulator.is_pushed:
+                self._push_end = math.inf
         elif self.status.mode is DriveMode.STOPPING and self.is_standing:
-            self._go(DriveEvent.STANDSTILL, now, violation=self.status.violation)
+            cause, violation = DriveCause.PROTECTIVE_STOP, self.status.violation
+            self._go(DriveEvent.STANDSTILL, now, cause, violation=violation)
         return self.state
-
-    def _stop(self, violation: str, now: float) -> None:
-        """Make a protective stop."""
-        if not self._simulator.is_pushed:
-            self._push_end = math.inf
-        self.count(STOPS)
-        self._go(DriveEvent.VIOLATION, now, violation=violation)
 
     def review(self, now: float) -> None:
         """Bring the status up to date, once a second."""
@@ -332,7 +313,7 @@ class Drive:
 
     def end(self, now: float, cause: DriveCause, text: str = "") -> None:
         """Brake for good."""
-        self._go(DriveEvent.END, now, cause=cause, text=text)
+        self._go(DriveEvent.END, now, cause, text=text)
 
     def close(self) -> None:
         """End the simulation."""
@@ -355,24 +336,26 @@ class Drive:
     def _judge(self, now: float) -> None:
         """Brake because several controllers command, or see that all but one have gone."""
         if not self._senders.contested:
-            self._go(DriveEvent.SETTLED, now)
+            self._go(DriveEvent.SETTLED, now, DriveCause.CONTEST_OVER)
         elif DriveEvent.CONTEST in TRANSITIONS[self.status.mode]:
-            self._go(DriveEvent.CONTEST, now, names=tuple(self._publishers()))
+            names = tuple(self._publishers())
+            self._go(DriveEvent.CONTEST, now, DriveCause.CONTESTED, names=names)
 
-    def _go(self, event: DriveEvent, now: float, **about: Any) -> None:
+    def _go(
+        self, event: DriveEvent, now: float, cause: DriveCause = DriveCause.NONE, **about: Any
+    ) -> None:
         """Let an event change the mode, and do what the new one asks for."""
         before = self.status
         mode = TRANSITIONS[before.mode].get(event)
         if mode is None:
             return
-        obeys = DriveMode.OBEYING in (mode, before.mode)
-        if mode is not DriveMode.OBEYING and event not in _RELEASES:
-            self._simulator.brake()
-            self._delayed.clear()
         if event not in _RELEASES:
             self.rejection = None
-        about = {"cause": _CAUSES.get(event), "since": now if obeys else before.since} | about
-        self._set(DriveStatus(mode, **about))
+            if mode is not DriveMode.OBEYING:
+                self._simulator.brake()
+                self._delayed.clear()
+        since = now if DriveMode.OBEYING in (mode, before.mode) else before.since
+        self._set(DriveStatus(mode, cause, since, **about))
 
     def _set(self, status: DriveStatus) -> None:
         if status != self.status:

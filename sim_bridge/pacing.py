@@ -1,7 +1,7 @@
 """When the simulated robot steps: with the wall clock, or as its commands come."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -10,12 +10,57 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import SimulationError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.messages.from_ros import ns_from_ros
-from sim_bridge.command_statistics import Tally
 from sim_bridge.drive import GIVEN_UP, Drive, DriveCause, DriveMode, DriveReply
 from sim_bridge.simulator import SimulatorState
 
 # In real time, more steps than this behind the wall clock are given up, not caught up.
 _MAX_CATCH_UP = 50
+
+
+class Tally:
+    """Counts from one report to the next.
+
+    Args:
+        now: steady clock [s].
+
+    Attributes:
+        last: when the last command was taken, steady clock [s].
+    """
+
+    def __init__(self, now: float) -> None:
+        self.last = self._since = now
+        self._t = 0.0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._count, self._gap, self._age = 0, 0.0, 0
+
+    def take(self, now: float, age: int) -> None:
+        """Count a command that came at ``now`` [s] for a state that was ``age`` [ns] old."""
+        self._count += 1
+        if now - self.last > self._gap:
+            self._gap = now - self.last
+        if age > self._age:
+            self._age = age
+        self.last = now
+
+    def report(self, now: float, t: float) -> Mapping[str, float]:
+        """Return what /diagnostics shows of the time since the last report, and begin anew.
+
+        Args:
+            now: steady clock [s].
+            t: time of the simulation [s].
+        """
+        passed = max(now - self._since, 1e-9)
+        values = {
+            "commands per second": self._count / passed,
+            "worst gap between commands [ms]": 1e3 * max(self._gap, now - self.last),
+            "worst command age [ms]": 1e-6 * self._age,
+            "real-time factor": (t - self._t) / passed,
+        }
+        self._since, self._t = now, t
+        self._clear()
+        return values
 
 
 class WallClock:

@@ -165,13 +165,6 @@ class Simulator:
         """Return what is measured at the present step."""
         return self._state
 
-    def joint_states(self) -> tuple[Array, Array, Array]:
-        """Return the measured q, dq and tau of all ``joint_names``."""
-        n = len(self.joint_names) - len(self.robot.joints)
-        state = self._state
-        q, dq, tau = (np.append(values, np.zeros(n)) for values in (state.q, state.dq, state.tau))
-        return q, dq, tau
-
     def command_position(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> None:
         """Let the servo follow ``q_ref`` (n,) moving at ``dq_ref`` (n,), clipped to the limits.
 

@@ -13,8 +13,7 @@ from sensor_msgs.msg import JointState
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.robot.catalogue import load_robot
-from sim_bridge.command_source import UNNUMBERED, Senders
-from sim_bridge.command_statistics import Tally
+from sim_bridge.command_source import UNNUMBERED, Senders, StampOrder
 from sim_bridge.commands import push_from_ros
 from sim_bridge.drive import (
     CLIPPED,
@@ -35,10 +34,9 @@ from sim_bridge.drive import (
     DriveStatus,
 )
 from sim_bridge.drive_words import ERROR, OK, WARN, DriveWords
-from sim_bridge.pacing import LockStep, WallClock
+from sim_bridge.pacing import LockStep, Tally, WallClock
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
-from sim_bridge.stamp_filter import StampOrder
 
 UR5 = load_robot("ur5")
 HOME = np.array(UR5.home)

@@ -8,6 +8,7 @@ import dataclasses
 import math
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,56 +22,28 @@ NO_TURN = (0.0, 0.0, 0.0, 1.0)
 # A unit quaternion printed with 4 digits is this close to norm 1.
 _NORM_TOLERANCE = 1e-3
 
-_QUATERNION = {"unit": "", "least": -math.inf, "above": -math.inf, "size": 4, "is_unit": True}
-
-_MISSING: Any = dataclasses.MISSING
+_UNIT: Any = {"size": 4, "is_unit": True}
 
 
-def number(
-    unit: str = "",
-    *,
-    default: Any = _MISSING,
-    least: float = -math.inf,
-    above: float = -math.inf,
-    most: float = math.inf,
-    endless: bool = False,
-) -> Any:
-    """Return a dataclass field for one number.
+def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> Any:
+    """Return a dataclass field for numbers, or for one word.
 
     Args:
-        unit: of it.
+        unit: of each number.
         default: its value when it is not given; without one it must be.
-        least: the least number allowed.
-        above: numbers must exceed it.
-        most: the largest number allowed.
-        endless: whether infinity is allowed.
+        **rule: ``least`` and ``most`` allowed; ``above`` which numbers must be; ``endless``:
+            infinity is allowed; ``size``: of a list; ``one``: or one number for all of it;
+            ``is_unit``: of norm 1; ``choices``: the words.
     """
-    metadata = {"unit": unit, "least": least, "above": above, "most": most, "endless": endless}
+    metadata = {"unit": unit, "least": -math.inf, "above": -math.inf, **rule}
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def vector(
-    unit: str = "",
-    *,
-    default: Any = _MISSING,
-    size: int = 3,
-    one_for_all: bool = False,
-    least: float = -math.inf,
-    above: float = -math.inf,
-) -> Any:
-    """Return a dataclass field for ``size`` numbers, or ``one_for_all``."""
-    metadata = {"unit": unit, "least": least, "above": above, "size": size, "one": one_for_all}
-    return dataclasses.field(default=default, metadata=metadata)
+number, word, vector = key, key, partial(key, size=3)
+"""Fields for one number, for a word, and for a list of numbers."""
 
-
-def quaternion(*, default: Any = _MISSING) -> Any:
-    """Return a dataclass field for a rotation, the unit quaternion x, y, z, w."""
-    return dataclasses.field(default=default, metadata=_QUATERNION)
-
-
-def word(*, default: Any = _MISSING, choices: Sequence[str]) -> Any:
-    """Return a dataclass field for one of some words."""
-    return dataclasses.field(default=default, metadata={"choices": choices})
+quaternion = partial(key, **_UNIT)
+"""A field for a rotation, the unit quaternion x, y, z, w."""
 
 
 def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
@@ -97,7 +70,7 @@ def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
 
 def unit_quaternion(name: str, value: Any) -> tuple[float, ...]:
     """Return a unit quaternion x, y, z, w, normalised; raises as :func:`checked`."""
-    unit: tuple[float, ...] = checked(name, value, _QUATERNION)
+    unit: tuple[float, ...] = checked(name, value, quaternion().metadata)
     return unit
 
 

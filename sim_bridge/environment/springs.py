@@ -28,8 +28,8 @@ class Spring(Force, shape="spring"):
 
     position: tuple[float, ...] = vector("m")
     orientation: tuple[float, ...] = quaternion(default=NO_TURN)
-    stiffness: tuple[float, ...] = vector("N/m", one_for_all=True, least=0.0)
-    damping: tuple[float, ...] = vector("Ns/m", one_for_all=True, least=0.0, default=0.0)
+    stiffness: tuple[float, ...] = vector("N/m", one=True, least=0.0)
+    damping: tuple[float, ...] = vector("Ns/m", one=True, least=0.0, default=0.0)
     point: tuple[float, ...] = vector("m", default=ORIGIN)
 
     def exerted(self, t: float, sensor: SensorMotion) -> tuple[Array, Array]:
@@ -61,8 +61,8 @@ class TorsionSpring(Force, shape="torsion_spring"):
     """
 
     orientation: tuple[float, ...] = quaternion()
-    stiffness: tuple[float, ...] = vector("Nm/rad", one_for_all=True, least=0.0)
-    damping: tuple[float, ...] = vector("Nms/rad", one_for_all=True, least=0.0, default=0.0)
+    stiffness: tuple[float, ...] = vector("Nm/rad", one=True, least=0.0)
+    damping: tuple[float, ...] = vector("Nms/rad", one=True, least=0.0, default=0.0)
 
     def exerted(self, t: float, sensor: SensorMotion) -> tuple[Array, Array]:
         """Return no force, and the moment."""
