@@ -27,7 +27,8 @@ class Cause(StrEnum):
 
     NONE = ""
     # holding or following otherwise than asked
-    SILENCE = "silence"  # of joint_states
+    NO_STATES = "no_states"  # joint_states have stopped: nothing is commanded
+    SILENCE = "silence"  # of joint_states, which are back
     STAMP_JUMP = "stamp_jump"
     COMMAND_SILENCE = "command_silence"  # states came, but had no answer for a while
     STREAM_ENDED = "stream_ended"

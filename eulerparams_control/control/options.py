@@ -1,6 +1,7 @@
 """How a controller treats time and references."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -26,3 +27,10 @@ class ControllerOptions:
     check_states: bool = False
     slow_below: float = 0.05
     max_latency: float = 0.05
+
+    @classmethod
+    def of(cls, parameters: Any) -> "ControllerOptions":
+        """Return the options that the parameters of a node say; with limits states are checked."""
+        names = {field.name for field in fields(cls)} - {"check_states"}
+        values = {name: getattr(parameters, name) for name in names}
+        return cls(**values, check_states=parameters.enforce_limits)

@@ -1,5 +1,25 @@
 """Keys of what nodes say of themselves, on /diagnostics and latched on ``~/status``."""
 
+from enum import StrEnum
+
+
+class Lifecycle(StrEnum):
+    """The mode of a node that does not control yet, or no more."""
+
+    UNCONFIGURED = "unconfigured"
+    INACTIVE = "inactive"
+    FINALIZED = "finalized"
+
+
+class LifecycleCause(StrEnum):
+    """Why a node stays in such a mode."""
+
+    NO_DESCRIPTION = "no_description"  # of the robot
+    NO_STATES = "no_states"  # no valid joint_states
+    REFUSED = "refused"  # a parameter, a state or a wrench is in the way
+    TRANSITION_ERROR = "transition_error"
+    DEFECT = "defect"
+
 MODE = "mode"
 """What the node does: a value of the enumeration of its modes."""
 

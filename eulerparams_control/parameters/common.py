@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEPARATE,
@@ -32,6 +33,11 @@ NO_COMMANDS = "none"
 LATEST = "latest"
 PAIRINGS = (LATEST, "stamp")
 """Which message belongs to a state: the newest, or the one of the same stamp."""
+
+SIMULATED_ONLY = frozenset(
+    ("enforce_limits", "quaternion_sign", "quaternion_initial_sign", "velocity_scale")
+)
+"""Parameters with values that are for simulations only, see ``for_simulation``."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +137,23 @@ class ControlParameters:
         super().__init_subclass__()
         if scheme:
             cls.scheme = SchemeInfo(scheme, cls, **interface)
+
+    @property
+    def for_simulation(self) -> str:
+        """What is set that is for simulations only; "" if nothing."""
+        if not self.enforce_limits:
+            return "enforce_limits: false"
+        if self.quaternion_sign == SEPARATE:
+            return f"quaternion_sign: {SEPARATE}"
+        if self.quaternion_initial_sign < 0:
+            return f"quaternion_initial_sign: {self.quaternion_initial_sign}"
+        if self.velocity_scale > 1:
+            return f"velocity_scale: {self.velocity_scale:g}, above 1,"
+        return ""
+
+    def limits(self, robot: Robot) -> JointLimits | None:
+        """Return what bounds the commands for a robot; None if nothing does."""
+        return robot.limits.scaled(self.velocity_scale) if self.enforce_limits else None
 
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""

@@ -17,7 +17,8 @@ from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE
 from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.meter import Meter
+from eulerparams_control.ros.publishers import publishers_of
+from eulerparams_control.ros.state_input import StateInput
 
 Values = dict[str, str | int | float]
 
@@ -28,15 +29,13 @@ class ControlReport:
     Args:
         node: the node that reports.
         health: of the node.
-
-    Attributes:
-        meter: of the states and their answers.
+        states: that the node answers.
     """
 
-    def __init__(self, node: Node, health: diagnostics.Health) -> None:
-        self._health = health
-        self.meter = Meter()
+    def __init__(self, node: Node, health: diagnostics.Health, states: StateInput) -> None:
+        self._node, self._health, self._states = node, health, states
         self._next = 0
+        self._cut = self._restarts = 0  # of the controller, a second ago
         self._said: Any = None
         self._began: int | None = None
         self._note = ""
@@ -52,6 +51,46 @@ class ControlReport:
     def forget(self) -> None:
         """Say the state again when it is said next, changed or not."""
         self._said = None
+
+    def activated(self) -> None:
+        """Count from now on."""
+        self._cut = self._restarts = 0
+        self.forget()
+
+    def once_a_second(self, controller: Controller, states_topic: str) -> None:
+        """Complain of a motion that is more than the arm may do, and of states that jump.
+
+        Args:
+            controller: that is active.
+            states_topic: of joint_states.
+        """
+        cut, self._cut = controller.guidance.saturated - self._cut, controller.guidance.saturated
+        if cut > self._states.answers / 2:
+            self._health.complain(
+                f"limits have changed {cut} commands of the last second: the motion is faster than "
+                "the arm may be, or the gains are too high",
+                about="limits",
+            )
+        again, self._restarts = controller.resets - self._restarts, controller.resets
+        if again > 1:
+            names = ", ".join(sorted(publishers_of(self._node, states_topic)))
+            self._health.complain(
+                f"joint_states have jumped {again} times in the last second: expected one robot, "
+                f"published by {names}",
+                error=True,
+                about="restarts",
+            )
+
+    def silent(self, mode: Mode, timeout: float) -> None:
+        """Report that joint_states have stopped; what the controller does is said again later."""
+        self.forget()
+        self._health.set(
+            diagnostics.ERROR,
+            f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
+            "see to the robot and the network; when they are back the arm is held where it is",
+            mode=mode.value,
+            cause=Cause.NO_STATES.value,
+        )
 
     def is_due(self, t: int, rate: float) -> bool:
         """Whether at the stamp t [ns] a tick is to be reported, at most at ``rate`` [Hz]."""
@@ -93,7 +132,8 @@ class ControlReport:
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
         pace, mode, why = controller.guidance.pace, controller.mode, controller.why
-        saying = mode, why.cause, why.fault, why.note, pace.singularity, pace.limit, pace.now < 1
+        near = pace.singularity, pace.limit, pace.now < 1
+        saying = mode, why.cause, why.fault, why.note, orientation, *near
         if saying == self._said:
             return
         self._said = saying

@@ -39,7 +39,7 @@ class ImpedanceControlNode(ControlNode):
 
     def _subscribe(self) -> None:
         p = self._params
-        self._input = WrenchInput(self.get_clock(), p.wrench_pairing, p.wrench_timeout)
+        self._sensor = WrenchInput(self.get_clock(), p.wrench_pairing, p.wrench_timeout)
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
@@ -53,7 +53,7 @@ class ImpedanceControlNode(ControlNode):
         """Return impedance control for a robot."""
         p: ImpedanceParameters = self._params
         scheme = p.make_scheme(robot, limits, self._chain)
-        scheme.sense(self._input.fresh)
+        scheme.sense(self._sensor.fresh)
         return scheme
 
     def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
@@ -94,7 +94,7 @@ class ImpedanceControlNode(ControlNode):
         """Build the robot from its description; forget tare and sensor."""
         result = super().on_configure(state)
         self._placements.clear()
-        self._input.forget()
+        self._sensor.forget()
         if self._robot is not None:
             self._chain = WrenchChain(self._params.wrench_options(self._robot))
             self._resting.clear()
@@ -107,9 +107,9 @@ class ImpedanceControlNode(ControlNode):
             return
         try:
             refuse_two_publishers(self, self._wrench)
-            self._input.take(msg, self._placement(msg.header.frame_id))
+            self._sensor.take(msg, self._placement(msg.header.frame_id))
         except InvalidMessageError as error:
-            self._input.refuse(msg)
+            self._sensor.refuse(msg)
             self._health.reject("wrench", error)
         self._answer()
 
@@ -128,12 +128,12 @@ class ImpedanceControlNode(ControlNode):
 
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
-        return super().is_complete(t) and self._input.is_complete(t)
+        return super().is_complete(t) and self._sensor.is_complete(t)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
-        is_new = self._input.choose(t)
-        sensed = self._input.fresh
+        is_new = self._sensor.choose(t)
+        sensed = self._sensor.fresh
         if self._controller is not None:
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
@@ -145,7 +145,7 @@ class ImpedanceControlNode(ControlNode):
             self._resting.add(sensed, q, dq)
 
     def _say_wrench(self) -> None:
-        text = self._input.trouble
+        text = self._sensor.trouble
         if text != self._note_on_wrench:
             self._note_on_wrench = text
             self.note(f"{text}: the compliant frame is frozen" if text else "")
@@ -153,8 +153,8 @@ class ImpedanceControlNode(ControlNode):
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
         p = self._params
-        if self._input.trouble or self._robot is None:
-            return f"{self._input.trouble} (topic {self._wrench.topic_name})"
+        if self._sensor.trouble or self._robot is None:
+            return f"{self._sensor.trouble} (topic {self._wrench.topic_name})"
         if self._resting.count < min(_FEW, p.tare_samples):
             return f"waiting for {_FEW} wrenches on {self._wrench.topic_name}"
         felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared

@@ -1,0 +1,304 @@
+"""What makes a lifecycle node of a controller: parameters, transitions, defects.
+
+By default it starts itself as soon as it has a robot description and a state.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import REPORT_IT
+from eulerparams_control.control.options import ControllerOptions
+from eulerparams_control.errors import ConfigurationError, EulerParamsError, defect
+from eulerparams_control.events import Event, tell
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.messages.keys import Lifecycle
+from eulerparams_control.messages.keys import LifecycleCause as Cause
+from eulerparams_control.parameters.common import NO_COMMANDS, ControlParameters
+from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.commands import CommandPublisher, Commands
+from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health
+from eulerparams_control.ros.guards import (
+    keep_sim_time,
+    refuse_unless_simulated,
+    survive_wrong_transitions,
+)
+from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.state_input import StateInput
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node with a robot, and a controller while it is active."""
+
+    parameters_type: type[Any] = ControlParameters
+
+    def __init__(self) -> None:
+        self.interface: SchemeInfo = self.parameters_type.scheme
+        super().__init__(self.interface.name)
+        self.done = False
+        self._health = Health(self)
+        self._params = declare(self, self.parameters_type, self._on_change)
+        refuse_unless_simulated(self, self._params)
+        self._robot: Robot | None = None
+        self._controller: Controller | None = None
+        self._description = self._params.robot_description
+        self._input = StateInput()
+        self._stamp = Time()  # of the last command
+        self._autostart = self._params.autostart
+        keep_sim_time(self, lambda: self._params)
+        self._tell(
+            OK, "waiting for a robot description", Lifecycle.UNCONFIGURED, Cause.NO_DESCRIPTION
+        )
+        survive_wrong_transitions(self, self._health)
+
+    def _tell(
+        self,
+        level: bytes,
+        message: str,
+        mode: Lifecycle,
+        cause: Cause | str = "",
+        remedy: str = "",
+    ) -> None:
+        self._health.set(level, message, remedy, mode=mode.value, cause=str(cause))
+
+    def make_robot(self, urdf: str) -> Robot:
+        """Return the robot of a URDF, from the parameters; raises RobotError."""
+        robot: Robot = self._params.robot(urdf)
+        return robot
+
+    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
+        """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
+        scheme: Scheme = self._params.make_scheme(robot, limits)
+        return scheme
+
+    def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
+        """Change a running scheme to new parameters; raises ConfigurationError."""
+        parameters.change_scheme(scheme, limits)
+
+    def make_commands(self, joints: tuple[str, ...]) -> Commands:
+        """Return the publisher of the scheme's commands."""
+        kind = self._params.command_type
+        return CommandPublisher(self, self.interface.command, kind, joints, QOS_STREAM)
+
+    @property
+    def commands_joints(self) -> bool:
+        """Whether commands for the joints are published at all."""
+        return bool(self._params.command_type != NO_COMMANDS)
+
+    def refusal(self) -> str:
+        """Return why the arm must not be controlled yet; "" if it may."""
+        return ""
+
+    def values_now(self) -> dict[str, str | int | float]:
+        """Return what /diagnostics shows once a second, whether there are ticks or not."""
+        return {}
+
+    @abstractmethod
+    def _activated(self) -> None:
+        """Begin to listen to references."""
+
+    @abstractmethod
+    def _deactivated(self) -> None:
+        """Listen to references no more."""
+
+    @abstractmethod
+    def _say(self) -> None:
+        """Report what the controller does, if that has changed."""
+
+    # --- parameters --------------------------------------------------------------------
+
+    @property
+    def _is_simulated(self) -> bool:
+        """Whether time is simulated, so that the stamps count."""
+        return bool(self.get_clock().ros_time_is_active)
+
+    def _on_change(self, _old: Any, new: Any) -> None:
+        """Apply parameters that were changed while running, between two ticks."""
+        refuse_unless_simulated(self, new)
+        old, self._params = self._params, new
+        try:
+            if self._controller is not None and self._robot is not None:
+                self.change_scheme(self._controller.scheme, new, new.limits(self._robot))
+                self._controller.law_changed()
+                self._say_changed(old, new)
+            elif self._robot is not None:
+                self.make_scheme(self._robot, None)  # refuses now what activation would refuse
+        except ConfigurationError:
+            self._params = old
+            raise
+
+    def _say_changed(self, old: Any, new: Any) -> None:
+        """Log what was changed while running."""
+        changed = [name for name, value in asdict(new).items() if value != getattr(old, name)]
+        text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
+        self.get_logger().info(f"changed: {text}")
+        self._say()
+
+    # --- lifecycle ---------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build the robot from its description."""
+        try:
+            if not self._description:
+                raise ConfigurationError(
+                    "no robot description: set the parameter robot_description, or publish the "
+                    "URDF on the topic robot_description (transient local)"
+                )
+            robot = self.make_robot(self._description)
+            if robot.locked:
+                raise ConfigurationError(
+                    f"{', '.join(robot.locked)} can move between {robot.base_frame} and "
+                    f"{robot.tip_frame}, but is not among the active joints; set joints: []"
+                )
+            self.make_scheme(robot, None)  # refuses now what activation would refuse
+        except EulerParamsError as error:
+            self._tell(ERROR, f"not configured: {error}", Lifecycle.UNCONFIGURED, Cause.REFUSED)
+            return TransitionCallbackReturn.FAILURE
+        self._robot = robot
+        needs_velocity = self.interface.control == TORQUE and self.commands_joints
+        self._input.expect(robot.joints, needs_velocity)
+        self._commands = self.make_commands(robot.joints)
+        waiting = "configured, waiting for joint_states"
+        self._tell(OK, waiting, Lifecycle.INACTIVE, Cause.NO_STATES)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin at the measured pose with zero error."""
+        measured, robot, p = self._input.measured, self._robot, self._params
+        if measured is None or robot is None:
+            expected = ", ".join(robot.joints) if robot else ""
+            self._tell(
+                ERROR,
+                f"not activated: no valid joint_states yet; expected the joints {expected}",
+                Lifecycle.INACTIVE,
+                Cause.NO_STATES,
+            )
+            return TransitionCallbackReturn.FAILURE
+        try:
+            if reason := self._stale() or self.refusal():
+                raise ConfigurationError(reason)
+            scheme = self.make_scheme(robot, p.limits(robot))
+        except EulerParamsError as error:
+            self._health.values.update(self.values_now())
+            self._tell(ERROR, f"not activated: {error}", Lifecycle.INACTIVE, Cause.REFUSED)
+            return TransitionCallbackReturn.FAILURE
+        self._controller = Controller(scheme, ControllerOptions.of(p), measured[1])
+        self._input.is_commanded = False
+        self._activated()
+        tell(Event.READY)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _stale(self) -> str:
+        """Return that the state measured last is not of now; "" if it is, or time is simulated."""
+        if self._is_simulated or not self._input.is_stale(self._params.state_timeout):
+            return ""
+        return "joint_states has stopped; is the robot running?"
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then command nothing."""
+        self._end_control()
+        self._tell(WARN, "inactive", Lifecycle.INACTIVE)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then command nothing until configured again."""
+        self._end_control()
+        self._robot = None
+        self._tell(
+            ERROR,
+            "an error in a transition: unconfigured",
+            Lifecycle.UNCONFIGURED,
+            Cause.TRANSITION_ERROR,
+        )
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command to hold still once more, then never command again."""
+        self._end_control()
+        self._tell(WARN, "shut down", Lifecycle.FINALIZED)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _end_control(self) -> None:
+        self._send_last()
+        self._controller = None
+        self._input.forget()
+        self._autostart = False  # who stopped it decides when it starts again
+        self._deactivated()
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the robot."""
+        self._robot = None
+        self._input.forget()
+        self._commands.destroy()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _send_last(self) -> None:
+        """Send the command after which none follows; not to a robot that is not heard."""
+        if self._controller is None or not self._input.is_followed(self._params.state_timeout):
+            return
+        try:
+            command = self._controller.last_command()
+            if command is not None:
+                self._commands.publish(self._stamp, command)
+        except Exception as error:  # then none is safe: the robot has to brake itself
+            self._health.complain(f"no last command: {defect(error)}", error=True)
+
+    def at_rest(self) -> bool:
+        """Stop the arm, and return whether it stands, or nothing is heard of it."""
+        if self._controller is None or not self._input.is_followed(self._params.state_timeout):
+            return True
+        self._controller.halt()
+        return self._controller.is_at_rest
+
+    def close(self) -> None:
+        """Send the last safe command before the process ends."""
+        self._send_last()
+
+    def _try_start(self) -> None:
+        """Configure and activate, as far as what is needed has come."""
+        if not self._autostart or self._controller is not None:
+            return
+        if self._robot is None and self._description:
+            self.trigger_configure()
+        if self._robot is not None and self._input.measured is not None:
+            if reason := self.refusal():
+                self._tell(WARN, f"not activated yet: {reason}", Lifecycle.INACTIVE, Cause.REFUSED)
+            else:
+                self.trigger_activate()
+
+    # --- callbacks ---------------------------------------------------------------------
+
+    def _listen(self, kind: Any, topic: str, callback: Any, qos: QoSProfile) -> Subscription:
+        return self.create_subscription(
+            kind, topic, self._surviving(callback), qos, qos_overriding_options=QOS_OVERRIDES
+        )
+
+    def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback after whose defects the arm is held, and the node goes on."""
+
+        def survive(msg: Any) -> None:
+            try:
+                callback(msg)
+            except Exception as error:
+                self._on_defect(error)
+
+        return survive
+
+    def _on_defect(self, error: Exception) -> None:
+        """Hold still after an error that nobody expected."""
+        if self._controller is None:
+            mode = Lifecycle.INACTIVE if self._robot else Lifecycle.UNCONFIGURED
+            self._tell(ERROR, defect(error), mode, Cause.DEFECT, REPORT_IT)
+        else:
+            self._controller.fail_for_good(error)
+            self._say()
