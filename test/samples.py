@@ -111,6 +111,56 @@ def by_angles(sequence: str, alpha: float, beta: float, gamma: float) -> Array:
     return about(i, alpha) @ about(j, beta) @ about(k, gamma)
 
 
+def skew(v: Array) -> Array:
+    """Return S(v)."""
+    return np.cross(np.eye(3), v)
+
+
+def axial(M: Array) -> Array:
+    """Return the vector (3,) of the skew-symmetric part of M."""
+    return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]) / 2
+
+
+def turn_of(R: Array) -> Array:
+    """Return theta r (3,) of a rotation, for theta below 180 deg by some degrees."""
+    v = axial(R)
+    sin = float(np.linalg.norm(v))
+    return math.atan2(sin, (np.trace(R) - 1) / 2) / sin * v if sin else v
+
+
+def angle(R_1: Array, R_2: Array) -> float:
+    """Return the angle [rad] between two rotations, exact for small and large ones."""
+    R = R_1.T @ R_2
+    return math.atan2(np.linalg.norm(axial(R)), (np.trace(R) - 1) / 2)
+
+
+def T_of(sequence: str, phi: Array) -> Array:
+    """Return T(phi), eq. (3), from the axes; phi may be complex."""
+    i, j, k = axes_of(sequence)
+    X = np.eye(3)
+
+    def turned(axis: int, angle: float, v: Array) -> Array:
+        n = X[axis]
+        along = n * v[axis]
+        return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(n, v)
+
+    t_2 = turned(i, phi[0], X[j])
+    t_3 = turned(i, phi[0], turned(j, phi[1], X[k]))
+    return np.stack([X[i] + 0 * t_2, t_2, t_3], axis=1)
+
+
+def dT_of(sequence: str, phi: Array, dphi: Array) -> Array:
+    """Return the derivative of T along dphi, by a complex step: exact, nothing is subtracted."""
+    return T_of(sequence, phi + 1e-30j * dphi).imag / 1e-30
+
+
+def angle_rates(sequence: str, phi: Array, omega: Array, domega: Array) -> tuple[Array, Array]:
+    """Return dphi and ddphi of eq. (3) and its derivative, domega = T ddphi + dT dphi."""
+    T = T_of(sequence, phi)
+    dphi = np.linalg.solve(T, omega)
+    return dphi, np.linalg.solve(T, domega - dT_of(sequence, phi, dphi) @ dphi)
+
+
 @cache
 def near_pole(sequence: str, pole: float, distance: float, count: int = 20) -> list[Array]:
     """Return rotations at that distance [rad] from a pole; at 0 the pole is met exactly."""

@@ -15,7 +15,11 @@ import numpy as np
 import pytest
 from samples import (
     K_STAR,
+    T_of,
     about,
+    angle,
+    angle_rates,
+    axial,
     by_angles,
     clear_of_poles,
     generator,
@@ -24,6 +28,8 @@ from samples import (
     pole_clearance,
     positive_definite,
     rodrigues,
+    skew,
+    turn_of,
     uniform,
     unit_vectors,
     vectors,
@@ -151,34 +157,10 @@ def times(duration, dt=DT):
     return dt * np.arange(round(duration / dt) + 1)
 
 
-def angle(R_1, R_2):
-    """Return the angle [rad] between two rotations, exact for small and large ones."""
-    R = R_1.T @ R_2
-    return math.atan2(np.linalg.norm(axial(R)), (np.trace(R) - 1) / 2)
-
-
-def axial(M):
-    """Return the vector of the skew-symmetric part of M."""
-    return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]) / 2
-
-
-def turn_of(R):
-    """Return theta r of R, for theta below 180 deg by some degrees."""
-    v = axial(R)
-    sin = np.linalg.norm(v)
-    theta = math.atan2(sin, (np.trace(R) - 1) / 2)
-    return theta / sin * v if sin else v
-
-
 def turned(x):
     """Return the rotation by the vector x = theta r."""
     theta = float(np.linalg.norm(x))
     return rodrigues(theta, x / theta) if theta else I
-
-
-def skew(v):
-    """Return S(v)."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
 # --- the formulas, independent of the code -----------------------------------------------------
@@ -200,29 +182,9 @@ def printed_moment(name, theta, r, K):
     return 2 * psi * Omega.T @ K @ (f(theta) * r)
 
 
-def T_of(sequence, phi):
-    """Return T(phi), eq. (3): its columns are the axes that the angles turn about."""
-    i, j, k = ("XYZ".index(letter) for letter in sequence)
-    R_i, R_j = about(i, phi[0]), about(j, phi[1])
-    return np.column_stack((I[i], R_i @ I[j], R_i @ R_j @ I[k]))
-
-
-def dT_of(sequence, phi, dphi):
-    """Return the derivative of T along dphi, by differences."""
-    h = 1e-6
-    return (T_of(sequence, phi + h * dphi) - T_of(sequence, phi - h * dphi)) / (2 * h)
-
-
 def angles_of(sequence, R):
     """Return the angles of a rotation; their extraction has tests of its own."""
     return EulerSequence(sequence).extract(R)
-
-
-def angle_rates(sequence, phi, omega, domega):
-    """Return dphi, ddphi of omega = T dphi and domega = T ddphi + dT dphi."""
-    T = T_of(sequence, phi)
-    dphi = np.linalg.solve(T, omega)
-    return dphi, np.linalg.solve(T, domega - dT_of(sequence, phi, dphi) @ dphi)
 
 
 def relative_motion(d, c):

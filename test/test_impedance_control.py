@@ -12,7 +12,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, Plant, robot_named
-from samples import about, derivative, generator, moving, rodrigues, uniform, unit_vectors
+from samples import (
+    about,
+    angle,
+    derivative,
+    generator,
+    moving,
+    rodrigues,
+    turn_of,
+    uniform,
+    unit_vectors,
+)
 from tolerances import (
     ALGEBRAIC,
     AT_POINT_WRENCH,
@@ -113,18 +123,6 @@ def admittance(limits=NO_LIMITS, robot=UR5, q=None, **law):
     scheme = ImpedanceControl(NoMotionLoop(robot, limits), impedance_law(**law))
     scheme.reset(at_the_middle() if q is None else q)
     return scheme
-
-
-def angle(R_1, R_2):
-    """Return the angle [rad] between two rotations."""
-    return float(np.linalg.norm(turn_of(R_1.T @ R_2)))
-
-
-def turn_of(R):
-    """Return theta r (3,) of a rotation below 180 deg."""
-    v = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    sin = np.linalg.norm(v)
-    return math.atan2(sin, (np.trace(R) - 1) / 2) / sin * v if sin else v
 
 
 def sensed_at_tip(w, R_e):

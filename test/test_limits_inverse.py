@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from arms import robot_named
 from samples import generator
 from tolerances import ALGEBRAIC, LIMIT_ROUNDING, RELATIVE
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot
 
 DT = 0.01  # [s]
 LIMITS = JointLimits(
@@ -21,15 +20,6 @@ LIMITS = JointLimits(
     effort=np.array([10.0, 20.0, math.inf]),
 )
 EPS = 0.05
-
-
-def robot_named(name):
-    """Return a robot of the catalogue and its home."""
-    description = load_robot(name)
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints
-    )
-    return robot, np.array(description.home)
 
 
 def jacobian_with(sigma, columns=6, key=0):

@@ -17,6 +17,8 @@ from samples import (
     Array,
     about,
     accelerating,
+    angle_rates,
+    axial,
     clear_of_poles,
     half_turns,
     near_pole,
@@ -24,6 +26,7 @@ from samples import (
     pole_clearance,
     poles,
     rodrigues,
+    skew,
     uniform,
     unit_vectors,
     vectors,
@@ -56,7 +59,6 @@ COUNT = 40
 K_PO, K_VO = 12.0, 5.0  # [1/s^2], [1/s]
 REST = np.zeros(3)
 RIGHT = math.pi / 2
-IMAGINARY = 1e-30  # of a complex step: exact to rounding, nothing is subtracted
 
 # The error of a small rotation delta is this factor times delta.
 FIRST_ORDER_FACTOR = {"euler_parameters": 0.5}
@@ -119,43 +121,6 @@ def a_o_of(law, motion, k_Po=K_PO, k_Vo=K_VO, previous=None):
 # --- the error and its derivatives, exactly ---------------------------------------------------
 
 
-def T_of(sequence, phi):
-    """Return T(phi), eq. (3), from the axes; phi may be complex."""
-    i, j, k = ("XYZ".index(letter) for letter in sequence)
-    X = np.eye(3)
-
-    def turned(axis, angle, v):
-        n = X[axis]
-        along = n * v[axis]
-        return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(n, v)
-
-    t_2 = turned(i, phi[0], X[j])
-    t_3 = turned(i, phi[0], turned(j, phi[1], X[k]))
-    return np.stack([X[i] + 0 * t_2, t_2, t_3], axis=1)
-
-
-def dT_of(sequence, phi, dphi):
-    """Return the derivative of T along dphi, by a complex step."""
-    return T_of(sequence, phi + 1j * IMAGINARY * dphi).imag / IMAGINARY
-
-
-def angles_rates(sequence, phi, omega, domega):
-    """Return dphi and ddphi of eq. (3) and its derivative, domega = T ddphi + dT dphi."""
-    T = T_of(sequence, phi)
-    dphi = np.linalg.solve(T, omega)
-    return dphi, np.linalg.solve(T, domega - dT_of(sequence, phi, dphi) @ dphi)
-
-
-def skew(v):
-    """Return S(v)."""
-    return np.cross(np.eye(3), v)
-
-
-def axial(M):
-    """Return the vector of the skew-symmetric part of M."""
-    return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]]) / 2
-
-
 def angle_and_axis(m):
     """Return theta in [0, pi] and r of R_d R_e', in the base frame; not for half turns."""
     Q = m.R_d @ m.R_e.T
@@ -171,8 +136,8 @@ def angle_and_axis(m):
 def error_of_euler_angles(m, domega_e, sequence):
     """Return phi_d - phi_e and its two derivatives, eq. (22)."""
     phi_d, phi_e = EulerSequence(sequence).extract(m.R_d), EulerSequence(sequence).extract(m.R_e)
-    dphi_d, ddphi_d = angles_rates(sequence, phi_d, m.omega_d, m.domega_d)
-    dphi_e, ddphi_e = angles_rates(sequence, phi_e, m.omega_e, domega_e)
+    dphi_d, ddphi_d = angle_rates(sequence, phi_d, m.omega_d, m.domega_d)
+    dphi_e, ddphi_e = angle_rates(sequence, phi_e, m.omega_e, domega_e)
     difference = np.angle(np.exp(1j * (phi_d - phi_e)))
     return difference, dphi_d - dphi_e, ddphi_d - ddphi_e
 
@@ -183,7 +148,7 @@ def error_of_relative_euler_angles(m, domega_e, sequence):
     omega_de = m.omega_d - m.omega_e
     in_e = m.R_e.T @ omega_de  # eq. (15)
     din_e = m.R_e.T @ (m.domega_d - domega_e - np.cross(m.omega_e, omega_de))
-    return phi, *angles_rates(sequence, phi, in_e, din_e)
+    return phi, *angle_rates(sequence, phi, in_e, din_e)
 
 
 def error_of_angle_axis(m, domega_e, sequence):

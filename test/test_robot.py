@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import robot_named
 from samples import about, derivative, generator
 from tolerances import ALGEBRAIC, DIFFERENCES, DYNAMICS, KINEMATICS
 
@@ -60,15 +61,6 @@ LINKS = ("base", "carriage", "column", "floor", "forearm", "hand", "left_finger"
 MOUNT = np.array([0.1, 0.2, 0.3]), about(2, 0.5) @ about(1, -0.4) @ about(0, 0.3)
 
 
-def catalogue_robot(name):
-    """Return a robot of the catalogue and its home."""
-    description = load_robot(name)
-    robot = Robot(
-        description.urdf, description.base_frame, description.tip_frame, description.joints
-    )
-    return robot, np.array(description.home)
-
-
 def arm_pose(turn=0.0, lift=0.0, bend=0.0):
     """Return position and orientation of ARM's hand in ARM's base, by hand."""
     R_column = about(2, turn)
@@ -106,7 +98,7 @@ def assert_twist_is_the_derivative_of_the_pose(robot, q, dq):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_twist_is_the_derivative_of_the_pose(name):
-    robot, _ = catalogue_robot(name)
+    robot, _ = robot_named(name)
     for q, dq in configurations(robot.n, key=0):
         assert_twist_is_the_derivative_of_the_pose(robot, q, dq)
 
@@ -120,7 +112,7 @@ def test_the_twist_is_the_derivative_of_the_pose_for_every_kind_of_joint_and_bas
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_jacobian_times_dq_is_the_twist_column_by_column(name):
-    robot, _ = catalogue_robot(name)
+    robot, _ = robot_named(name)
     for q, _ in configurations(robot.n, key=2):
         J = robot.state(q, np.zeros(robot.n)).J
         assert J.shape == (6, robot.n)

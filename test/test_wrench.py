@@ -6,11 +6,11 @@ weight, and the rate of its momentum.
 
 import math
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from arms import HOME, UR5
 from samples import generator, moving, positive_definite, rodrigues, uniform, unit_vectors
 from tolerances import ALGEBRAIC, DISTINCT, MOMENTUM
 
@@ -22,8 +22,7 @@ from eulerparams_control.laws.wrench import (
     WrenchOptions,
 )
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot, RobotState, Tool
+from eulerparams_control.robot.robot import RobotState, Tool
 
 COUNT = 40
 DT = 1e-3  # [s]
@@ -401,16 +400,8 @@ def test_impossible_options_are_refused(name, value):
 # --- the mean at rest ---------------------------------------------------------------------------
 
 
-@cache
-def ur5():
-    """Return an arm and its home."""
-    description = load_robot("ur5")
-    robot = Robot(description.urdf, description.base_frame, description.tip_frame)
-    return robot, np.array(description.home)
-
-
 def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_the_last_samples():
-    (robot, home), (tool,), still = ur5(), tools(1), np.zeros(6)
+    robot, home, (tool,), still = UR5, HOME, tools(1), np.zeros(6)
     own, resting = chain(tool=tool, sign=-1, cutoff=1.0, dead_force=9.0), RestingWrench(20)
     own.tare(np.arange(6.0))  # what is felt is before the tare
     sensor, noise = sensors(1)[0], generator(813).normal(size=(30, 6))
@@ -428,7 +419,7 @@ def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_the_last_samples():
 
 
 def test_an_arm_is_still_if_no_joint_moves_by_more_than_its_bound():
-    (_, home), resting = ur5(), RestingWrench(10)
+    home, resting = HOME, RestingWrench(10)
     sensed = SensedWrench(np.zeros(6), AT_TIP)
     for k in range(10):
         resting.add(sensed, home + 0.004 * (k % 2) * np.eye(6)[k % 6], np.zeros(6))
@@ -441,7 +432,7 @@ def test_an_arm_is_still_if_no_joint_moves_by_more_than_its_bound():
 
 
 def test_the_mean_is_that_of_the_poses_at_which_the_samples_were_taken():
-    (robot, home), (tool,) = ur5(), tools(1)
+    robot, home, (tool,) = UR5, HOME, tools(1)
     own, resting = chain(tool=tool), RestingWrench(10)
     for q in home + generator(814).uniform(-1, 1, size=(10, 6)):
         arm = robot.state(q, np.zeros(6))
