@@ -1,5 +1,6 @@
 """What is around the robot as a user gives it to its node: in YAML, and with ``-p``."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,14 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import ROOT, Graph
+from in_process import World
+from ros_processes import ROOT
 from sensor_msgs.msg import JointState
 
+from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.robot.catalogue import load_robot
+from sim_bridge.bridge_node import BridgeNode
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator
 
@@ -46,93 +50,86 @@ def expected() -> list[Any]:
     return states
 
 
+def written(folder: Path) -> Path:
+    """Return a file with the environment, as a user gives it to the node."""
+    given = {"environment": ENVIRONMENT, **TOOL, **DISTURBANCE}
+    file = folder / "environment.yaml"
+    file.write_text(yaml.safe_dump({"pybullet_bridge": {"ros__parameters": given}}))
+    return file
+
+
 def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(
-    graph: Graph, tmp_path: Path
+    world: World, tmp_path: Path
 ) -> None:
-    peer = graph.peer
+    peer = world.peer
     states = peer.listen(JointState, "joint_states")
     wrenches = peer.listen(WrenchStamped, "wrench")
     commands = peer.publisher(JointState, "joint_effort")
-    given = {"environment": ENVIRONMENT, **TOOL, **DISTURBANCE}
-    file = tmp_path / "environment.yaml"
-    file.write_text(yaml.safe_dump({"pybullet_bridge": {"ros__parameters": given}}))
     lockstep = {"mode": "lockstep", "control": "torque"}
-    graph.start("pybullet_bridge", lockstep, files=(file,))
-    graph.until(lambda: states and commands.get_subscription_count(), "the robot")
-    seen: dict[int, tuple[JointState, WrenchStamped]] = {}
-
-    def finished() -> bool:
-        for state in states:
-            stamp = ns_from_ros(state.header.stamp)
-            pair = [w for w in wrenches if ns_from_ros(w.header.stamp) == stamp]
-            if stamp not in seen and pair:
-                seen[stamp] = state, pair[0]
-                msg = JointState(name=list(UR5.joints), effort=[0.0] * 6)
-                msg.header.stamp = Time(sec=0, nanosec=stamp)
-                commands.publish(msg)
-        return len(seen) >= STEPS
-
-    graph.until(finished, "the steps")
-    for k, alone in enumerate(expected()):
-        state, wrench = seen[k * 1_000_000]
-        assert list(state.position) == alone.q.tolist()
-        assert list(state.velocity) == alone.dq.tolist()
-        assert list(state.effort) == alone.tau.tolist()
-        force, torque = wrench.wrench.force, wrench.wrench.torque
-        felt = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
-        assert felt == alone.wrench.tolist()
+    world.start("pybullet_bridge", lockstep, files=(written(tmp_path),))
+    world.until(lambda: states, "the robot")
+    for step in range(STEPS - 1):
+        msg = JointState(name=list(UR5.joints), effort=[0.0] * 6)
+        msg.header.stamp = Time(sec=0, nanosec=step * 1_000_000)
+        commands.publish(msg)
+    stamps = [step * 1_000_000 for step in range(STEPS)]
+    seen = {ns_from_ros(state.header.stamp): state for state in states}
+    felt = {ns_from_ros(wrench.header.stamp): wrench.wrench for wrench in wrenches}
+    assert list(seen) == list(felt) == stamps
+    for stamp, alone in zip(stamps, expected(), strict=True):
+        assert list(seen[stamp].position) == alone.q.tolist()
+        assert list(seen[stamp].velocity) == alone.dq.tolist()
+        assert list(seen[stamp].effort) == alone.tau.tolist()
+        force, torque = felt[stamp].force, felt[stamp].torque
+        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+        assert wrench == alone.wrench.tolist()
     assert np.linalg.norm(expected()[-1].wrench[:3]) > 10.0
 
 
-def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(graph: Graph) -> None:
-    graph.start("pybullet_bridge", {"environment": ENVIRONMENT, **TOOL, "rate": 100.0})
+def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(
+    world: World, tmp_path: Path
+) -> None:
+    world.start("pybullet_bridge", {"rate": 100.0}, files=(written(tmp_path),))
     names = ["environment.table.stiffness", "environment.table.shape", "environment.hand.ramp"]
-    assert graph.peer.get_parameters("pybullet_bridge", *names) == [20000, "box", 0.0]
+    assert world.peer.get_parameters("pybullet_bridge", *names) == [20000, "box", 0.0]
     wanted = {"environment.table.stiffness": 5.0}
-    refusals = graph.peer.set_parameters("pybullet_bridge", **wanted)
+    refusals = world.peer.set_parameters("pybullet_bridge", **wanted)
     assert len(refusals) == 1
     assert "read-only" in refusals[0]
-    assert graph.peer.get_parameters("pybullet_bridge", names[0]) == [20000]
+    assert world.peer.get_parameters("pybullet_bridge", names[0]) == [20000]
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("option", "words"),
     [
         (
-            ["environment.table.stifness:=1e4"],
+            "environment.table.stifness:=1e4",
             "unknown key of the box 'environment.table.stifness' (did you mean "
             "'environment.table.stiffness'?)",
         ),
-        (["enviroment.wall.shape:=plane"], "unknown parameter 'enviroment.wall.shape'"),
-        (["environment.wall.position:=[1,0,0]"], "environment.wall.shape is missing; expected one"),
-        (["environment.wall:=5"], "environment.wall is 5; expected environment.NAME.KEY"),
-        (["environment.hand.force:=[1.0]"], "environment.hand.force is [1.0]; expected 3 finite"),
-        (["tool_shape:=sphree"], "(did you mean 'sphere'?)"),
-        (["tool_size:=[1.0,2.0]"], "tool_size is [1.0, 2.0]; expected radius of a sphere"),
-        (["disturbance_effort:=[1.0,2.0]"], "disturbance_effort must be empty, one number or 6"),
+        ("enviroment.wall.shape:=plane", "unknown parameter 'enviroment.wall.shape'"),
+        ("environment.wall.position:=[1,0,0]", "environment.wall.shape is missing; expected one"),
+        ("environment.wall:=5", "environment.wall is 5; expected environment.NAME.KEY"),
+        ("environment.hand.force:=[1.0]", "environment.hand.force is [1.0]; expected 3 finite"),
+        ("tool_shape:=sphree", "(did you mean 'sphere'?)"),
+        ("tool_size:=[1.0,2.0]", "tool_size is [1.0, 2.0]; expected radius of a sphere"),
+        ("disturbance_effort:=[1.0,2.0]", "disturbance_effort must be empty, one number or 6"),
     ],
 )
 def test_a_node_refuses_what_is_misspelt_or_impossible_by_its_name(
-    graph: Graph, tmp_path: Path, options: list[str], words: str
+    world: World, tmp_path: Path, option: str, words: str
 ) -> None:
-    file = tmp_path / "environment.yaml"
-    given = {"environment": ENVIRONMENT, **TOOL}
-    file.write_text(yaml.safe_dump({"pybullet_bridge": {"ros__parameters": given}}))
-    overrides = [word for option in options for word in ("-p", option)]
-    process = graph.run("pybullet_bridge", "--ros-args", "--params-file", str(file), *overrides)
-    graph.until(lambda: process.exit_code is not None, "the end")
-    assert process.end() == 1
-    assert words in process.stderr
-    assert process.stderr.strip().splitlines()[-1].startswith("error: ")
-    assert "Traceback" not in process.log
+    arguments = ["--ros-args", "--params-file", str(written(tmp_path)), "-p", option]
+    with pytest.raises(EulerParamsError, match=re.escape(words)):
+        world.make(BridgeNode, [], cli_args=arguments)
 
 
-def test_the_environment_of_the_example_can_be_used_as_it_is_written(graph: Graph) -> None:
+def test_the_environment_of_the_example_can_be_used_as_it_is_written(world: World) -> None:
     lines = (ROOT / "config" / "pybullet_bridge.yaml").read_text().splitlines()
     start = lines.index("    #environment:")
     lines[start:] = [line.replace("#", "", 1) for line in lines[start:]]
     content = yaml.safe_load("\n".join(lines))["/**"]["ros__parameters"]
     given = {"environment": content["environment"], "collide_links": True}
     SimulatorParameters(**given)
-    process = graph.start("pybullet_bridge", given | {"duration": 0.01})
-    assert process.end() == 0, process.log
+    bridge = world.start("pybullet_bridge", given | {"duration": 0.01})
+    assert bridge.end() == 0, bridge.log

@@ -17,7 +17,17 @@ import pybullet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, random_q, robot, run
+from test_simulator import (
+    GRAVITY,
+    HOLDING_TORQUE,
+    MOTOR_SPEED,
+    TORQUE,
+    Model,
+    random_q,
+    robot,
+    run,
+    trajectory,
+)
 
 from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
 from sim_bridge.environment import Thing, read_environment
@@ -910,15 +920,16 @@ def test_a_reset_forgets_the_points_that_touched_before() -> None:
     sim.close()
 
 
-def test_two_processes_simulate_the_same_bits_of_contact() -> None:
+def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise() -> None:
     folder = Path(__file__).parent
     code = (
         f"import sys; sys.path[:0] = [{str(folder)!r}, {str(folder.parent)!r}]; "
-        "from test_environment import busy, contact_run; print('digest', contact_run(busy()))"
+        "from test_environment import busy, contact_run; from test_simulator import trajectory; "
+        "print('digests', contact_run(busy()), trajectory())"
     )
     digests = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         for _ in range(2)
     ]
     assert digests[0].stdout == digests[1].stdout
-    assert f"digest {contact_run(busy())}" in digests[0].stdout
+    assert f"digests {contact_run(busy())} {trajectory()}" in digests[0].stdout
