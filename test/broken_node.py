@@ -1,4 +1,4 @@
-"""A controller with a defect where no message can cause one: python -m broken_node NODE PLACE."""
+"""A controller with a defect where no message can cause one: python -m broken_node NODE."""
 
 import sys
 from typing import Any
@@ -21,26 +21,23 @@ MOVES = 0.02
 
 
 def main() -> int:
-    """Run the node named by the first argument with the defect named by the second."""
+    """Run the node named by the first argument with a defect in a timer."""
     node, run, scheme = NODES[sys.argv[1]]
-    place, tick = sys.argv[2], scheme.tick
+    tick = scheme.tick
     moved = []
 
-    def breaking_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
-        if desired.dp_d @ desired.dp_d > MOVES**2:
-            moved.append(True)
-            if place == "law":
-                raise ZeroDivisionError("planted in the law")
+    def noticing_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
+        moved.extend([True] * bool(desired.dp_d @ desired.dp_d > MOVES**2))
         return tick(self, dt, q, dq, desired)
 
     def values_now(_self: Any) -> dict[str, Any]:
-        if place == "timer" and moved:
+        if moved:
             raise ZeroDivisionError("planted in a timer")
         return {}
 
-    scheme.tick = breaking_tick  # type: ignore[method-assign]
+    scheme.tick = noticing_tick  # type: ignore[method-assign]
     node.values_now = values_now  # type: ignore[method-assign]
-    return run(sys.argv[3:])
+    return run(sys.argv[2:])
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 """Messages with any content: refused as InvalidMessageError, or a result that is finite.
 
-First the functions that check them, then the controllers as processes: none ends, none commands
+First the functions that check them, then the controllers: none ends, none commands
 what is not finite or beyond the limits, and after the storm a good message is answered as before.
 """
 
 import copy
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
@@ -15,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import ros_processes
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import (
     Point,
@@ -30,6 +30,7 @@ from geometry_msgs.msg import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import World
 from ros_processes import (
     FRAMES,
     MODEL,
@@ -37,7 +38,6 @@ from ros_processes import (
     Controlled,
     Graph,
     assert_may_stay,
-    environment,
     pose,
     reference,
 )
@@ -304,8 +304,8 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str],
 
         @cache
         def start(executable: str) -> Controlled:
-            graph = stack.enter_context(Graph(tmp_path_factory.mktemp(executable)))
-            return Controlled(graph, executable, PARAMETERS[executable])
+            world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
+            return Controlled(world, executable, PARAMETERS[executable])
 
         yield start
 
@@ -367,7 +367,6 @@ def test_a_controller_survives_any_messages_and_then_holds_again(
     heard: list[Any] = []
     for msg in messages:
         storm.send(msg)
-        node.peer.spin_once()
         heard += node.arm.commands
         node.arm.commands.clear()
     for command in heard:
@@ -390,7 +389,9 @@ def rejected(node: Controlled) -> int:
     return node.peer.counter(node.name, "joint_states rejected")
 
 
-def test_thousands_of_refused_messages_leave_nothing_behind(node: Controlled) -> None:
+@pytest.mark.parametrize("executable", PARAMETERS)
+def test_thousands_of_refused_messages_leave_nothing_behind(executable: str, graph: Graph) -> None:
+    node = Controlled(graph, executable, PARAMETERS[executable])
     arm, storm = node.arm, Storm(node)
 
     def refused(begin: int, count: int) -> None:
@@ -416,13 +417,15 @@ def test_thousands_of_refused_messages_leave_nothing_behind(node: Controlled) ->
 
 @pytest.mark.parametrize("executable", PARAMETERS)
 def test_commands_are_the_same_numbers_whether_field_types_are_checked_or_not(
-    executable: str, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+    executable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = []
+    messages = [m for m in sys.modules.values() if hasattr(m, "ros_python_check_fields")]
     for checked in ("1", "0"):
-        monkeypatch.setattr(ros_processes, "environment", with_checks(checked))
-        with Graph(tmp_path_factory.mktemp(f"{executable}{checked}")) as graph:
-            node = Controlled(graph, executable, PARAMETERS[executable])
+        for module in messages:
+            monkeypatch.setattr(module, "ros_python_check_fields", checked)
+        with World(tmp_path / checked) as world:
+            node = Controlled(world, executable, PARAMETERS[executable])
             p, R = pose(UR5.home)
             node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.005], R)))
             node.arm.start_afresh()
@@ -430,12 +433,3 @@ def test_commands_are_the_same_numbers_whether_field_types_are_checked_or_not(
             found.append([(c.name, c.position, c.velocity, c.effort) for c in commands])
     assert [len(names) for names, *_ in found[0]] == [6] * 5
     assert found[0] == found[1]
-
-
-def with_checks(checked: str) -> Callable[..., dict[str, str]]:
-    """Return what makes the environment of processes whose messages are checked, or not."""
-
-    def changed(folder: Path, domain: int) -> dict[str, str]:
-        return environment(folder, domain) | {"ROS_PYTHON_CHECK_FIELDS": checked}
-
-    return changed

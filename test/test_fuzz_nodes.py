@@ -8,7 +8,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from ros_processes import FRAMES, HOME, MODEL, UR5, Graph, Process, pose
+from in_process import Running, World
+from ros_processes import FRAMES, HOME, MODEL, UR5, pose
 from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -23,7 +24,7 @@ storms = examples(12)
 STOPPING = 0.02
 
 
-def assert_alive(process: Process) -> None:
+def assert_alive(process: Running) -> None:
     assert process.exit_code is None, process.log
     assert "Traceback" not in process.log
     assert "internal error" not in process.log
@@ -32,10 +33,10 @@ def assert_alive(process: Process) -> None:
 class Sender:
     """A node and what can be sent to it, by topic."""
 
-    def __init__(self, graph: Graph, process: Process, topics: dict[str, Any]) -> None:
-        self.graph, self.process = graph, process
+    def __init__(self, world: World, process: Running, topics: dict[str, Any]) -> None:
+        self.world, self.process = world, process
         self._publishers = {
-            name: graph.peer.publisher(kind, name, latched=name == "robot_description")
+            name: world.peer.publisher(kind, name, latched=name == "robot_description")
             for name, kind in topics.items()
         }
 
@@ -44,7 +45,7 @@ class Sender:
 
     def until_connected(self) -> None:
         for publisher in self._publishers.values():
-            self.graph.until(publisher.get_subscription_count, "a subscriber")
+            self.world.until(publisher.get_subscription_count, "a subscriber")
 
 
 # --- reference -------------------------------------------------------------------------------
@@ -53,15 +54,15 @@ class Sender:
 @pytest.fixture(scope="module")
 def sent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Sender, list[Any]]]:
     """The node ``reference``, and what it has sent."""
-    with Graph(tmp_path_factory.mktemp("reference")) as graph:
-        heard = graph.peer.listen(MultiDOFJointTrajectory, "reference")
-        process = graph.start("reference", FRAMES)
+    with World(tmp_path_factory.mktemp("reference")) as world:
+        heard = world.peer.listen(MultiDOFJointTrajectory, "reference")
+        process = world.start("reference", FRAMES)
         kinds = {
             "robot_description": String,
             "joint_states": JointState,
             "target_pose": PoseStamped,
         }
-        yield Sender(graph, process, kinds), heard
+        yield Sender(world, process, kinds), heard
 
 
 def assert_finite(msg: MultiDOFJointTrajectory) -> None:
@@ -92,7 +93,6 @@ def test_the_reference_node_survives_any_messages_and_then_goes_where_it_is_told
     sender.until_connected()
     for topic, msg in messages:
         sender.send(topic, msg)
-        sender.graph.peer.spin_once()
     p, R = pose(HOME)
     goal = p + [0.0, 0.0, 0.05]
 
@@ -104,7 +104,7 @@ def test_the_reference_node_survives_any_messages_and_then_goes_where_it_is_told
         ends = [msg.points[-1].transforms[0].translation for msg in heard]
         return any(np.allclose([v.x, v.y, v.z], goal, rtol=0, atol=1e-9) for v in ends)
 
-    sender.graph.until(arrived, "a reference to the goal")
+    sender.world.until(arrived, "a reference to the goal")
     for msg in heard:
         assert_finite(msg)
     heard.clear()
@@ -122,12 +122,12 @@ def bridge(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Bridge]:
     """The bridge in real time, and the joint_states and wrenches that it has sent."""
-    with Graph(tmp_path_factory.mktemp("bridge")) as graph:
-        states = graph.peer.listen(JointState, "joint_states")
-        felt = graph.peer.listen(WrenchStamped, "wrench")
+    with World(tmp_path_factory.mktemp("bridge")) as world:
+        states = world.peer.listen(JointState, "joint_states")
+        felt = world.peer.listen(WrenchStamped, "wrench")
         command = "joint_reference" if request.param == "position" else "joint_effort"
-        process = graph.start("pybullet_bridge", {"control": request.param, "rate": 200.0})
-        sender = Sender(graph, process, {command: JointState, "external_wrench": WrenchStamped})
+        process = world.start("pybullet_bridge", {"control": request.param, "rate": 200.0})
+        sender = Sender(world, process, {command: JointState, "external_wrench": WrenchStamped})
         yield sender, states, felt
 
 
@@ -147,10 +147,9 @@ def test_the_bridge_survives_any_commands_and_its_robot_stays_within_its_limits(
     command = next(name for name in sender._publishers if name != "external_wrench")
     for topic, msg in messages:
         sender.send(command if topic == "command" else topic, msg)
-        sender.graph.peer.spin_once()
     states.clear()
     sender.send("external_wrench", WrenchStamped(header=_sensor_header()))
-    sender.graph.until(lambda: len(states) > 20 or sender.process.exit_code is not None, "states")
+    sender.world.until(lambda: len(states) > 20 or sender.process.exit_code is not None, "states")
     assert_alive(sender.process)
     for state in states:
         assert np.isfinite([*state.position, *state.velocity, *state.effort]).all()

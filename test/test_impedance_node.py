@@ -18,6 +18,7 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+from in_process import World, run_to_its_end
 from ros_processes import (
     FRAMES,
     HOME,
@@ -89,13 +90,13 @@ AT_FRAME = 1e-4
 
 
 @pytest.fixture(scope="module")
-def shared(shared_graph: Graph) -> Callable[[str], Controlled]:
+def shared(shared_world: World) -> Callable[[str], Controlled]:
     """Starts the nodes that the tests of this module share, one for each pairing."""
 
     @cache
     def start(pairing: str) -> Controlled:
         parameters = {**SIMULATED, "wrench_pairing": pairing}
-        return Controlled(shared_graph, NAME, parameters, namespace=f"/{pairing}")
+        return Controlled(shared_world, NAME, parameters, namespace=f"/{pairing}")
 
     return start
 
@@ -486,11 +487,11 @@ def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(
 
 
 def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_stamp(
-    graph: Graph,
+    world: World,
 ) -> None:
-    arm = FeelingArm(graph, UR5)
+    arm = FeelingArm(world, UR5)
     patient = {"max_latency": 60.0, "state_timeout": 60.0}  # the arm is played by hand
-    process = graph.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
+    process = world.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
     arm.sensor.on = False
 
     def pushed(force: float) -> None:
@@ -502,7 +503,7 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
         arm.send(arm.message())
         return bool(arm.commands)
 
-    graph.until(answered, "a command")
+    world.until(answered, "a command")
     arm.start_afresh()
     start = arm.frame().p_d
 
@@ -511,8 +512,8 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
         arm.tick()
         return bool(arm.frame().p_d[0] > start[0] + 1e-3)
 
-    graph.until(displaced, "a displacement")
-    status = graph.peer.status(NAME, lambda s: "no valid wrench" in s.message, arm.tick)
+    world.until(displaced, "a displacement")
+    status = world.peer.status(NAME, lambda s: "no valid wrench" in s.message, arm.tick)
     assert status.level == b"\x01"
     assert status.message.endswith(FROZEN)
     arm.ticks(60, dt=0.01)
@@ -522,7 +523,7 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
         pushed(0.0)
         arm.tick()
 
-    graph.peer.status(NAME, lambda s: "no valid wrench" not in s.message, goes_on)
+    world.peer.status(NAME, lambda s: "no valid wrench" not in s.message, goes_on)
     assert process.stop() == 0
     assert "error" not in process.stderr
 
@@ -548,10 +549,10 @@ REFUSED = (
 )
 
 
-def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(graph: Graph) -> None:
-    arm, peer = FeelingArm(graph, UR5), graph.peer
+def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World) -> None:
+    arm, peer = FeelingArm(world, UR5), world.peer
     arm.sensor.bias = np.array([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    process = graph.start(NAME, {**SIMULATED, "wrench_pairing": "stamp"})
+    process = world.start(NAME, {**SIMULATED, "wrench_pairing": "stamp"})
     arm.sensor.on = False
     moves = "is not fixed to the tip 'tool0': wrist_1_joint, wrist_2_joint, wrist_3_joint can move"
 
@@ -560,9 +561,9 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(graph: Graph
         arm.send_next()
         return moves in process.log
 
-    graph.until(refused, "the refusal of the frame")
+    world.until(refused, "the refusal of the frame")
     words = "no valid wrench yet; is the force/torque sensor running? (topic /wrench)"
-    graph.until_said(process, words)
+    world.until_said(process, words)
     arm.sensor.on = True
     status = peer.status(NAME, lambda s: "a wrench above" in s.message, arm.send_next)
     assert status.level == b"\x01"
@@ -584,7 +585,7 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(graph: Graph
         arm.send_next(4)
         peer.get_parameters(NAME, "autostart")
     tared = "tared: force [6, 0, 0] N, moment [0, 0, 0] Nm about the tip in its axes, standard "
-    graph.until(lambda: answer(tared), "the tare")
+    world.until(lambda: answer(tared), "the tare")
     assert arm.commands == []
     arm.connect()  # it activates itself
     assert_at_rest(felt(arm, 20))
@@ -601,13 +602,13 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(graph: Graph
 
     assert not activated()
     arm.sensor.bias[4] = 0.4
-    graph.until(activated, "activation as the moment is gone")
+    world.until(activated, "activation as the moment is gone")
     assert peer.change_state(NAME, "deactivate")
     assert peer.change_state(NAME, "cleanup")
     assert peer.change_state(NAME, "configure")
     assert not activated()  # the tare is forgotten
     arm.sensor.bias[:] = 0.0
-    graph.until(activated, "activation as nothing is felt")
+    world.until(activated, "activation as nothing is felt")
     arm.commands.clear()
     assert_holds(arm.tick(), HOME)
     assert process.stop() == 0
@@ -717,7 +718,7 @@ MASS, COM = 0.45, np.array([0.02, -0.01, 0.06])
 
 
 @pytest.fixture(scope="module")
-def loaded(shared_graph: Graph) -> Controlled:
+def loaded(shared_world: World) -> Controlled:
     """A node that knows the tool and the bias of the sensor."""
     bias = [3.0, -7.0, 4.0, 0.3, -0.2, 0.6]
     tool = {"tool_mass": MASS, "tool_com": COM.tolist(), "wrench_bias": bias}
@@ -729,7 +730,7 @@ def loaded(shared_graph: Graph) -> Controlled:
             self.sensor.frame, self.sensor.bias = "wrist_3_link", np.array(bias)
 
     parameters = {**SIMULATED, **tool, "wrench_pairing": "stamp"}
-    return Controlled(shared_graph, NAME, parameters, namespace="/loaded", arm=Loaded)
+    return Controlled(shared_world, NAME, parameters, namespace="/loaded", arm=Loaded)
 
 
 def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_motion(
@@ -770,17 +771,17 @@ def test_friction_of_the_joints_is_no_contact_of_the_tool(loaded: Controlled) ->
 
 
 def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known_tool(
-    graph: Graph,
+    world: World,
 ) -> None:
     """The arm is the left one; its URDF knows the tool, whose weight the sensor feels."""
     mass, com = 0.3, np.array([0.0, 0.03, 0.05])
-    arm, peer = FeelingArm(graph, UR5, "/left"), graph.peer
+    arm, peer = FeelingArm(world, UR5, "/left"), world.peer
     arm.sensor.wrenches = peer.publisher(WrenchStamped, "/left/ft/raw")
     arm.frames = peer.listen(MultiDOFJointTrajectory, "/left/soft")
     arm.sensor.mass, arm.sensor.com, arm.sensor.sign = mass, com, -1.0
     own = {"wrench_sign": -1, "sensed_mass": mass, "sensed_com": com.tolist()}
     own["compensate_tool_inertia"] = False  # with the wrong sign the arm does not do as commanded
-    process = graph.start(
+    process = world.start(
         NAME,
         {**SIMULATED, **own, "wrench_pairing": "stamp"},
         namespace="/left",
@@ -1204,11 +1205,11 @@ ENDS: tuple[tuple[dict[str, Any], str], ...] = (
 
 
 def test_an_impossible_parameter_ends_the_node_with_one_line_and_exit_code_1(
-    graph: Graph,
+    tmp_path: Path,
 ) -> None:
-    processes = [graph.start(NAME, parameters) for parameters, _ in ENDS]
-    for process, (_, words) in zip(processes, ENDS, strict=True):
-        assert process.end() == 1
+    for parameters, words in ENDS:
+        process = run_to_its_end(NAME, tmp_path, parameters)
+        assert process.exit_code == 1
         (line,) = process.stderr.splitlines()
         assert line.startswith("error: ")
         assert words in line
@@ -1222,16 +1223,15 @@ NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
 )
 
 
-def test_an_impossible_impedance_gives_no_command_and_the_reason(graph: Graph) -> None:
+def test_an_impossible_impedance_gives_no_command_and_the_reason(world: World) -> None:
     processes = []
     for i, (parameters, _) in enumerate(NOT_CONFIGURED):
         own = {**FRAMES, **parameters, "robot_description": UR5.urdf}
-        processes.append(graph.start(NAME, own, namespace=f"/arm_{i}"))
+        processes.append(world.start(NAME, own, namespace=f"/arm_{i}"))
     for process, (_, words) in zip(processes, NOT_CONFIGURED, strict=True):
-        graph.until_said(process, "not configured: ")
+        world.until_said(process, "not configured: ")
         assert words in process.log
-        process.signal(signal.SIGTERM)
-    assert [process.end() for process in processes] == [0] * len(processes)
+        assert process.stop() == 0
 
 
 # --- other arms ------------------------------------------------------------------------------
@@ -1257,15 +1257,15 @@ impedance_control:
 
 
 def test_a_redundant_arm_is_controlled_by_a_file_of_parameters_alone(
-    graph: Graph, tmp_path: Path
+    world: World, tmp_path: Path
 ) -> None:
     """Its centre of compliance is 0.1 m beyond the tip, so that a push turns it, too."""
     file = tmp_path / "panda.yaml"
     file.write_text(PANDA_YAML)
     assert yaml.safe_load(PANDA_YAML)
     model = Robot(PANDA.urdf, PANDA.base_frame, PANDA.tip_frame)
-    arm = FeelingArm(graph, PANDA)
-    graph.start(NAME, files=(file,))
+    arm = FeelingArm(world, PANDA)
+    world.start(NAME, files=(file,))
     arm.connect()
     home = model.state(arm.q, 0 * arm.q)
     arm.dq = 0.2 * np.linalg.svd(home.J)[2][-1]  # the elbow swings, the tip stands
@@ -1291,8 +1291,8 @@ def test_a_redundant_arm_is_controlled_by_a_file_of_parameters_alone(
 # --- with the simulated robot ----------------------------------------------------------------
 
 
-def test_two_runs_in_lockstep_against_a_spring_are_the_same_to_the_bit(graph: Graph) -> None:
-    peer, anchor = graph.peer, pose(HOME)[0]
+def test_two_runs_in_lockstep_against_a_spring_are_the_same_to_the_bit(world: World) -> None:
+    peer, anchor = world.peer, pose(HOME)[0]
     spring = {
         "environment.wall.shape": "spring",
         "environment.wall.position": anchor.tolist(),
@@ -1306,18 +1306,18 @@ def test_two_runs_in_lockstep_against_a_spring_are_the_same_to_the_bit(graph: Gr
         efforts = peer.listen(JointState, f"{namespace}/joint_effort")
         frames = peer.listen(MultiDOFJointTrajectory, f"{namespace}/compliant_frame")
         goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        robot = graph.start("pybullet_bridge", bridge, namespace=namespace)
+        robot = world.start("pybullet_bridge", bridge, namespace=namespace)
         own = {"wrench_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        graph.start(NAME, {**SIMULATED, **own}, namespace=namespace)
+        world.start(NAME, {**SIMULATED, **own}, namespace=namespace)
         runs.append((efforts, frames, robot, goals))
     for _, _, _, goals in runs:
-        graph.until(goals.get_subscription_count, "a subscriber of reference")
+        world.until(goals.get_subscription_count, "a subscriber of reference")
     for _, _, _, goals in runs:
         goals.publish(reference(goal, times=(0.15,)))
     found = []
     for efforts, frames, robot, _ in runs:
         for messages in (efforts, frames):
-            graph.until(lambda m=messages: m and stamp(m[-1]) == 200 * MS, "the end")
+            world.until(lambda m=messages: m and stamp(m[-1]) == 200 * MS, "the end")
         assert robot.end() == 0
         assert {stamp(msg) for msg in efforts} == set(range(0, 201 * MS, MS))
         found.append(

@@ -1,4 +1,4 @@
-"""Each protection of docs/safety.md, provoked through DDS in nodes that run as processes.
+"""Each protection of docs/safety.md, provoked through DDS.
 
 What other files test is not tested again; the page names all tests, and is checked here.
 """
@@ -8,7 +8,6 @@ import math
 import re
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
@@ -18,11 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from in_process import STEP, World
 from ros_processes import (
     FRAMES,
     HOME,
     MODEL,
-    MODULES,
     ROOT,
     UR5,
     Arm,
@@ -44,19 +43,20 @@ from tolerances import GUARD_ROUNDING, SIMULATED_POSE
 from eulerparams_control.bags import Bag
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
+from eulerparams_control.laws.clik import Clik
+from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.scheme import JointCommand, Tick
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
 ALL = ("clik", "dynamic_control", "impedance_control")
 EFFORTS = ALL[1:]
 
-MODULES |= {
-    f"{node} raving {how}": f"raving_node {node} {how}"
-    for node in ALL[:2]
-    for how in ("nan", "huge")
-}
-MODULES["fault_injector"] = "eulerparams_control.lab.faults.fault_injector_node"
+LAWS = {"clik": Clik, "dynamic_control": DynamicControl}
+
+# When the desired frame is faster than this [m/s] a law that raves begins to.
+RAVES = 0.02
 
 MS = 1_000_000  # [ns]
 DT = 0.001  # [s] of a tick
@@ -87,10 +87,10 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str],
 
         @cache
         def start(executable: str, is_real: bool = False) -> Controlled:
-            graph = stack.enter_context(Graph(tmp_path_factory.mktemp(executable)))
+            world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
             own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
             own |= UNHURRIED if is_real else {}
-            return Controlled(graph, executable, {**FRAMES, **own, "state_rate": 1000.0})
+            return Controlled(world, executable, {**FRAMES, **own, "state_rate": 1000.0})
 
         yield start
 
@@ -164,7 +164,7 @@ def assert_let_go(mistaken: tuple[Controlled, bool], send_one: Callable[[], None
     for _ in range(40):
         send_one()
         positions[node.arm.t] = node.arm.q
-        node.peer.spin_once()
+        node.graph.advance(STEP)
     node.peer.status(node.name)  # one turn of the node later
     if node.arm.topic == "joint_effort":
         last = node.arm.commands[-1]
@@ -233,10 +233,10 @@ def test_the_page_names_each_test_of_this_file() -> None:
 
 @pytest.mark.parametrize("executable", ALL)
 def test_in_real_time_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
-    graph: Graph, executable: str
+    world: World, executable: str
 ) -> None:
     real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
-    node = Controlled(graph, executable, FRAMES | real)
+    node = Controlled(world, executable, FRAMES | real)
     arm = node.arm
 
     def moving() -> bool:  # a busy machine may make a silence of its own, which ends the motion
@@ -244,7 +244,7 @@ def test_in_real_time_a_silence_of_joint_states_is_told_and_then_the_arm_held_wh
         arm.ticks(30)
         return bool(np.abs(arm.dq).max() > MOVES)
 
-    graph.until(moving, "motion")
+    world.until(moving, "motion")
     status = node.peer.status(node.name, lambda s: "no valid joint_states" in s.message)
     assert status.level == b"\x02"
     assert "no valid joint_states within 0.1 s: no commands; is the robot" in status.message
@@ -259,51 +259,22 @@ def test_in_real_time_a_silence_of_joint_states_is_told_and_then_the_arm_held_wh
     assert values(status)["remedy"] == "send the reference again"
 
 
-class Punctual:
-    """Sends the state of the arm of a controller, with stamps that go with the steady clock."""
-
-    def __init__(self, node: Controlled) -> None:
-        self._node, self._arm = node, node.arm
-        self._ahead = node.arm.t - time.monotonic_ns()
-
-    def until_answered(self) -> None:
-        """Send states in time until one of them is answered."""
-        since = self._arm.t + 1
-
-        def answered() -> bool:
-            self._arm.t = max(since, self._ahead + time.monotonic_ns())
-            self._arm.send(self._arm.message())
-            self._node.peer.spin_once()
-            return any(ns_from_ros(c.header.stamp) >= since for c in self._arm.commands)
-
-        self._node.graph.until(answered, "a command for a state in time")
-
-    def send_late(self) -> int:
-        """Send a state that is 0.4 s old, and younger than the last one; return its stamp [ns]."""
-        self._arm.t += MS
-        due = self._arm.t - self._ahead + 400 * MS
-        self._node.graph.until(lambda: time.monotonic_ns() > due, "that it is late")
-        self._arm.send(self._arm.message())
-        return int(self._arm.t)
-
-
 @pytest.mark.parametrize("executable", ALL)
 def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_counted(
-    graph: Graph, executable: str
+    world: World, executable: str
 ) -> None:
     timing = {"use_sim_time": False, "max_latency": 0.2, "state_timeout": 60.0}
-    node = Controlled(graph, executable, FRAMES | timing)
-    states, late = Punctual(node), [0]
-
-    def refused() -> bool:  # where the machine stalls for a second, all are late, and taken
-        states.until_answered()
-        late.append(states.send_late())
-        states.until_answered()
-        return "later than the best one, more than max_latency 0.2 s" in node.process.log
-
-    graph.until(refused, "a late state refused")
-    assert late[-1] not in {ns_from_ros(c.header.stamp) for c in node.arm.commands}
-    assert node.peer.counter(node.name, "joint_states rejected", 1) >= 1
+    node = Controlled(world, executable, FRAMES | timing)
+    arm = node.arm
+    arm.ticks(50)
+    arm.t += MS
+    late = arm.message()
+    world.advance(0.4)
+    arm.send(late)
+    assert arm.commands == []
+    assert "later than the best one, more than max_latency 0.2 s" in node.process.log
+    arm.tick(dt=0.4)  # in time again
+    assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
 
 
 def test_positions_that_stay_while_speeds_are_reported_get_no_commands(
@@ -342,9 +313,9 @@ def test_positions_that_change_under_the_same_stamp_get_no_commands_and_stop_the
     assert np.abs(arm.dq).max() < AT_REST
 
 
-def test_a_state_that_repeats_itself_for_longer_than_the_timeout_is_a_fault(graph: Graph) -> None:
+def test_a_state_that_repeats_itself_for_longer_than_the_timeout_is_a_fault(world: World) -> None:
     real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
-    node = Controlled(graph, "dynamic_control", FRAMES | real)
+    node = Controlled(world, "dynamic_control", FRAMES | real)
     arm = node.arm
 
     def again() -> None:
@@ -395,7 +366,6 @@ def test_an_arm_that_runs_away_under_efforts_gets_its_weight_borne_and_then_no_e
 
     def answered() -> bool:
         send(node, arm.q, 0 * arm.q, dt=0.01)
-        node.peer.spin_once()
         return bool(arm.commands)
 
     node.graph.until(answered, "a command for the arm that stands")
@@ -438,11 +408,11 @@ def test_a_wrench_that_is_not_finite_is_dropped_for_what_it_is_and_stops_nothing
     ],
 )
 def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
-    graph: Graph, executable: str, parameters: dict[str, Any], words: str
+    world: World, executable: str, parameters: dict[str, Any], words: str
 ) -> None:
-    process = graph.start(executable, {**FRAMES, **parameters, "robot_description": ""})
-    Arm(graph, UR5)
-    status = graph.peer.status(executable, lambda s: words in s.message)
+    process = world.start(executable, {**FRAMES, **parameters, "robot_description": ""})
+    Arm(world, UR5)
+    status = world.peer.status(executable, lambda s: words in s.message)
     assert status.level == b"\x02"
     assert "known: base, base_link" in status.message
     assert process.stop() == 0
@@ -576,8 +546,11 @@ def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
 
 def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Controlled) -> None:
     arm = node.arm
-    send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
-    status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message)
+
+    def send_one() -> None:
+        send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
+
+    status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
     told = values(status)
     assert status.message.startswith("holding still: joint_states moves")
     assert told["remedy"] == "send the reference again"
@@ -593,18 +566,33 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Control
     assert int(now["faults"]) >= faults
 
 
+def rave(monkeypatch: pytest.MonkeyPatch, executable: str, value: float) -> None:
+    """Let the law of a controller command a value [rad, rad/s, Nm] when the arm is to move."""
+    tick = LAWS[executable].tick
+
+    def raving_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Tick:
+        answer = tick(self, dt, q, dq, desired)
+        if desired.dp_d @ desired.dp_d < RAVES**2:
+            return answer
+        said = (answer.command.q, answer.command.dq, answer.command.effort)
+        wild = (None if each is None else np.full(len(q), value) for each in said)
+        return answer._replace(command=JointCommand(*wild))
+
+    monkeypatch.setattr(LAWS[executable], "tick", raving_tick)
+
+
 @pytest.mark.parametrize("executable", ALL[:2])
 def test_a_law_that_asks_for_what_is_not_finite_commands_nothing_and_stops_the_arm(
-    graph: Graph, executable: str
+    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = Controlled(graph, f"{executable} raving nan", FRAMES)
+    rave(monkeypatch, executable, math.nan)
+    node = Controlled(world, executable, FRAMES)
     arm = node.arm
     sent = node.peer.listen(JointState, f"/{arm.topic}")
     node.follow(upwards(HOME))
 
     def blocked() -> None:
         send(node, arm.q, np.zeros(6))
-        node.peer.spin_once()
 
     status = node.peer.status(node.name, lambda s: "non-finite" in s.message, blocked)
     assert status.level == b"\x02"
@@ -617,9 +605,10 @@ def test_a_law_that_asks_for_what_is_not_finite_commands_nothing_and_stops_the_a
 
 @pytest.mark.parametrize("executable", ALL[:2])
 def test_a_law_that_asks_for_too_much_is_bounded_by_limits_and_rates(
-    graph: Graph, executable: str
+    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = Controlled(graph, f"{executable} raving huge", FRAMES)
+    rave(monkeypatch, executable, 1e6)
+    node = Controlled(world, executable, FRAMES)
     arm, limits = node.arm, MODEL.limits
     node.follow(upwards(HOME))
     arm.dq = np.zeros(6)
