@@ -32,10 +32,10 @@ from eulerparams_control.errors import (
 )
 from eulerparams_control.events import Event, ExitCode
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
-from eulerparams_control.lab.experiments.criteria import judge, write_summary
 from eulerparams_control.lab.experiments.definition import Criterion, load_experiment
 from eulerparams_control.lab.experiments.equations import equation
 from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.experiments.result import judge, write_summary
 from eulerparams_control.lab.experiments.runner import (
     check_names,
     has_diverged,

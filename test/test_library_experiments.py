@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.experiments.criteria import judge
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.library import Result, library_names, run_library
 from eulerparams_control.lab.experiments.library._errata import errata
@@ -22,6 +21,7 @@ from eulerparams_control.lab.experiments.library._samples import (
 from eulerparams_control.lab.experiments.library.e1 import DIFFERENCES, TWICE, residuals
 from eulerparams_control.lab.experiments.model import Criterion, Experiment
 from eulerparams_control.lab.experiments.predictions import FORMS, Predicted
+from eulerparams_control.lab.experiments.result import judge
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import S
 

@@ -303,7 +303,7 @@ def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
 @pytest.mark.parametrize(
     ("name", "counts"),
     [
-        ("eulerparams_control/lab/maps/tip.py", True),
+        ("eulerparams_control/lab/maps/run.py", True),
         ("eulerparams_control/lab/maps/turning_maps.py", True),
         ("eulerparams_control/laws/orientation/euler_angles.py", True),
         ("eulerparams_control/laws/rotations.py", True),

@@ -13,22 +13,20 @@ from eulerparams_control.analysis.verdict import Verdict, groups
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments.charts import Chart, ChartOf, Line
-from eulerparams_control.lab.experiments.criteria import write_summary
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.display import Display
 from eulerparams_control.lab.experiments.equations import equation
-from eulerparams_control.lab.experiments.evaluate import look
-from eulerparams_control.lab.experiments.figure import chart_svg
+from eulerparams_control.lab.experiments.evaluate import chart_svg, look
 from eulerparams_control.lab.experiments.model import Experiment
 from eulerparams_control.lab.experiments.paper import (
     headline,
     number_of,
     paper_experiments,
     paper_table,
+    write_paper_page,
     write_paper_summary,
 )
-from eulerparams_control.lab.experiments.paper_page import write_paper_page
-from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome
+from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, write_summary
 from eulerparams_control.lab.experiments.schedule import Schedule
 
 EVIL = "<script>alert('x')</script> & \"more\""

@@ -12,14 +12,20 @@ import pytest
 from ros_processes import ROOT
 
 from eulerparams_control.lab.soak.cause import OVERRUN, REFUSED, UNSEEN, WITHHELD, Causes
-from eulerparams_control.lab.soak.histogram import Histogram
-from eulerparams_control.lab.soak.ledger import PATIENCE, Ledger, Missed
+from eulerparams_control.lab.soak.ledger import PATIENCE, Histogram, Ledger, Missed
 from eulerparams_control.lab.soak.main import main
 from eulerparams_control.lab.soak.page import write_page
 from eulerparams_control.lab.soak.plan import SoakPlan
-from eulerparams_control.lab.soak.record import Life, Page, SoakRecord, Unanswered
+from eulerparams_control.lab.soak.record import (
+    Life,
+    Page,
+    SoakRecord,
+    Unanswered,
+    Usage,
+    usage_of,
+    waited_of,
+)
 from eulerparams_control.lab.soak.summary import write_summary
-from eulerparams_control.lab.soak.usage import Usage, usage_of, waited_of
 from eulerparams_control.lab.soak.verdict import judge
 
 # A percentile of the histogram is right within this part of it: half of a bin is 0.5 %.

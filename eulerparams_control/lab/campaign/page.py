@@ -2,16 +2,15 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from eulerparams_control.lab.campaign.display import headline
 from eulerparams_control.lab.campaign.oracles import Oracle
 from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, MODES, faults_of
-from eulerparams_control.lab.experiments.html import page
+from eulerparams_control.lab.experiments.html import cells, page, table
 
 _TITLE = "Random faults"
 
@@ -85,7 +84,7 @@ def _oracles(outcomes: Sequence[SequenceOutcome]) -> str:
         (escape(name), escape(kind.claim), _count(found[name]))
         for name, kind in Oracle.registry.items()
     ]
-    return _table(("oracle", "what must hold", "sequences with a violation"), rows)
+    return table(("oracle", "what must hold", "sequences with a violation"), map(cells, rows))
 
 
 def _runs(outcomes: Sequence[SequenceOutcome]) -> str:
@@ -96,7 +95,7 @@ def _runs(outcomes: Sequence[SequenceOutcome]) -> str:
             some = [o for o in outcomes if (o.plan.mode, o.plan.controller) == (mode, controller)]
             if some:
                 rows.append((f"{controller}, {mode}", *_run(some)))
-    return _table(names, rows)
+    return table(names, map(cells, rows))
 
 
 def _run(some: Sequence[SequenceOutcome]) -> tuple[str, ...]:
@@ -123,9 +122,9 @@ def _faults(outcomes: Sequence[SequenceOutcome]) -> str:
     rows = []
     for name in sorted({name for name, _ in with_it}):
         keys = [(name, controller) for controller in CONTROLLERS]
-        cells = [f"{with_it[key]} {_of(failed[key])}".strip() for key in keys]
-        rows.append((escape(name.replace("_", " ")), *cells))
-    return _table(("fault", *CONTROLLERS), rows)
+        counts = [f"{with_it[key]} {_of(failed[key])}".strip() for key in keys]
+        rows.append((escape(name.replace("_", " ")), *counts))
+    return table(("fault", *CONTROLLERS), map(cells, rows))
 
 
 def _of(failed: int) -> str:
@@ -134,12 +133,3 @@ def _of(failed: int) -> str:
 
 def _count(value: int) -> str:
     return f'<span class="{"no" if value else "yes"}">{value}</span>'
-
-
-def _table(names: Iterable[str], rows: Iterable[Sequence[Any]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in names)
-    body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
-    return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-        "</div>"
-    )

@@ -18,8 +18,7 @@ from rich.text import Text
 
 from eulerparams_control.analysis.verdict import Verdict, groups, shown
 from eulerparams_control.command_line import say
-from eulerparams_control.lab.experiments.criteria import why_nothing
-from eulerparams_control.lab.experiments.result import REPORT, Outcome
+from eulerparams_control.lab.experiments.result import REPORT, Outcome, why_nothing
 from eulerparams_control.lab.experiments.schedule import Task
 
 

@@ -106,13 +106,23 @@ def equations(numbers: Iterable[str]) -> str:
 
 def criteria(verdicts: Iterable[Verdict]) -> str:
     """Return the table of criteria: what was predicted, measured, asked for."""
-    rows = "".join(_criterion(group) for group in groups(list(verdicts)))
     names = ("criterion", "of", "predicted", "measured", "bound", "")
-    head = "".join(f"<th>{name}</th>" for name in names)
+    return table(names, map(_criterion, groups(list(verdicts))))
+
+
+def table(names: Iterable[str], rows: Iterable[str]) -> str:
+    """Return a table; the cells of its rows are HTML."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in names)
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
     return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
         "</div>"
     )
+
+
+def cells(row: Iterable[str]) -> str:
+    """Return the cells of a row; their content is HTML."""
+    return "".join(f"<td>{content}</td>" for content in row)
 
 
 def _criterion(group: VerdictGroup) -> str:
@@ -123,13 +133,12 @@ def _criterion(group: VerdictGroup) -> str:
     met = [mark(verdict.met) for verdict in verdicts]
     if len(verdicts) > _FEW and len({*zip(values, met, strict=True)}) == 1:
         of, values, met = [f"{len(verdicts)} runs"], values[:1], met[:1]
-    cells = (
+    return (
         f"<td>{escape(group.first.text)}</td><td>{'<br>'.join(of)}</td>"
         f"<td>{escape(group.first.predicted or MISSING)}</td>"
         f'<td class="number">{"<br>".join(values)}</td>'
         f'<td class="number">{escape(bound(group.first))}</td><td>{"<br>".join(met)}</td>'
     )
-    return f"<tr>{cells}</tr>"
 
 
 def bound(verdict: Verdict) -> str:

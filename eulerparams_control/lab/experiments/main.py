@@ -21,9 +21,9 @@ from eulerparams_control.lab.experiments.paper import (
     number_of,
     paper_experiments,
     paper_table,
+    write_paper_page,
     write_paper_summary,
 )
-from eulerparams_control.lab.experiments.paper_page import write_paper_page
 from eulerparams_control.lab.experiments.result import Outcome
 from eulerparams_control.lab.experiments.run_cache import locked
 from eulerparams_control.lab.experiments.runner import check_names

@@ -10,20 +10,24 @@ fields of numbers, and a ``header`` with a ``stamp`` where a fault changes stamp
     for msg in stream.on_message(t, "wrench", msg): deliver(msg)
     for topic, msg in stream.due(t): deliver(msg)    # what was held back, and is due
 
-A fault is added in one file of this folder, with one line of import here.
+A fault is added as a class in a file that is imported here.
 """
 
-from eulerparams_control.lab.faults import clock, loss, nodes, order, values
-from eulerparams_control.lab.faults.base import Fault, MessageFault
-from eulerparams_control.lab.faults.clock import ClockJump
-from eulerparams_control.lab.faults.loss import Drop, Duplicate
+from eulerparams_control.lab.faults.base import (
+    FROM_ROBOT,
+    ROBOT,
+    TO_CONTROLLER,
+    TO_ROBOT,
+    TOPICS,
+    Fault,
+    MessageFault,
+)
+from eulerparams_control.lab.faults.contents import ClockJump, Freeze, Nan, Noise, Stuck
+from eulerparams_control.lab.faults.delivery import Delay, Drop, Duplicate, Reorder
 from eulerparams_control.lab.faults.nodes import Kill, SecondPublisher
-from eulerparams_control.lab.faults.order import Delay, Reorder
 from eulerparams_control.lab.faults.parsing import parse_fault, parse_faults
 from eulerparams_control.lab.faults.sequences import random_faults
 from eulerparams_control.lab.faults.stream import FaultStream
-from eulerparams_control.lab.faults.topics import FROM_ROBOT, ROBOT, TO_CONTROLLER, TO_ROBOT, TOPICS
-from eulerparams_control.lab.faults.values import Freeze, Nan, Noise, Stuck
 
 __all__ = [
     "FROM_ROBOT",
@@ -45,12 +49,7 @@ __all__ = [
     "Reorder",
     "SecondPublisher",
     "Stuck",
-    "clock",
-    "loss",
-    "nodes",
-    "order",
     "parse_fault",
     "parse_faults",
     "random_faults",
-    "values",
 ]

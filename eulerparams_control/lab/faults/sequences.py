@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.faults.base import Fault
-from eulerparams_control.lab.faults.clock import ClockJump
-from eulerparams_control.lab.faults.loss import Drop, Duplicate
+from eulerparams_control.lab.faults.base import ROBOT, Fault
+from eulerparams_control.lab.faults.contents import ClockJump, Freeze, Nan, Noise, Stuck
+from eulerparams_control.lab.faults.delivery import Delay, Drop, Duplicate, Reorder
 from eulerparams_control.lab.faults.nodes import Kill, SecondPublisher
-from eulerparams_control.lab.faults.order import Delay, Reorder
-from eulerparams_control.lab.faults.topics import ROBOT
-from eulerparams_control.lab.faults.values import Freeze, Nan, Noise, Stuck
 from eulerparams_control.parameters.schemes import schemes
 
 FIRST = 0.1

@@ -9,8 +9,8 @@ import numpy as np
 
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.maps.base import Row
+from eulerparams_control.lab.maps.run import ArmTip, FreeTip
 from eulerparams_control.lab.maps.sampling import away, over_directions, random_axis, with_tool_axis
-from eulerparams_control.lab.maps.tip import ArmTip, FreeTip
 from eulerparams_control.lab.maps.turning_maps import TurningMap
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics

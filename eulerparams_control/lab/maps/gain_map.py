@@ -7,9 +7,8 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps.base import MapVariant, Row
-from eulerparams_control.lab.maps.run import Sampling, run
+from eulerparams_control.lab.maps.run import DrivenTip, FreeTip, Sampling, run
 from eulerparams_control.lab.maps.sampling import passing
-from eulerparams_control.lab.maps.tip import DrivenTip, FreeTip
 from eulerparams_control.lab.maps.turning_maps import TurningMap
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame

@@ -7,9 +7,16 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, Row, Table
-from eulerparams_control.lab.maps.run import Sampling, TurnOutcome, failure, run
+from eulerparams_control.lab.maps.run import (
+    DrivenTip,
+    FreeTip,
+    Sampling,
+    Tip,
+    TurnOutcome,
+    failure,
+    run,
+)
 from eulerparams_control.lab.maps.sampling import away, directions, random_axis, with_tool_axis
-from eulerparams_control.lab.maps.tip import DrivenTip, FreeTip, Tip
 from eulerparams_control.laws.clik import ClikLaw
 from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
 from eulerparams_control.laws.rotations import Array, exp

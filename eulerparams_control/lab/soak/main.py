@@ -13,8 +13,7 @@ from eulerparams_control.lab.experiments.processes import RunStopped
 from eulerparams_control.lab.soak.page import write_page
 from eulerparams_control.lab.soak.plan import CONTROLLERS, SoakPlan
 from eulerparams_control.lab.soak.record import SoakRecord
-from eulerparams_control.lab.soak.summary import sentence, write_summary
-from eulerparams_control.lab.soak.table import tables
+from eulerparams_control.lab.soak.summary import sentence, tables, write_summary
 from eulerparams_control.lab.soak.verdict import judge
 
 _MINUTES = 20.0

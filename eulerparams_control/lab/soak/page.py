@@ -1,6 +1,6 @@
 """A soak as one page, which loads nothing: its criteria, its plots, what happened."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eulerparams_control.analysis.labels import COLOURS
 from eulerparams_control.analysis.static_image import STYLE, svg
-from eulerparams_control.lab.experiments.html import mark, page, picture
+from eulerparams_control.lab.experiments.html import cells, mark, page, picture, table
 from eulerparams_control.lab.soak.record import SoakRecord
 from eulerparams_control.lab.soak.summary import causes, cpu_of, sentence
 from eulerparams_control.lab.soak.verdict import SoakVerdict, growth, longest
@@ -29,42 +29,33 @@ def write_page(path: Path, record: SoakRecord, verdicts: Sequence[SoakVerdict]) 
 
 def _body(title: str, record: SoakRecord, verdicts: Sequence[SoakVerdict]) -> list[str]:
     plan = record.plan
-    criteria = [(v.text, v.of, v.measured, v.bound) for v in verdicts]
+    criteria = [
+        _row((v.text, v.of, v.measured, v.bound)) + cells([mark(v.met)]) for v in verdicts
+    ]
     return [
         f"<h1>{escape(title)}</h1>",
         '<p class="soft">Each controller with a robot, a reference and a namespace of its own, in '
         f"real time at {plan.rate:g} Hz, after {plan.warm_up:g} s of warm-up. A round trip is from "
         "the publication of joint_states to the receipt of the command of the same stamp.</p>",
         "<section><h2>What must hold</h2>",
-        _table(
-            ("criterion", "of", "measured", "bound", ""),
-            criteria, [mark(v.met) for v in verdicts],
-        ),
+        table(("criterion", "of", "measured", "bound", ""), criteria),
         "</section><section><h2>Round trip</h2>",
         picture(_figure(record, _draw_latency, "ms"), _NONE),
         "</section><section><h2>Memory beyond that at the end of the warm-up</h2>",
         picture(_figure(record, _draw_memory, "MiB"), _NONE),
         _processes(record),
         "</section><section><h2>States without a command</h2>",
-        _table(("why", "states"), [(k, str(n)) for k, n in causes(record).most_common()]),
+        table(("why", "states"), [_row((k, str(n))) for k, n in causes(record).most_common()]),
         "</section><section><h2>What was said and done</h2>",
-        _table(("s", "who", "what"), [(f"{e.t:.1f}", e.who, e.what) for e in record.events]),
+        table(("s", "who", "what"), [_row((f"{e.t:.1f}", e.who, e.what)) for e in record.events]),
         f'<p class="soft">The clock of the machine was set {record.clock_steps} times; the monitor '
         f"did not look for {1e3 * record.monitor_gap:.0f} ms at most; the bag has "
         f"{record.bag_megabytes:.1f} MB.</p></section>",
     ]  # fmt: skip
 
 
-def _table(
-    head: Iterable[str], rows: Sequence[Sequence[str]], last: Sequence[str] | None = None
-) -> str:
-    """Return a table; ``last`` is a column of HTML."""
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    lines = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
-    if last is not None:
-        lines = [f"{line}<td>{cell}</td>" for line, cell in zip(lines, last, strict=True)]
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="scroll"><table><tr>{top}</tr>{body}</table></div>'
+def _row(texts: Sequence[str]) -> str:
+    return cells(map(escape, texts))
 
 
 def _processes(record: SoakRecord) -> str:
@@ -72,8 +63,8 @@ def _processes(record: SoakRecord) -> str:
     for life in longest(record):
         last, grown = life.samples[-1][1], growth(life, record.plan.warm_up)
         numbers = (last.rss, last.uss, 100 * grown, cpu_of(life))
-        rows.append((life.name, *(f"{number:.2f}" for number in numbers)))
-    return _table(("node", "RSS [MiB]", "USS [MiB]", "growth [%]", "CPU [% of a core]"), rows)
+        rows.append(_row((life.name, *(f"{number:.2f}" for number in numbers))))
+    return table(("node", "RSS [MiB]", "USS [MiB]", "growth [%]", "CPU [% of a core]"), rows)
 
 
 def _figure(record: SoakRecord, draw: Callable[[Axes, SoakRecord], None], unit: str) -> str:

@@ -5,10 +5,9 @@ import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from eulerparams_control.lab.soak.histogram import Histogram
+from eulerparams_control.lab.soak.ledger import Histogram
 from eulerparams_control.lab.soak.plan import SoakPlan
-from eulerparams_control.lab.soak.record import Life, Page, SoakRecord
-from eulerparams_control.lab.soak.usage import Usage
+from eulerparams_control.lab.soak.record import Life, Page, SoakRecord, Usage
 
 GROWTH = 0.01
 """Memory of a node may grow by this part of what it was after the warm-up."""

@@ -1,4 +1,4 @@
-"""The arm itself: it stands while it is held, and it never runs away."""
+"""The arm itself: at rest while it is held, never running away, at its goal in the end."""
 
 from itertools import pairwise
 from typing import ClassVar
@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import SequenceRecord
+from eulerparams_control.lab.campaign.record import ERROR, SequenceRecord
 
 # [s] that the arm is given to come to rest: held, and braked without commands.
 _SETTLING, _BRAKING = 0.5, 0.25
@@ -16,6 +16,9 @@ _RUNAWAY = 2.0
 
 # What stands [rad/s], and stays [rad].
 _SPEED, _DRIFT = 0.02, 0.01
+
+# The tip is there within these [m], [deg].
+_NEAR, _ALIGNED = 0.005, 1.0
 
 
 class HeldStill(Oracle):
@@ -103,3 +106,27 @@ def _calm(start: float, end: float, shaken: list[Span]) -> list[Span]:
             if piece[1] > piece[0]
         ]
     return parts
+
+
+class Recovers(Oracle):
+    """When all faults are over, and the reference is sent again, the arm goes there."""
+
+    name: ClassVar[str] = "recovers"
+    claim: ClassVar[str] = (
+        f"sent again after the last fault, the tip ends within {1e3 * _NEAR:g} mm and "
+        f"{_ALIGNED:g} deg of where it was sent"
+    )
+
+    def check(self, record: SequenceRecord) -> list[Violation]:
+        """Return how it is not there, or why it is no better."""
+        if record.crash:
+            return []  # another oracle says so
+        last = record.said[-1] if record.said else None
+        words = f"; it says: {last.message}" if last else "; it says nothing"
+        distance, angle = record.tip_error
+        if not (distance <= _NEAR and angle <= _ALIGNED):
+            text = f"the tip ends {1e3 * distance:.1f} mm, {angle:.1f} deg away{words}"
+            return [self.violation(record.end, text)]
+        if last is None or last.level == ERROR:
+            return [self.violation(record.end, f"it is there, but not well{words}")]
+        return []

@@ -21,10 +21,17 @@ from eulerparams_control.errors import SimulationError
 from eulerparams_control.lab.soak.cause import counted
 from eulerparams_control.lab.soak.ledger import PATIENCE
 from eulerparams_control.lab.soak.plan import SoakPlan
-from eulerparams_control.lab.soak.record import Life, Page, SoakEvent, SoakRecord, Unanswered
+from eulerparams_control.lab.soak.record import (
+    Life,
+    Page,
+    SoakEvent,
+    SoakRecord,
+    Unanswered,
+    usage_of,
+    waited_of,
+)
 from eulerparams_control.lab.soak.ros.listener import Listener
 from eulerparams_control.lab.soak.ros.stations import Station, Stations
-from eulerparams_control.lab.soak.usage import usage_of, waited_of
 from eulerparams_control.ros.qos import QOS_STREAM
 
 _LOOK = 0.004  # [s] between two looks at what has come
