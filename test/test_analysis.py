@@ -359,9 +359,12 @@ def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path: Path) -> 
         ),
         ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik, dynamic_contr"),
         ({"parameters": GAINS, "desired": False}, "no desired frame was recorded"),
-        ({"parameters": {"orientation": "euler_parameters"}}, "do not give V: 'k_Po'"),
-        ({"parameters": GAINS | {"orientation": "eluer"}}, "do not give V: unknown orientation"),
-        ({"parameters": GAINS | {"k_Po": [1]}}, "do not give V: float"),
+        ({"parameters": {"orientation": "euler_parameters"}}, "parameters of /clik lack k_Po"),
+        ({"parameters": GAINS | {"orientation": "eluer"}}, "of parameter 'orientation': 'eluer'"),
+        (
+            {"parameters": GAINS | {"k_Po": [1]}},
+            "of /clik are not valid: parameter 'k_Po' is [1], a list; expected a float",
+        ),
     ],
 )
 def test_without_a_lyapunov_function_the_recording_says_why(

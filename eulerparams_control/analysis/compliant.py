@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.controllers import centre_of_compliance, impedance_node
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.wrenches import Wrenches
@@ -29,6 +29,7 @@ from eulerparams_control.laws.rotations_batch import (
     turn_back,
 )
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,9 @@ def impedance_run(
     Raises:
         BagError: if the parameters are impossible.
     """
-    centre = centre_of_compliance(impedance_node(parameters) or {}, measured.robot)
+    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
+    with parameters_to_blame(told.scheme.name):
+        centre = told.centre(measured.robot)
     motion = compliant.carrying(centre)
     if wrench is None:
         return ImpedanceRun(motion, np.zeros((len(motion.t), 3)), np.zeros((len(motion.t), 3)))

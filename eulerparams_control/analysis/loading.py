@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.controllers import impedance_node, options_of
+from eulerparams_control.analysis.controllers import options_of, recorded
 from eulerparams_control.analysis.decode import Rows, joined
 from eulerparams_control.analysis.desired import DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
@@ -34,15 +34,15 @@ from eulerparams_control.laws.orientation import (
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import sample
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.parameters.efforts import require_size
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
-
-EARTH = (0.0, 0.0, -9.81)
-"""Gravity [m/s^2] where no controller was told its own."""
 
 _ANSWERED = 500_000_000  # [ns] by which a topic may end before another
 
-LASTING = 0.1
-"""[s] for which a streamed frame goes on: the default of the controllers' reference_timeout."""
+LASTING = ControlParameters.reference_timeout
+"""[s] for which a streamed frame goes on."""
 
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
@@ -155,15 +155,15 @@ class _Reader:
         if "reference" in self._topics and (base, tip) != given:
             text = f"its reference is for {given[1]} in {given[0]}, not for {tip} in {base}"
             self._warn(BagFlaw.FRAMES, f"{text}: errors are not known")
-        told = (impedance_node(self._parameters) or {}).get("gravity") or EARTH
+        gravity = ImpedanceParameters.gravity
         try:
-            gravity = np.array(told, dtype=float).reshape(3)
-        except (TypeError, ValueError):
-            text = f"the gravity {told} of the parameters is not valid: {EARTH} is taken"
-            self._warn(BagFlaw.PARAMETERS, text)
-            gravity = np.array(EARTH)
+            if told := recorded(self._parameters, ImpedanceParameters):
+                require_size("gravity", told.gravity, 3)
+                gravity = told.gravity
+        except (BagError, ConfigurationError) as error:
+            self._warn(BagFlaw.PARAMETERS, f"{error}: the gravity is taken for {gravity}")
         try:
-            return Robot(self._urdf, base, tip, gravity=gravity.tolist())
+            return Robot(self._urdf, base, tip, gravity=gravity)
         except RobotError as error:
             raise RobotError(f"{self._bag.path}: {error}") from error
 
@@ -172,7 +172,7 @@ class _Reader:
             told = options_of(self._parameters)
             name = self._options.euler_sequence
             return replace(told, sequence=EulerSequence(name)) if name else told
-        except (TypeError, ValueError, EulerParamsError) as error:
+        except EulerParamsError as error:
             text = f"the parameters of the controller are not valid ({error}): the defaults of "
             self._warn(BagFlaw.PARAMETERS, f"{text}euler_sequence and quaternion_sign are taken")
             return OrientationOptions()

@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.controllers import IMPEDANCE_NODE, impedance_node
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.series import Series
-from eulerparams_control.errors import BagError, ConfigurationError, RobotError
+from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import turn, turn_back
-from eulerparams_control.laws.wrench import WrenchOptions
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.robot.robot import Robot, Tool
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.robot.robot import Robot
 
 _FELT = 1e-6  # [N], [Nm] below which it is rounding
 
@@ -73,7 +73,9 @@ def at_the_tip(
     Raises:
         BagError: if the parameters are impossible, or a frame is not fixed to the tip.
     """
-    options = _options(parameters, measured.robot)
+    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
+    with parameters_to_blame(told.scheme.name):
+        options = told.wrench_options(measured.robot)
     w = options.sign * sensed.w - np.array(options.bias)
     f_t, mu_t = np.empty((2, len(w), 3))
     for name in dict.fromkeys(sensed.frames):
@@ -98,28 +100,3 @@ def _shifted(w: Array, sensor: Placement) -> tuple[Array, Array]:
     """Return force and moment (N, 3) of the sensor frame in the axes of the tip, about it."""
     f_t = w[:, :3] @ sensor.R.T
     return f_t, w[:, 3:] @ sensor.R.T + np.cross(sensor.p, f_t)
-
-
-def _options(
-    parameters: Mapping[str, Mapping[str, Any]], robot: Robot
-) -> WrenchOptions:
-    """Return sign, tool and bias that the node impedance_control was told; else none."""
-    node = impedance_node(parameters) or {}
-    try:
-        return WrenchOptions(
-            sign=int(node.get("wrench_sign", 1)),
-            tool=_tool(node),
-            gravity=tuple(robot.gravity.tolist()),
-            weight=bool(node.get("compensate_tool_weight", True)),
-            bias=tuple(node.get("wrench_bias") or WrenchOptions.bias),
-        )
-    except (TypeError, ValueError, ConfigurationError) as error:
-        raise BagError(f"the parameters of {IMPEDANCE_NODE} give no wrench: {error}") from error
-
-
-def _tool(node: Mapping[str, Any]) -> Tool | None:
-    """Return what the sensor carries, of which only the weight counts here."""
-    which = "sensed" if node.get("sensed_mass") else "tool"
-    mass = float(node.get(f"{which}_mass", 0.0))
-    com = np.array(node.get(f"{which}_com") or (0.0,) * 3, dtype=float)
-    return Tool(mass, com, np.zeros((3, 3))) if mass else None

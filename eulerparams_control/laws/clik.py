@@ -74,6 +74,10 @@ class ClikLaw:
             dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
         return dq, dp_de, x_de
 
+    def lyapunov(self, x_de: Any, _omega_de: Array) -> Lyapunov | None:
+        """Return V_1 and its derivative, eqs. (30), (31)."""
+        return self.orientation.lyapunov_1(x_de, self.k_Po)
+
 
 class Clik(Scheme):
     """CLIK as in Fig. 1: integrates dq from the first measured q.
@@ -185,7 +189,7 @@ class Clik(Scheme):
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""
-        return self.law.orientation.lyapunov_1(tick.x_de, self.law.k_Po)
+        return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
     def _refuse_deviation(self, q_c: Array, q: Array) -> None:
         if self.limits is None:

@@ -78,6 +78,10 @@ class ResolvedAcceleration:
         )
         return np.concatenate((a_p, a_o)), dp_de, x_de
 
+    def lyapunov(self, x_de: Any, omega_de: Array) -> Lyapunov | None:
+        """Return V_2 and its derivative, eqs. (42), (43)."""
+        return self.orientation.lyapunov_2(x_de, omega_de, self.k_Po, self.k_Vo)
+
 
 @dataclass(frozen=True)
 class InverseDynamics:
@@ -316,8 +320,7 @@ class DynamicControl(Scheme):
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
-        omega_de = tick.desired.omega_d - tick.state.omega_e
-        return self.law.orientation.lyapunov_2(tick.x_de, omega_de, self.law.k_Po, self.law.k_Vo)
+        return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
     def _command(
         self,

@@ -14,8 +14,10 @@ from eulerparams_control.robot.robot import Robot
 class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     """Parameters of the node ``clik``."""
 
-    k_Pp: float = parameter(100.0, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
-    k_Po: float = parameter(100.0, "orientation gain", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Pp: float = parameter(ClikLaw.k_Pp, "position gain", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(
+        ClikLaw.k_Po, "orientation gain", unit="1/s", bounds=(0.0, 1e4), live=True
+    )
     feedback: str = parameter("internal", "which q closes the loop", choices=FEEDBACKS)
     max_deviation: float = parameter(
         0.3,
@@ -24,7 +26,7 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
         bounds=(0.001, 100.0),
     )
     k_posture: float = parameter(
-        1.0, "gain of the posture", unit="1/s", bounds=(0.0, 1e3), live=True
+        ClikLaw.k_posture, "gain of the posture", unit="1/s", bounds=(0.0, 1e3), live=True
     )
 
     def law(self) -> ClikLaw:

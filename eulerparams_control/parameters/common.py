@@ -58,22 +58,25 @@ class ControlParameters:
         "XYZ", "sequence of the Euler angles", choices=SEQUENCES, live=True
     )
     quaternion_sign: str = parameter(
-        "hysteretic",
+        SignRule.name,
         "sign of the mutual quaternion; separate, in simulation only, takes the long way round",
         choices=(*SIGNS, SEPARATE),
         live=True,
     )
     quaternion_initial_sign: int = parameter(
-        1, "of eta at the start; -1 with continuous only, to study Q1", bounds=(-1, 1), live=True
+        SignRule.initial,
+        "of eta at the start; -1 with continuous only, to study Q1",
+        bounds=(-1, 1),
+        live=True,
     )
     hysteresis: float = parameter(
-        0.2, "eta below minus this flips the sign", bounds=(0.0, 0.99), live=True
+        SignRule.delta, "eta below minus this flips the sign", bounds=(0.0, 0.99), live=True
     )
     damping_eps: float = parameter(
-        0.05, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True
+        DampedInverse.eps, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True
     )
     damping_max: float = parameter(
-        0.05, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
+        DampedInverse.lambda_max, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
     )
     slow_below: float = parameter(
         0.05, "singular value of J below which the motion slows down; 0 never", bounds=(0.0, 1.0)
@@ -157,11 +160,14 @@ class ControlParameters:
 
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""
-        options = OrientationOptions(
+        return representation(self.orientation, self.orientation_options())
+
+    def orientation_options(self) -> OrientationOptions:
+        """Return what representations may differ in besides their name."""
+        return OrientationOptions(
             EulerSequence(self.euler_sequence),
             SignRule(self.quaternion_sign, self.hysteresis, self.quaternion_initial_sign),
         )
-        return representation(self.orientation, options)
 
     def robot(self, urdf: str) -> Robot:
         """Return the robot of a URDF; raises RobotError if it lacks a frame or a joint."""

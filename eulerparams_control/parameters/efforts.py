@@ -33,15 +33,23 @@ class EffortParameters(ControlParameters):
         unit="s",
         bounds=(0.001, 60.0),
     )
-    k_Pp: float = parameter(400.0, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
-    k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
-    k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
-    k_Vo: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Pp: float = parameter(
+        ResolvedAcceleration.k_Pp, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vp: float = parameter(
+        ResolvedAcceleration.k_Vp, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
+    )
+    k_Po: float = parameter(
+        ResolvedAcceleration.k_Po, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vo: float = parameter(
+        ResolvedAcceleration.k_Vo, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
+    )
     k_posture: float = parameter(
-        10.0, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
+        InverseDynamics.k_posture, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
     )
     k_null: float = parameter(
-        10.0,
+        InverseDynamics.k_null,
         "damping of motions that do not move the tip",
         unit="1/s",
         bounds=(0.0, 1e3),

@@ -13,6 +13,7 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -61,9 +62,10 @@ class SchemeInfo:
         return f"eulerparams_control.ros.{self.name}_node"
 
 
+@cache
 def schemes() -> Mapping[str, SchemeInfo]:
-    """Return all schemes by name."""
+    """Return all schemes, sorted by name, whichever was imported first."""
     for room in map(importlib.import_module, _ROOMS):
         for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
             importlib.import_module(module.name)
-    return MappingProxyType(_REGISTRY)
+    return MappingProxyType(dict(sorted(_REGISTRY.items())))

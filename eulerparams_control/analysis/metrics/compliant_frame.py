@@ -5,8 +5,6 @@ compared with a force or a moment is that at the centre of compliance, which may
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -16,18 +14,14 @@ from eulerparams_control.analysis.compliant import (
     rotational_residual,
     translational_residual,
 )
-from eulerparams_control.analysis.controllers import (
-    IMPEDANCE_NODE,
-    impedance_node,
-    rotational_impedance,
-    translational_impedance,
-)
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.metrics.base import metric, quotient, within
 from eulerparams_control.analysis.metrics.contact import Axis, along, known, mean_at_end
 from eulerparams_control.analysis.metrics.stability import growth
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 
 def _compliant(recording: Recording) -> CompliantMotion:
@@ -189,9 +183,10 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     Of f - (M_p ddx + D_p dx + K_p x) with the accelerations of the compliant frame
     that was recorded; without dead band and low-pass it is rounding.
     """
-    run, node = _impedance(recording), _node(recording)
-    frame = str(node.get("translational_frame", "base"))
-    left = translational_residual(run.motion, run.f, translational_impedance(node), frame)
+    run, told = _impedance(recording), _told(recording)
+    with parameters_to_blame(told.scheme.name):
+        Z = told.translation()
+    left = translational_residual(run.motion, run.f, Z, told.translational_frame)
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
@@ -203,10 +198,11 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     accelerations of the compliant frame that was recorded; without dead band and low-pass it is
     rounding, however the desired frame turns.
     """
-    run, node = _impedance(recording), _node(recording)
-    if node.get("orientation") != "euler_parameters":
-        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {node['orientation']}")
-    left = rotational_residual(run.motion, run.mu, rotational_impedance(node))
+    run, told = _impedance(recording), _told(recording)
+    if told.orientation != "euler_parameters":
+        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {told.orientation}")
+    with parameters_to_blame(told.scheme.name):
+        left = rotational_residual(run.motion, run.mu, told.rotation())
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
@@ -220,8 +216,9 @@ def _impedance(recording: Recording) -> ImpedanceRun:
     return run
 
 
-def _node(recording: Recording) -> Mapping[str, Any]:
-    node = impedance_node(recording.parameters)
-    if node is None:
-        raise BagError(f"{recording.path}: no parameters of {IMPEDANCE_NODE} were recorded")
-    return node
+def _told(recording: Recording) -> ImpedanceParameters:
+    told = recorded(recording.parameters, ImpedanceParameters)
+    if told is None:
+        name = ImpedanceParameters.scheme.name
+        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
+    return told
