@@ -33,18 +33,18 @@ class Event(StrEnum):
     ENDED = "ended"  # it ends; ``exit_code``, and ``text`` if it failed
 
 
-_is_mute = False
+_tells = False
 
 
-def mute() -> None:
-    """Tell nothing in this process: its stdout is for people."""
-    global _is_mute
-    _is_mute = True
+def begin() -> None:
+    """Tell events from now on: this process runs a node, and its stdout is for programs."""
+    global _tells
+    _tells = True
 
 
 def tell(event: Event, **fields: Any) -> None:
-    """Write an event as one JSON line to stdout, if that is open: ``{"event": "ready", ...}``."""
-    if _is_mute:
+    """Write an event as one JSON line to stdout, if it is for that: ``{"event": "ready", ...}``."""
+    if not _tells:
         return
     with suppress(OSError, ValueError):  # who listened has gone: no reason to end
         print(json.dumps({"event": event.value, **fields}), flush=True, file=sys.stdout)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from ros_processes import HOME, MODEL, Process, environment
 
+from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.lab.campaign import schedule
 from eulerparams_control.lab.campaign.main import main
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
@@ -133,7 +134,7 @@ def silence(record: SequenceRecord, start: float, end: float, *, says: bool = Tr
 
 @plant("position", "survives")
 def an_internal_error(record: SequenceRecord) -> None:
-    record.said.insert(1, Said(0.5, OK, "holding: internal error KeyError: 1"))
+    record.said.insert(1, Said(0.5, OK, "KeyError: 1", Mode.STOPPED, Cause.DEFECT))
 
 
 @plant("position", "limits")
@@ -213,13 +214,13 @@ def a_silence_of_which_nothing_is_said(record: SequenceRecord) -> None:
 
 @plant("torque", "held still")
 def an_arm_that_moves_while_it_is_held(record: SequenceRecord) -> None:
-    record.said[1:] = [Said(1.0, ERROR, "holding still: a fault"), Said(2.0, OK, "active")]
+    record.said[1:] = [Said(1.0, ERROR, "a fault", Mode.STOPPED), Said(2.0, OK, "active")]
     record.truth[at(1.7)] = record.truth[at(1.7)]._replace(dq=(0.021, *ZERO[1:]))
 
 
 @plant("torque", "held still")
 def an_arm_that_sinks_while_it_is_held(record: SequenceRecord) -> None:
-    record.said[1:] = [Said(1.0, ERROR, "holding still: a fault"), Said(2.0, OK, "active")]
+    record.said[1:] = [Said(1.0, ERROR, "a fault", Mode.STOPPED), Said(2.0, OK, "active")]
     for k in range(at(1.5), at(2.0)):
         sunk = changed(AT_HOME, 1, 0.03 * (k / RATE - 1.5))
         record.truth[k] = record.truth[k]._replace(q=sunk)
@@ -240,7 +241,7 @@ def an_arm_that_runs_away(record: SequenceRecord) -> None:
 
 @plant("torque", "recovers")
 def a_controller_that_is_not_well_at_the_end(record: SequenceRecord) -> None:
-    record.said.append(Said(END - 0.1, ERROR, "holding still: a fault"))
+    record.said.append(Said(END - 0.1, ERROR, "a fault", Mode.STOPPED))
 
 
 # What a command at 1 s may be, and which oracle finds it.
@@ -309,7 +310,7 @@ def test_what_is_allowed_is_not_found():
         q = changed(AT_HOME, 0, step)
         record.commands[k] = record.commands[k]._replace(q=q)
     assert judge(record) == []
-    record.said[1:] = [Said(1.0, ERROR, "holding still: a fault"), Said(2.0, OK, "active")]
+    record.said[1:] = [Said(1.0, ERROR, "a fault", Mode.STOPPED), Said(2.0, OK, "active")]
     record.truth[at(1.7)] = record.truth[at(1.7)]._replace(dq=(0.5, *ZERO[1:]))
     record.shaken = [(1.6, 1.8)]
     assert judge(record) == []

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from ros_processes import ROOT
 
+from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.lab.soak.cause import OVERRUN, REFUSED, UNSEEN, WITHHELD, Causes
 from eulerparams_control.lab.soak.ledger import PATIENCE, Histogram, Ledger, Missed
 from eulerparams_control.lab.soak.main import main
@@ -153,8 +154,9 @@ def test_a_command_that_the_monitor_lost_is_told_by_its_number() -> None:
 def test_what_is_withheld_from_a_runaway_arm_is_explained_only_on_a_starved_machine() -> None:
     for waited, cause in ((1.0, WITHHELD), (0.0, "")):
         found = causes(waited=waited)
-        found.said(10.6, "holding still: the arm runs away: no commands until it stands")
-        found.said(12.0, "active with euler_parameters: holding")
+        found.said(10.6, Mode.RELEASING, Cause.RUNAWAY)
+        found.said(11.0, Mode.FOLLOWING, Cause.NO_STATES)
+        found.said(12.0, Mode.HOLDING)
         assert found.of(11.0) == cause
         assert found.of(12.1) == ""
 

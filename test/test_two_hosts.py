@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from sim_bridge.drive import DriveCause, DriveMode
+
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
 ROOT_USER = 0
 
@@ -17,7 +19,7 @@ PATIENCE = 200.0
 
 sys.path.insert(0, str(TOOLS / "hosts"))
 
-from phases import FULL_SPEED, Heard, Judge, Phase  # noqa: E402
+from phases import BRAKED, FULL_SPEED, OBEYING, SILENCE, Heard, Judge, Phase  # noqa: E402
 
 Lines = list[dict[str, Any]]
 
@@ -105,24 +107,25 @@ def heard(tmp_path: Path, name: str, lines: Lines) -> Heard:
     return log
 
 
-def status(t: float, who: str, words: str, level: int = 2) -> dict[str, Any]:
-    return {"t": t, "who": who, "says": words, "level": level, "values": {}}
+def status(t: float, who: str, mode: str, cause: str = "", level: int = 2) -> dict[str, Any]:
+    values = {"mode": mode, "cause": cause}
+    return {"t": t, "who": who, "says": "", "level": level, "values": values}
 
 
 def good_robot() -> Lines:
     stands = [{"t": 10.2 + k / 100, "speed": 0.0, "stamp": 0.0} for k in range(180)]
     return [
         {"t": 10.05, "speed": 0.2, "stamp": 0.0},
-        status(10.11, "pybullet_bridge", "no command for 0.1 s: braked"),
+        status(10.11, "pybullet_bridge", "braked", "silence"),
         *stands,
-        status(12.3, "pybullet_bridge", "commanded", 0),
+        status(12.3, "pybullet_bridge", "obeying", "", 0),
         {"t": 12.4, "speed": 0.5, "stamp": 0.0},
     ]
 
 
 GOOD_CONTROLLER = [
-    status(10.12, "clik", "no valid joint_states within 0.1 s: no commands"),
-    status(12.35, "clik", "active with euler_parameters: following a reference", 0),
+    status(10.12, "clik", "following", "no_states"),
+    status(12.35, "clik", "following", "", 0),
 ]
 
 
@@ -137,6 +140,11 @@ def judge_of(tmp_path: Path, robot: Lines, controller: Lines) -> Judge:
 def failed(tmp_path: Path, robot: Lines, controller: Lines) -> set[str]:
     judge = judge_of(tmp_path, robot, controller)
     return {verdict.text for verdict in judge.cut(CUT) if not verdict.met}
+
+
+def test_the_modes_are_those_of_the_robot() -> None:
+    assert {OBEYING, *BRAKED} < set(DriveMode)
+    assert SILENCE == DriveCause.SILENCE
 
 
 def test_the_judge_is_content_with_a_robot_that_brakes_and_goes_on(tmp_path: Path) -> None:
@@ -161,7 +169,8 @@ def test_the_judge_finds_a_joint_that_moves_or_is_too_fast(
 
 def test_the_judge_finds_brakes_that_come_late(tmp_path: Path) -> None:
     late = [
-        line | {"t": 10.6} if "braked" in line.get("says", "") else line for line in good_robot()
+        line | {"t": 10.6} if line.get("values", {}).get("mode") == "braked" else line
+        for line in good_robot()
     ]
     assert failed(tmp_path, late, GOOD_CONTROLLER) == {"the robot says that it brakes"}
 
@@ -169,7 +178,7 @@ def test_the_judge_finds_brakes_that_come_late(tmp_path: Path) -> None:
 def test_the_judge_finds_a_controller_that_says_it_is_well_though_it_hears_nothing(
     tmp_path: Path,
 ) -> None:
-    well = [*GOOD_CONTROLLER, status(11.0, "clik", "active: following a reference", 0)]
+    well = [*GOOD_CONTROLLER, status(11.0, "clik", "following", "", 0)]
     assert failed(tmp_path, good_robot(), well) == {"and says nothing better meanwhile"}
 
 
@@ -183,7 +192,7 @@ def test_the_judge_finds_a_gap_of_commands_without_brakes(tmp_path: Path, brakes
     phase = Phase("loss", 10.0, 15.0, 21.0)
     commands = [{"t": 10 + k / 10, "command": 0.0} for k in range(110) if not 20 < k < 40]
     robot: Lines = [*commands, {"t": 15.5, "speed": 0.5, "stamp": 0.0}]
-    robot += [status(12.12, "pybullet_bridge", "no command for 0.1 s: braked")] if brakes else []
+    robot += [status(12.12, "pybullet_bridge", "braked", "silence")] if brakes else []
     judge = judge_of(tmp_path, robot, GOOD_CONTROLLER)
     lacking = {verdict.text for verdict in judge.impaired(phase) if not verdict.met}
     assert lacking == (set() if brakes else {"in each gap of commands > 0.5 s it brakes"})

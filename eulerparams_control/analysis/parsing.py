@@ -51,7 +51,7 @@ class Parsers:
         self._namespace, self._others, self._reports = namespace, others, reports
         self.trajectories: dict[int, Trajectory] = {}
         self.began: dict[int, int] = {}
-        self._said: set[str] = set()
+        self._begins: set[str] = set()
 
     def all(self) -> dict[str, Parse]:
         """Return what parses each of the topics."""
@@ -157,8 +157,8 @@ class Parsers:
 
     def _note(self, status: Any, sent: int) -> None:
         for value in status.values:
-            if value.key == BEGAN and value.value not in self._said and _is_stamp(value.value):
-                self._said.add(value.value)
+            if value.key == BEGAN and value.value not in self._begins and _is_stamp(value.value):
+                self._begins.add(value.value)
                 self.began[sent] = int(value.value)
 
 

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError, defect
-from eulerparams_control.events import Event, ExitCode, tell
+from eulerparams_control.events import Event, ExitCode, begin, tell
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -43,13 +43,20 @@ class Runnable(Protocol):
         """Send the last safe command, finish files; called once, context still valid."""
 
 
-def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+def run(make_node: Callable[[], Node], args: list[str] | None = None, *, tells: bool = True) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
 
     The default handlers of rclpy kill the context before a last command can be
     published, so the signals are handled here.  Errors of this package end the
     process with one line on stderr and their exit code.
+
+    Args:
+        make_node: makes the node.
+        args: of the command line; None is those of the process.
+        tells: whether its events go to stdout; not where that is for people.
     """
+    if tells:
+        begin()
     code, text = _run(make_node, args)
     if text:
         print(f"error: {text}", file=sys.stderr, flush=True)

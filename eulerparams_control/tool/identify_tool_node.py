@@ -22,7 +22,6 @@ from eulerparams_control.errors import (
     InvalidMessageError,
     UnknownNameError,
 )
-from eulerparams_control.events import mute
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.parameters.fields import parameter
@@ -317,8 +316,7 @@ def main(args: list[str] | None = None) -> int:
         made.append(IdentifyToolNode())
         return made[0]
 
-    mute()
-    return run(make, args) or made[0].finish()
+    return run(make, args, tells=False) or made[0].finish()
 
 
 if __name__ == "__main__":

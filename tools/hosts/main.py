@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -19,21 +18,22 @@ from phases import MOVES, Heard, Judge, Phase, Verdict, says
 from rich.console import Console
 from rich.table import Table
 
+from eulerparams_control.control.mode import Mode
+
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 CONTROLLER = "clik"
 RATE = 250.0  # [Hz] of joint_states
 START = 60.0  # [s] until the arm moves: a guard against hanging
 CALM, CUT, MENDED, BAD, GOOD = 3.0, 2.0, 6.0, 5.0, 6.0  # [s] of each phase
-RELIABILITIES = ("reliable", "best_effort")
 LOSS, DELAY, JITTER = 0.1, 0.02, 0.005
 
 
 class Run:
     """The processes on both hosts, and what is done to the link between them."""
 
-    def __init__(self, net: network.Network, out: Path, stack: ExitStack, reliability: str) -> None:
-        self._net, self._out, self._stack, self._reliability = net, out, stack, reliability
+    def __init__(self, net: network.Network, out: Path, stack: ExitStack) -> None:
+        self._net, self._out, self._stack = net, out, stack
         self._children: list[subprocess.Popen[bytes]] = []
         self.robot, self.controller = self._watch(net.robot), self._watch(net.controller)
 
@@ -79,15 +79,11 @@ class Run:
                 raise network.NoHosts(f"the arm has not moved for {START:g} s: see {self._out}")
             time.sleep(0.1)
 
-    def _readers(self, *topics: str) -> dict[str, str]:
-        """Return the parameters with which topics are read in the way that is tried."""
-        return {f"qos_overrides.{t}.subscription.reliability": self._reliability for t in topics}
-
     def _moves(self) -> bool:
         self.update()
         now = time.time()
         lately = self.robot.between(now - 1.0, now, "speed")
-        follows = self.controller.first(0, now, "who", says(CONTROLLER, "following a reference"))
+        follows = self.controller.first(0, now, "who", says(CONTROLLER, Mode.FOLLOWING, ""))
         return follows is not None and bool(lately) and lately[-1]["speed"] > MOVES
 
     def update(self) -> None:
@@ -126,13 +122,6 @@ class Run:
         return Phase(name, begin, end, time.time())
 
 
-def _node(module: str, parameters: Mapping[str, object], **more: object) -> list[str]:
-    """Return the words that start a node with parameters."""
-    both = {**parameters, **more}
-    options = [word for k, v in both.items() for word in ("-p", f"{k}:={v}")]
-    return ["-m", module, "--ros-args", *options]
-
-
 def _end(child: subprocess.Popen[bytes]) -> None:
     child.terminate()
     try:
@@ -142,13 +131,13 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         child.wait()
 
 
-def run(out: Path, reliability: str) -> dict[str, object]:
+def run(out: Path) -> dict[str, object]:
     """Run all phases; return what came of them. Raises NoHosts."""
     out.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         net = stack.enter_context(network.Network())
         assert net.link is not None
-        going = Run(net, out, stack, reliability)
+        going = Run(net, out, stack)
         going.start()
         phases = [
             going.calm(),
@@ -162,7 +151,6 @@ def run(out: Path, reliability: str) -> dict[str, object]:
         verdicts = [*judge.cut(cut), *(v for phase in impaired for v in judge.impaired(phase))]
         return {
             "link": net.link.kind,
-            "reliability": reliability,
             "met": all(verdict.met for verdict in verdicts),
             "criteria": [asdict(verdict) for verdict in verdicts],
             "phases": {phase.name: judge.numbers(phase) for phase in phases},
@@ -173,7 +161,7 @@ def show(console: Console, result: dict[str, object], verdicts: list[Verdict]) -
     """Print the report."""
     phases = result["phases"]
     assert isinstance(phases, dict)
-    table = Table(title=f"Two hosts, {result['reliability']}, joined by {result['link']}")
+    table = Table(title=f"Two hosts, joined by {result['link']}")
     table.add_column("figure")
     for name in phases:
         table.add_column(name, justify="right")
@@ -199,15 +187,10 @@ def main() -> int:
         epilog="Ends with 1 if something that must hold does not, with 2 if it cannot be tried.",
     )
     parser.add_argument("--out", type=Path, default=Path("out/two_hosts"), help="folder of results")
-    parser.add_argument(
-        "--reliability", choices=RELIABILITIES, default=RELIABILITIES[0],
-        help="of the readers of joint_states, joint_reference and reference",
-    )  # fmt: skip
-    options = parser.parse_args()
-    out = options.out.resolve()
+    out = parser.parse_args().out.resolve()
     console = Console() if sys.stdout.isatty() else Console(width=120)
     try:
-        result = run(out, options.reliability)
+        result = run(out)
     except network.NoHosts as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -7,6 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.messages.keys import CAUSE, MODE
+
+BRIDGE = "pybullet_bridge"
+OBEYING, BRAKED, SILENCE = "obeying", ("braked", "stopping", "contested"), "silence"
+"""Modes of the robot and a cause: of ``sim_bridge.drive``, which would load PyBullet."""
+
 MOVES, STANDS = 1e-3, 1e-5
 """Fastest joint, of its speed limit: above the first the arm moves, below the second it stands."""
 
@@ -69,9 +76,18 @@ class Heard:
         return next((t - begin for t in found), None)
 
 
-def says(who: str, words: str) -> Callable[[dict[str, Any]], bool]:
-    """Return whether a line is a status of a node with these words."""
-    return lambda line: line["who"] == who and words in line["says"]
+def says(
+    who: str, mode: str | None = None, cause: str | None = None
+) -> Callable[[dict[str, Any]], bool]:
+    """Return whether a line is a status of a node, in a mode, for a cause; None is any."""
+    return lambda line: line["who"] == who and all(
+        wanted in (None, line["values"].get(key)) for key, wanted in ((MODE, mode), (CAUSE, cause))
+    )
+
+
+def is_braked(line: dict[str, Any]) -> bool:
+    """Return whether a line is a status of the robot while it is braked."""
+    return line["who"] == BRIDGE and line["values"].get(MODE) in BRAKED
 
 
 @dataclass(frozen=True)
@@ -98,12 +114,11 @@ class Judge:
     def cut(self, phase: Phase) -> Iterator[Verdict]:
         """Judge the link that was cut: the robot brakes, both say why, the motion resumes."""
         robot, begin, end = self._robot, phase.begin, phase.end
-        bridge, own = "pybullet_bridge", self._name
-        brakes = robot.first(begin, end, "who", says(bridge, "no command for 0.1 s: braked"))
+        brakes = robot.first(begin, end, "who", says(BRIDGE, cause=SILENCE))
         yield _within(phase, "the robot says that it brakes", brakes, COMMAND_TIMEOUT + SCHEDULING)
         stands = robot.first(begin, end, "speed", lambda line: line["speed"] < STANDS)
         yield _within(phase, "all its joints stand", stands, COMMAND_TIMEOUT + 2 * SCHEDULING)
-        told = self._controller.first(begin, end, "who", says(own, "no valid joint_states"))
+        told = self._controller.first(begin, end, "who", says(self._name, cause=Cause.NO_STATES))
         yield _within(phase, "the controller says why", told, STATE_TIMEOUT + SCHEDULING)
         late = robot.between(begin + COMMAND_TIMEOUT + 2 * SCHEDULING, end, "speed")
         yield self._insists(phase, told)
@@ -122,10 +137,10 @@ class Judge:
 
     def _resumes(self, phase: Phase) -> Iterator[Verdict]:
         robot, end, judged = self._robot, phase.end, phase.judged
-        obeys = robot.first(end, judged, "who", says("pybullet_bridge", "commanded"))
+        obeys = robot.first(end, judged, "who", says(BRIDGE, OBEYING))
         yield _within(phase, "mended: the robot obeys again", obeys, RECOVERS)
         back = end + (obeys or 0.0)
-        heard = self._controller.first(back, judged, "who", says(self._name, "following"))
+        heard = self._controller.first(back, judged, "who", says(self._name, Mode.FOLLOWING, ""))
         follows = None if obeys is None or heard is None else obeys + heard
         yield _within(phase, "mended: the set-points are followed again", follows, RECOVERS)
         moves = robot.first(end, judged, "speed", lambda line: line["speed"] > MOVES)
@@ -160,10 +175,8 @@ class Judge:
 
     def _was_braked(self, begin: float, end: float) -> bool:
         """Whether the robot said that it brakes, or had said so last before."""
-        said = [s for s in self._robot.between(0, end, "who") if s["who"] == "pybullet_bridge"]
-        return any("braked" in s["says"] for s in said if s["t"] >= begin) or (
-            bool(said) and "braked" in said[-1]["says"]
-        )
+        said = [s for s in self._robot.between(0, end, "who") if s["who"] == BRIDGE]
+        return any(is_braked(s) for s in [s for s in said if s["t"] >= begin] + said[-1:])
 
     def _goes_on(self, phase: Phase) -> Verdict:
         moves = self._robot.first(
@@ -189,15 +202,15 @@ class Judge:
             "longest_gap_of_commands_s": max(b - a for a, b in pairwise(edges)),
             "round_trip_p50_ms": 1e3 * _percentile(trips, 0.5),
             "round_trip_p99_ms": 1e3 * _percentile(trips, 0.99),
-            "brakes": _changes(braked, "pybullet_bridge", "braked"),
+            "brakes": _changes(braked),
             "refused_as_late": _counted(said, self._name, "joint_states rejected"),
             "fastest_joint_of_limit": max((line["speed"] for line in states), default=0.0),
         }
 
 
-def _changes(lines: Sequence[dict[str, Any]], who: str, words: str) -> int:
-    """Return how often a node began to say some words."""
-    heard = [words in line["says"] for line in lines if line["who"] == who]
+def _changes(lines: Sequence[dict[str, Any]]) -> int:
+    """Return how often the robot braked."""
+    heard = [is_braked(line) for line in lines if line["who"] == BRIDGE]
     return sum(now and not before for before, now in zip([False, *heard], heard, strict=False))
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import NamedTuple
 
+from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.robot.robot import Robot
 
@@ -27,12 +28,6 @@ PROTECTIVE_SPEED = 1.5
 STARTS, KILLED = "the controller starts", "the controller is killed"
 STOPS = "the robot makes a protective stop"
 """Events."""
-
-HOLDING = "holding still"
-"""How a controller begins to say that it moves nothing."""
-
-DEFECT = "internal error"
-"""What a controller says of an error that nobody expected."""
 
 
 class Command(NamedTuple):
@@ -84,16 +79,19 @@ class Truth(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What the controller said of itself: its level and its words."""
+    """What the controller said of itself: its level and its words, its mode and why."""
 
     t: float
     level: int
     message: str
+    mode: str = ""
+    cause: str = ""
 
     @property
     def is_holding(self) -> bool:
-        """Whether it says that it moves nothing."""
-        return self.level == ERROR and self.message.startswith(HOLDING)
+        """Whether it says that it moves nothing, because of a fault."""
+        is_still = self.mode in (Mode.STOPPED, Mode.RELEASING)
+        return self.level == ERROR and is_still and self.cause != Cause.NO_STATES
 
 
 class SequenceEvent(NamedTuple):

@@ -4,7 +4,9 @@ Each count explains one state only.  A state that nothing explains is a finding.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+
+from eulerparams_control.control.mode import Cause, Mode
 
 REFUSED = "refused by the controller as too late"
 OVERRUN = "overrun in the queue of the controller: it, or the robot, had no processor"
@@ -16,8 +18,9 @@ _KEPT = 1000  # reports and waits that are remembered: more than those of PATIEN
 # A report comes once a second; on a busy machine the state is read, and the report sent, later [s].
 _SLACK = 5.0
 
-# What a controller says when it commands nothing on purpose, and when it goes on.
-_SAYS_NOTHING, _ACTIVE = "no commands until", "active with"
+# The modes of a controller that commands nothing on purpose, and of one that goes on.
+_SILENT = (Mode.RELEASING, Mode.DISTRUSTING)
+_ACTIVE = (Mode.WAITING, Mode.HOLDING, Mode.FOLLOWING)
 
 # Waits for a processor count that began so long [s] before a state, or after it.
 _AROUND = 0.25
@@ -95,11 +98,13 @@ class Causes:
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
         self._silent: float | None = None
 
-    def said(self, t: float, message: str) -> None:
-        """Take what the controller says from t [s] on."""
-        if _SAYS_NOTHING in message and self._silent is None and self._is_starved(t):
+    def said(self, t: float, mode: str, cause: str = "") -> None:
+        """Take the mode of the controller from t [s] on, and its cause."""
+        if cause == Cause.NO_STATES:  # there is nothing to answer
+            return
+        if mode in _SILENT and self._silent is None and self._is_starved(t):
             self._silent = t - _AROUND
-        elif _ACTIVE in message and self._silent is not None:
+        elif mode in _ACTIVE and self._silent is not None:
             self._silences.append((self._silent, t))
             self._silent = None
 
@@ -126,8 +131,3 @@ class Causes:
         when, cause = min(found)
         counts[cause].take(when)
         return cause
-
-
-def counted(values: Sequence[tuple[str, str]], name: str) -> int:
-    """Return a counter of a status of /diagnostics; 0 if nothing was counted."""
-    return next((int(value) for key, value in values if key == name), 0)

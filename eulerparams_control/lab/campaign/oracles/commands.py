@@ -14,8 +14,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import COMMAND_TIMEOUT, DEFECT, Command, SequenceRecord
+from eulerparams_control.lab.campaign.record import COMMAND_TIMEOUT, Command, SequenceRecord
 
 # Beyond a limit by this part of it is rounding.
 _ROUNDING = 1e-9
@@ -34,7 +35,7 @@ class Survives(Oracle):
     def check(self, record: SequenceRecord) -> list[Violation]:
         """Return how it ended, or what it did not expect."""
         found = [self.violation(record.end, record.crash)] if record.crash else []
-        errors = [said for said in record.said if DEFECT in said.message]
+        errors = [said for said in record.said if said.cause == Cause.DEFECT]
         return found + [self.violation(said.t, said.message) for said in errors[:1]]
 
 

@@ -3,8 +3,9 @@
 from typing import Any
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.lab.campaign.record import Command, State
+from eulerparams_control.lab.campaign.record import Command, Said, State
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
+from eulerparams_control.messages.keys import CAUSE, MODE
 
 
 def command_of(t: float, life: int, msg: Any) -> Command:
@@ -23,6 +24,8 @@ def state_of(t: float, msg: Any, reader: JointStateReader) -> State:
     return State(t, stamp, tuple(q.tolist()), tuple(dq.tolist()))
 
 
-def said_of(status: Any) -> tuple[int, str]:
-    """Return level and words of a status."""
-    return int.from_bytes(status.level, "little"), str(status.message)
+def said_of(t: float, status: Any) -> Said:
+    """Return what a status says that was published at t [s]."""
+    values = {pair.key: pair.value for pair in status.values}
+    level = int.from_bytes(status.level, "little")
+    return Said(t, level, status.message, values.get(MODE, ""), values.get(CAUSE, ""))

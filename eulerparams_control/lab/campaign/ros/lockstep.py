@@ -29,7 +29,6 @@ from eulerparams_control.lab.campaign.record import (
     PROTECTIVE_SPEED,
     STARTS,
     STOPS,
-    Said,
     SequenceEvent,
     SequenceRecord,
     Truth,
@@ -316,7 +315,7 @@ class _Sequence:
             return
         for _ in range(self._new("/diagnostics")):
             status = take(self._diagnostics)[0].status[0]
-            self.record.said.append(Said(self.t, *said_of(status)))
+            self.record.said.append(said_of(self.t, status))
             self.record.counters = {pair.key: pair.value for pair in status.values}
         for _ in range(self._new(f"/{self._topic}")):
             msg = take(self._commands)[0]

@@ -27,7 +27,6 @@ from eulerparams_control.lab.campaign.record import (
     KILLED,
     PROTECTIVE_SPEED,
     STARTS,
-    Said,
     SequenceEvent,
     SequenceRecord,
     Truth,
@@ -275,7 +274,7 @@ class _Sequence:
     def _on_diagnostics(self, t: float, msg: Any) -> None:
         for status in msg.status:
             if status.name == self.plan.controller:
-                self.record.said.append(Said(t, *said_of(status)))
+                self.record.said.append(said_of(t, status))
                 self.record.counters = {pair.key: pair.value for pair in status.values}
 
     def look_at_end(self) -> None:

@@ -17,8 +17,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.errors import SimulationError
-from eulerparams_control.lab.soak.cause import counted
 from eulerparams_control.lab.soak.ledger import PATIENCE
 from eulerparams_control.lab.soak.plan import SoakPlan
 from eulerparams_control.lab.soak.record import (
@@ -32,6 +32,7 @@ from eulerparams_control.lab.soak.record import (
 )
 from eulerparams_control.lab.soak.ros.listener import Listener
 from eulerparams_control.lab.soak.ros.stations import Station, Stations
+from eulerparams_control.messages.keys import CAUSE, MODE
 from eulerparams_control.ros.qos import QOS_STREAM
 
 _LOOK = 0.004  # [s] between two looks at what has come
@@ -41,6 +42,7 @@ _STEP = 1e-3  # [s] by which the clock of the machine may go apart from the stea
 _AGAIN = 10.0  # [s] between two new starts of a motion
 _EVENTS = 500  # are kept
 _ERROR = b"\x02"
+_RESTARTS = (Cause.SILENCE, Cause.STAMP_JUMP, Cause.COMMAND_SILENCE)
 
 Progress = Callable[[SoakRecord, float], None]
 
@@ -173,11 +175,10 @@ class Monitor:
             self._note(t, status)
             for listener in self._listeners:
                 if status.name == f"{listener.controller}/{listener.controller}":
-                    values = [(pair.key, pair.value) for pair in status.values]
-                    causes = listener.causes
-                    causes.refused.report(t, counted(values, "joint_states rejected"))
-                    causes.overrun.report(t, counted(values, "joint_states missed"))
-                    causes.said(t, status.message)
+                    values, causes = _values(status), listener.causes
+                    causes.refused.report(t, int(values.get("joint_states rejected", 0)))
+                    causes.overrun.report(t, int(values.get("joint_states missed", 0)))
+                    causes.said(t, values.get(MODE, ""), values.get(CAUSE, ""))
 
     def _note(self, t: float, status: Any) -> None:
         """Note what a node says that it did not say before; let a motion that ended go on."""
@@ -188,7 +189,7 @@ class Monitor:
         self._tell(status.name, status.message, t - self._origin)
         for station in self._stations.each:
             its_own = status.name == f"{station.controller}/{station.controller}"
-            if its_own and (status.level == _ERROR or "after a" in status.message):
+            if its_own and (status.level == _ERROR or _values(status).get(CAUSE) in _RESTARTS):
                 self._move_again(station)
 
     def _move_again(self, station: Station) -> None:
@@ -250,6 +251,10 @@ class Monitor:
         """End the node."""
         self._node.destroy_node()
         self._context.try_shutdown()
+
+
+def _values(status: Any) -> dict[str, str]:
+    return {pair.key: pair.value for pair in status.values}
 
 
 def _megabytes(folder: Path) -> float:

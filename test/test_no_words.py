@@ -1,0 +1,187 @@
+"""No product file decides by the words of a message, of a log or of an error.
+
+Words are for people and may be reworded.  Programs read the keys of /diagnostics, events on stdout,
+exit codes, kinds of warnings and types of errors.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted(
+    path for name in ("eulerparams_control", "sim_bridge", "tools", "benchmarks")
+    for path in (ROOT / name).rglob("*.py")
+)  # fmt: skip
+
+SPOKEN = {
+    *("complaint", "complaints", "doing", "fault", "log", "logs", "message", "reason", "remedy"),
+    *("said", "says", "stderr", "stdout", "warning", "warnings", "words"),
+}
+"""The last word of the names of what is said to people."""
+
+METHODS = {
+    *("startswith", "endswith", "count", "find", "rfind", "index", "rindex", "removeprefix"),
+    *("removesuffix", "search", "match", "fullmatch", "findall", "finditer"),
+}
+"""Those that look for words in their object, or in their last argument."""
+
+JUSTIFIED = {
+    ("command_line.py", r'"\ndef main(" in path.read_text(encoding="utf-8")'): "source code",
+    ("e1.py", "PRINTED not in name"): "the names of residuals, made there",
+    ("errors.py", 're.split("[:;]", str(error), maxsplit=1)'): "which complaints are alike",
+    ("figure.py", '"x" in chart.log'): "the axes of a chart that are logarithmic",
+    ("figure.py", '"y" in chart.log'): "the axes of a chart that are logarithmic",
+}
+"""What looks like words, by file and source, and what it is."""
+
+
+def constants(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    """Yield names and values of the strings that a module gives names to."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                pair = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+                names = target.elts if pair else [target]
+                values = node.value.elts if pair else [node.value]
+                for name, value in zip(names, values, strict=False):
+                    if isinstance(name, ast.Name) and isinstance(value, ast.Constant):
+                        yield name.id, str(value.value)
+
+
+def is_of_words(node: ast.expr, named: dict[str, str]) -> bool:
+    """Whether an expression is a text of words: a letter beside a space."""
+    if isinstance(node, ast.JoinedStr):
+        return any(is_of_words(part, named) for part in node.values)
+    if isinstance(node, ast.Name | ast.Attribute):
+        text = named.get(node.id if isinstance(node, ast.Name) else node.attr, "")
+    else:
+        text = node.value if isinstance(node, ast.Constant) else ""
+    return isinstance(text, str) and re.search("[A-Za-z] | [A-Za-z]", text) is not None
+
+
+def is_spoken(node: ast.expr, lines: frozenset[str] = frozenset()) -> bool:
+    """Whether an expression is what somebody said, by its name, or an error as text.
+
+    Args:
+        node: the expression.
+        lines: names of parts of what was said.
+    """
+    match node:
+        case ast.Call(func=ast.Name(id="str" | "repr"), args=[ast.Name(id=name)]):
+            return name in ("error", "exception", "e")
+        case ast.Call(func=ast.Attribute(value=value, attr=attr)):
+            return attr in SPOKEN or is_spoken(value, lines)
+        case ast.Subscript(value=value, slice=ast.Constant(value=str(key))):
+            return key in SPOKEN or is_spoken(value, lines)
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name in lines or name.lower().split("_")[-1] in SPOKEN
+    return False
+
+
+def parts(tree: ast.AST) -> frozenset[str]:
+    """Return the names that go through the lines of what somebody said."""
+    loops = (node for node in ast.walk(tree) if isinstance(node, ast.comprehension | ast.For))
+    return frozenset(
+        loop.target.id
+        for loop in loops
+        if isinstance(loop.target, ast.Name) and is_spoken(loop.iter)
+    )
+
+
+def matches(node: ast.AST, named: dict[str, str], lines: frozenset[str]) -> bool:
+    """Whether an expression looks for words, or looks for something in what somebody said."""
+
+    def is_said(part: ast.expr) -> bool:
+        return is_spoken(part, lines)
+
+    match node:
+        case ast.Compare(left=left, ops=[ast.In() | ast.NotIn()], comparators=[right]):
+            return is_of_words(left, named) or is_said(right)
+        case ast.Compare(left=left, ops=[ast.Eq() | ast.NotEq()], comparators=[right]):
+            words = is_of_words(left, named), is_of_words(right, named)
+            return (is_said(left) and words[1]) or (is_said(right) and words[0])
+        case ast.Call(func=ast.Attribute(value=ast.Name(id="re")), args=[pattern, *rest]):
+            return is_of_words(pattern, named) or any(map(is_said, rest))
+        case ast.Call(func=ast.Attribute(value=value, attr=attr), args=args) if attr in METHODS:
+            return any(is_of_words(arg, named) for arg in args) or any(
+                map(is_said, [value, *args])
+            )
+    return False
+
+
+def found(source: str, named: dict[str, str]) -> list[str]:
+    """Return the expressions of a source that decide by words."""
+    tree = ast.parse(source)
+    named = named | dict(constants(tree))
+    told = {
+        id(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and ast.unparse(node).split("(")[0].endswith(".count")
+    }  # a counter that is counted up
+    nodes, lines = (node for node in ast.walk(tree) if id(node) not in told), parts(tree)
+    return [ast.unparse(node) for node in nodes if matches(node, named, lines)]
+
+
+def test_no_product_file_decides_by_words() -> None:
+    sources = {path: path.read_text() for path in FILES}
+    named = {
+        name: value for source in sources.values() for name, value in constants(ast.parse(source))
+        if name.isupper()
+    }  # fmt: skip
+    caught = {
+        f"{path.relative_to(ROOT)}: {text}"
+        for path, source in sources.items()
+        for text in found(source, named)
+        if (path.name, text.replace("'", '"')) not in JUSTIFIED
+    }
+    assert sorted(caught) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'A, B = "following a reference", "slowed down"\nA in self.message and B in self.message',
+        'restarted = controller.resets and "after a" in doing',
+        'warns = slow or "stopped" in doing',
+        'HOLDING = "holding still"\nself.message.startswith(HOLDING)',
+        'DEFECT = "internal error"\n[said for said in record.said if DEFECT in said.message]',
+        'NOTHING, ACTIVE = "no commands until", "active with"\nif NOTHING in message: pass',
+        "while self.log(executable).count(words) < times: pass",
+        "said, commanded = (nodes.log(node).count(text) for text in (words, COMMANDED))",
+        'BEYOND = re.compile(r"not finite|must be \\d+ finite numbers")',
+        "if BEYOND.search(said): pass",
+        'SILENCE = "no command for the state stamped"\nSILENCE in said and any(faults)',
+        'faults = ("[ERROR]" in nodes.log(name) for name in names)',
+        'NOT = "nothing is overwritten"\nNOT not in log.read_text(encoding="utf-8")',
+        're.findall(r"simulated ([\\d.]+) s", log)',
+        'errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]',
+        'if code != 0 or "Traceback" in log: pass',
+        'if "was not finished" in digest.warning: pass',
+        'if "errors are not known" not in digest.warning: pass',
+        'return lambda line: line["who"] == who and words in line["says"]',
+        'any("braked" in s["says"] for s in said)',
+        'its_own and (status.level == ERROR or "after a" in status.message)',
+        'if status.message == "no valid joint_states": pass',
+        'if "timed out" in str(error): pass',
+    ],
+)
+def test_what_decides_by_words_is_caught(source: str) -> None:
+    assert found(source, {})
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'BEGAN = "reference began at [ns]"\nvalue.key == BEGAN',
+        'line.startswith("{")',
+        "name in topics and status.mode == Mode.STOPPED",
+        'say(console, f"warning: {digest.warning}")',
+        "self._said.get(node) != report",
+    ],
+)
+def test_what_reads_keys_is_not_caught(source: str) -> None:
+    assert not found(source, {})
