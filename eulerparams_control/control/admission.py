@@ -153,7 +153,7 @@ class Admission:
             q, dq: (n,) measured.
             patient: whether states that stay late are taken in the end.
         """
-        dt = self.clock.elapsed(at)
+        dt, _ = self.clock.step(at)
         if -self._timeout < dt < 0:
             self._back = self._back + 1 if at.stamp > self._back_at else 1
             self._back_at = at.stamp
@@ -171,10 +171,9 @@ class Admission:
     def admit(self, at: Instant, q: Array, dq: Array) -> Accept | Repeat:
         """Take a state that is not refused: q, dq (n,) measured at an instant."""
         clock, timeout = self.clock, self._timeout
-        silence, last = clock.silence(at), clock.last
+        (dt, silence), last, restart = clock.step(at), clock.last, None
         if last is not None and at.stamp == last.stamp:
             return Repeat(np.array_equal(q, self._q) and np.array_equal(dq, self._dq), silence)
-        dt, restart = clock.elapsed(at), None
         if not (0 <= dt <= timeout and silence <= timeout):
             moved = self._robot.limits.deviation(q, self._q)
             # by the stamps alone a silence and a clock that was set forward look the same
@@ -184,9 +183,11 @@ class Admission:
             restart = Restart(why, silence > timeout, is_same, is_heard and is_same)
             dt = 0.0
         is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
-        accepted = Accept(dt, clock.acted(at, dt), last is None, restart, is_frozen)
         clock.last, self._q, self._dq = at, q, dq
-        return accepted
+        acted = dt
+        if at.receipt is not None:
+            acted = min(dt, silence) if dt > 0 else silence
+        return Accept(dt, acted, last is None, restart, is_frozen)
 
     def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
         if (q != self._q).any():

@@ -60,22 +60,15 @@ class Clock:
         """Whether the stamps count."""
         return self.last is None or self.last.receipt is None
 
-    def elapsed(self, at: Instant) -> float:
-        """Return how far the stamps went on [s] since the last state; 0 at the first."""
-        return 0.0 if self.last is None else (at.stamp - self.last.stamp) / 1e9
-
-    def silence(self, at: Instant) -> float:
-        """Return how long no new state came [s]; 0 where that is not known."""
-        if self.last is None or self.last.receipt is None or at.receipt is None:
-            return 0.0
-        return at.receipt - self.last.receipt
-
-    def acted(self, at: Instant, dt: float) -> float:
-        """Return how long [s] the command before has acted, the stamps being dt [s] further."""
-        if at.receipt is None:
-            return dt
-        silence = self.silence(at)
-        return min(dt, silence) if dt > 0 else silence
+    def step(self, at: Instant) -> tuple[float, float]:
+        """Return how far the stamps went on, and how long no state came [s]; 0 if not known."""
+        last = self.last
+        if last is None:
+            return 0.0, 0.0
+        dt = (at.stamp - last.stamp) / 1e9
+        if last.receipt is None or at.receipt is None:
+            return dt, 0.0
+        return dt, at.receipt - last.receipt
 
     def time(self, receipt: float | None) -> float:
         """Return the time [s] of something that came at ``receipt`` [s]."""

@@ -36,6 +36,7 @@ class CommandLimiter:
 
     Attributes:
         bounded: how many commands had to be changed.
+        commands_efforts: whether the command that acts is one of efforts.
     """
 
     def __init__(self, limits: JointLimits | None, effort_rate: float = math.inf) -> None:
@@ -46,11 +47,7 @@ class CommandLimiter:
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last = JointCommand()
-
-    @property
-    def commands_efforts(self) -> bool:
-        """Whether the command that acts is one of efforts."""
-        return self._last.effort is not None
+        self.commands_efforts = False
 
     def __call__(self, command: JointCommand, q: Array, elapsed: float) -> JointCommand:
         """Return the command within all bounds.
@@ -68,7 +65,7 @@ class CommandLimiter:
             safe = self._bounded(command, q, elapsed, self.limits)
             self.bounded += safe is not command
             command = safe
-        self._last = command
+        self._last, self.commands_efforts = command, command.effort is not None
         return command
 
     def _bounded(

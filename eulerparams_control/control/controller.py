@@ -5,38 +5,23 @@ gives it measured states and references.  A step is four stages: admit the state
 mode, ask the mode for a command, limit it.
 """
 
-from contextlib import suppress
-
 import numpy as np
 
 from eulerparams_control.control.admission import AT_REST, Admission, Repeat
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.mode import (
-    REPORT_IT,
-    Cause,
-    Mode,
-    ModeEvent,
-    Why,
-    stuck,
-    why_of,
-)
+from eulerparams_control.control.mode import Cause, Mode, ModeEvent, Why, stuck, why_of
 from eulerparams_control.control.modes import Guidance, Release
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.speed_scaling import SpeedScaling
 from eulerparams_control.control.supervisor import Supervisor
-from eulerparams_control.errors import (
-    FollowingError,
-    SingularityError,
-    UnsafeCommandError,
-    defect,
-)
+from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
-__all__ = ["REPORT_IT", "Controller", "ControllerOptions"]
+__all__ = ["Controller", "ControllerOptions"]
 
 
 class Controller:
@@ -50,6 +35,7 @@ class Controller:
     Attributes:
         guidance: the scheme on its desired motion.
         limiter: of the commands.
+        supervisor: keeps the mode.
     """
 
     def __init__(self, scheme: Scheme, options: ControllerOptions, q: Array) -> None:
@@ -60,21 +46,21 @@ class Controller:
             scheme.robot, options.state_timeout, options.max_latency, options.check_states
         )
         clock = self._admission.clock
-        self._supervisor = Supervisor(self.guidance, self.limiter, clock, options)
+        self.supervisor = Supervisor(self.guidance, self.limiter, clock, options)
         self._release = Release(self.limiter)
         self._q, self._dq, self._dt = q, np.zeros_like(q), 0.0
         self._command: JointCommand | None = None
-        self._supervisor.begin(q)
+        self.supervisor.begin(q)
 
     @property
     def mode(self) -> Mode:
         """What it does."""
-        return self._supervisor.mode.mode
+        return self.supervisor.mode.mode
 
     @property
     def why(self) -> Why:
         """Why it does that."""
-        return self._supervisor.mode.why
+        return self.supervisor.mode.why
 
     @property
     def fault(self) -> str:
@@ -84,7 +70,7 @@ class Controller:
     @property
     def resets(self) -> int:
         """How often it started again after a jump of the stamps, or a silence."""
-        return self._supervisor.resets
+        return self.supervisor.resets
 
     @property
     def is_at_rest(self) -> bool:
@@ -111,11 +97,11 @@ class Controller:
             InvalidMessageError: if it is too far from the present desired frame, not finite, one
                 of a stream that went on through a fault, or if the arm must not move now.
         """
-        self._supervisor.follow(motion, start, now, self._q)
+        self.supervisor.follow(motion, start, now, self._q)
 
     def halt(self) -> None:
         """Hold from the next state on, until the next reference; command nothing now."""
-        self._supervisor.change(ModeEvent.HALT, Why(Cause.HALT))
+        self.supervisor.change(ModeEvent.HALT, Why(Cause.HALT))
 
     def stop(self) -> JointCommand:
         """Return the command that holds still, and hold until the next reference."""
@@ -125,8 +111,7 @@ class Controller:
 
     def fail_for_good(self, error: Exception) -> None:
         """Hold from the next state on because of a defect; no reference is followed any more."""
-        why = Why(Cause.DEFECT, defect(error), REPORT_IT)
-        self._supervisor.change(ModeEvent.DEFECT, why)
+        self.supervisor.fail_for_good(error)
 
     def step(self, t: int, q: Array, dq: Array, now: float | None = None) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
@@ -144,7 +129,7 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor = Instant(t, now), self._supervisor
+        at, supervisor = Instant(t, now), self.supervisor
         self._admission.refuse(at, q, dq, patient=not self.limiter.commands_efforts)
         if supervisor.mode.mode is Mode.WAITING:
             supervisor.begin(q)  # others may move the arm until then
@@ -154,55 +139,37 @@ class Controller:
             return self._answer_again(at, state)
         self._q, self._dq, self._dt = q, dq, state.dt
         supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
-        self._command = self._limit(self._ask(t, state.dt), state.acted)
+        self._command = self._limit(supervisor.ask(t, state.dt, q, dq), state.acted)
         if self._command is not None:
             supervisor.left = at
         return self._command
 
-    def _ask(self, t: int, dt: float) -> JointCommand | None:
-        """Return what the mode commands, or what holds the arm, whatever went wrong."""
-        scheme, q, dq = self.scheme, self._q, self._dq
-        try:
-            try:
-                return self._supervisor.mode.command(self.guidance, t, dt, q, dq)
-            except (SingularityError, FollowingError) as error:
-                if isinstance(error, FollowingError):
-                    scheme.resume(q)
-                command = scheme.hold(dt, q, dq)
-                self._supervisor.change(ModeEvent.FAULT, why_of(error))
-                return command
-        except Exception as error:  # a defect: nobody knows what the scheme is worth now
-            self.fail_for_good(error)
-        with suppress(Exception):
-            return scheme.hold(dt, q, dq)
-        return None
-
     def _limit(self, command: JointCommand | None, acted: float) -> JointCommand | None:
         """Return the command within all bounds, or gravity compensation where there is none."""
-        if self.mode is Mode.DISTRUSTING:
+        if self.supervisor.mode.mode is Mode.DISTRUSTING:
             return None
         try:
             command = command and self.limiter(command, self._q, acted)
         except UnsafeCommandError as error:
-            self._supervisor.change(ModeEvent.FAULT, why_of(error))
+            self.supervisor.change(ModeEvent.FAULT, why_of(error))
             command = None
         if command is None:
             is_simulated = self._admission.clock.is_simulated
             return self._release.command(self.scheme, self._q, self._dq, acted, is_simulated)
-        self._release.forget()
+        self._release.is_reached = False
         return command
 
     def _answer_again(self, at: Instant, state: Repeat) -> JointCommand | None:
         """Return the command of the state seen last, if it may act for longer."""
         stamp = f"its stamp stays at {at.stamp / 1e9:g} s"
         if not state.is_same:
-            self._supervisor.change(ModeEvent.FAULT, stuck(f"joint_states moves, but {stamp}"))
+            self.supervisor.change(ModeEvent.FAULT, stuck(f"joint_states moves, but {stamp}"))
         elif at.receipt is None or self._may_stay:
             return self._command
         elif state.silence <= self.options.state_timeout:
             return None  # it has its answer; efforts must not act for longer than states come
         else:
-            self._supervisor.change(ModeEvent.FAULT, stuck(f"joint_states repeats itself: {stamp}"))
+            self.supervisor.change(ModeEvent.FAULT, stuck(f"joint_states repeats itself: {stamp}"))
         self._command = None
         return None  # there is no time to control by: the robot has to brake itself
 
@@ -220,7 +187,7 @@ class Controller:
         Raises:
             UnsafeCommandError: if it is not finite.
         """
-        if self._command is None or self._supervisor.mode.is_runaway:
+        if self._command is None or self.supervisor.mode.is_runaway:
             return None
         command = self.scheme.last_command(self._q, self._dq)
         return CommandLimiter(self.limiter.limits)(command, self._q, 0.0)

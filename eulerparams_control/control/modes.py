@@ -103,27 +103,26 @@ class Release:
 
     The robot has to brake itself then, and no effort that was to move the arm acts meanwhile.
     In simulated time they go on: a robot in lock-step does not go on without them.
+
+    Attributes:
+        is_reached: whether only gravity compensation acts.
     """
 
     def __init__(self, limiter: CommandLimiter) -> None:
         self._limiter = limiter
-        self.forget()
-
-    def forget(self) -> None:
-        """Efforts act again."""
-        self._is_reached = False
+        self.is_reached = False
 
     def command(
         self, scheme: Scheme, q: Array, dq: Array, acted: float, is_simulated: bool
     ) -> JointCommand | None:
         """Return the next efforts for the state q, dq (n,), ``acted`` [s] after the last ones."""
         limiter = self._limiter
-        if not limiter.commands_efforts or (self._is_reached and not is_simulated):
+        if not limiter.commands_efforts or (self.is_reached and not is_simulated):
             return None
         bounded = limiter.bounded
         with suppress(Exception):  # a law that has a defect: then there are none
             command = limiter(scheme.last_command(q, dq), q, acted)
-            self._is_reached = limiter.bounded == bounded
+            self.is_reached = limiter.bounded == bounded
             return command
         return None
 
@@ -133,11 +132,12 @@ class ControlMode(ABC):
 
     Attributes:
         why: why it was entered.
+        is_halted: whether the arm is held still instead of moved.
         is_runaway: whether the arm has to come to rest before it is commanded again.
     """
 
     mode: ClassVar[Mode]
-    is_runaway = False
+    is_halted = is_runaway = False
 
     def __init__(self, why: Why) -> None:
         self.why = why
@@ -156,11 +156,6 @@ class ControlMode(ABC):
     def entered(cls, before: "ControlMode", event: ModeEvent, why: Why) -> "ControlMode":
         """Return the mode that follows another."""
         return cls(before.why if before.is_latched else why)
-
-    @property
-    def is_halted(self) -> bool:
-        """Whether the arm is held still instead of moved."""
-        return self.mode in (Mode.STOPPED, Mode.RELEASING)
 
     @property
     def is_latched(self) -> bool:
@@ -211,6 +206,7 @@ class Stopped(ControlMode):
     """The joints are held where they were when this began."""
 
     mode = Mode.STOPPED
+    is_halted = True
 
     def command(
         self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
@@ -232,6 +228,7 @@ class Releasing(ControlMode):
     """No efforts that are to move the arm: it runs away, or its positions are not measured."""
 
     mode = Mode.RELEASING
+    is_halted = True
 
     def __init__(self, why: Why, is_runaway: bool = False) -> None:
         super().__init__(why)
@@ -280,12 +277,8 @@ class Distrusting(ControlMode):
 
     def __init__(self, until: float, inner: ControlMode) -> None:
         super().__init__(inner.why)
-        self.until, self.inner, self.is_runaway = until, inner, inner.is_runaway
-
-    @property
-    def is_halted(self) -> bool:
-        """Whether the mode that is held back is."""
-        return self.inner.is_halted
+        self.until, self.inner = until, inner
+        self.is_halted, self.is_runaway = inner.is_halted, inner.is_runaway
 
     def command(
         self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array

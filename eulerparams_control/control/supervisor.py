@@ -1,15 +1,20 @@
 """What changes the mode of a controller: references, and what the states tell."""
 
+from contextlib import suppress
+
 from eulerparams_control.control.admission import Accept, Restart
 from eulerparams_control.control.clock import Clock, Instant
 from eulerparams_control.control.command_limiter import CommandLimiter, Runaway
 from eulerparams_control.control.mode import (
     ARM_MOVED,
     FROZEN_ENCODER,
+    REPORT_IT,
     SILENT,
+    Cause,
     ModeEvent,
     Why,
     runs_away,
+    why_of,
 )
 from eulerparams_control.control.modes import (
     ControlMode,
@@ -21,7 +26,9 @@ from eulerparams_control.control.modes import (
 )
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
+from eulerparams_control.errors import FollowingError, SingularityError, defect
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -137,3 +144,28 @@ class Supervisor:
         if joint is not None:
             name, speed = self._scheme.robot.joints[joint], dq[joint]
             self.change(ModeEvent.RUNS_AWAY, runs_away(name, speed))
+
+    def fail_for_good(self, error: Exception) -> None:
+        """Hold from now on because of a defect; no reference is followed any more."""
+        self.change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), REPORT_IT))
+
+    def ask(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand | None:
+        """Return what the mode commands for q, dq (n,) stamped t [ns], dt [s] after the last.
+
+        Where that fails it is what holds the arm; None if the scheme cannot even say that.
+        """
+        scheme = self._scheme
+        try:
+            try:
+                return self.mode.command(self._guidance, t, dt, q, dq)
+            except (SingularityError, FollowingError) as error:
+                if isinstance(error, FollowingError):
+                    scheme.resume(q)
+                command = scheme.hold(dt, q, dq)
+                self.change(ModeEvent.FAULT, why_of(error))
+                return command
+        except Exception as error:  # a defect: nobody knows what the scheme is worth now
+            self.fail_for_good(error)
+        with suppress(Exception):
+            return scheme.hold(dt, q, dq)
+        return None

@@ -96,8 +96,7 @@ class _JointReader:
         self._index = np.zeros(0, dtype=int)
 
     def _match(self, msg: Any) -> None:
-        if msg.name == self._names:
-            return
+        """Find the joints among the names of a message."""
         names = list(msg.name)
         missing = [joint for joint in self._joints if joint not in names]
         if missing:
@@ -119,7 +118,7 @@ class _JointReader:
                 f"{self._topic} has {len(msg.name)} names but {len(values)} values of {what}"
             )
         picked = np.asarray(values)[self._index]
-        if not _are_possible(picked, self._largest):
+        if not (np.abs(picked) <= self._largest).all():  # nor for NaN
             raise InvalidMessageError(
                 f"{self._topic} has a {_fault(picked)} {what}: "
                 f"{dict(zip(self._joints, picked.tolist(), strict=True))}"
@@ -146,7 +145,8 @@ class JointStateReader(_JointReader):
             InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
                 velocities are needed and not there.
         """
-        self._match(msg)
+        if msg.name != self._names:
+            self._match(msg)
         q = self._pick(msg.position, msg, "position")
         if self._needs_velocity and not len(msg.velocity):
             raise InvalidMessageError(
@@ -170,13 +170,15 @@ class CommandReader(_JointReader):
 
     def position_from_ros(self, msg: Any) -> tuple[Array, Array]:
         """Return q (n,) and dq (n,), 0 where the message has none; raises InvalidMessageError."""
-        self._match(msg)
+        if msg.name != self._names:
+            self._match(msg)
         q = self._pick(msg.position, msg, "position")
         return q, self._pick(msg.velocity, msg, "velocity") if len(msg.velocity) else 0.0 * q
 
     def effort_from_ros(self, msg: Any) -> Array:
         """Return tau (n,); raises InvalidMessageError."""
-        self._match(msg)
+        if msg.name != self._names:
+            self._match(msg)
         return self._pick(msg.effort, msg, "effort")
 
 

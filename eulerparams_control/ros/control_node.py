@@ -38,6 +38,8 @@ class ControlNode(ManagedNode):
         self._reference: Subscription | None = None
         self._reference_stamp: int | None = None
         self._is_heard = False
+        rate = self._params.state_rate
+        self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check = self._once_a_second
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -125,10 +127,9 @@ class ControlNode(ManagedNode):
             self._stamp = stamp
             self._commands.publish(stamp, command)
         states.answered(is_commanded=command is not None)
-        if command is not None and self._report.is_due(t, self._params.state_rate):
+        period = self._period if command is not None else 0
+        if self._report.answered(controller, t, period, self._params.orientation):
             self._report_tick(controller)
-        self._report.began(controller)
-        self._say()
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""

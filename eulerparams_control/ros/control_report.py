@@ -92,12 +92,23 @@ class ControlReport:
             cause=Cause.NO_STATES.value,
         )
 
-    def is_due(self, t: int, rate: float) -> bool:
-        """Whether at the stamp t [ns] a tick is to be reported, at most at ``rate`` [Hz]."""
-        if rate <= 0:
-            return False
-        period = int(1e9 / rate)
-        if self._next - period <= t < self._next:
+    def answered(self, controller: Controller, t: int, period: int, orientation: str) -> bool:
+        """Report what changed with the answer to a state; return whether its tick is due, too.
+
+        Args:
+            controller: that answered.
+            t: stamp of the state [ns].
+            period: of the reports of ticks [ns]; 0 for none.
+            orientation: the representation.
+        """
+        began = controller.guidance.motion.began
+        if began != self._began:  # who analyses a recording cannot know it else
+            self._began = began
+            if began is not None:
+                self._health.values[BEGAN] = began
+                self._health.publish()
+        self.state(controller, orientation)
+        if not period or self._next - period <= t < self._next:
             return False
         self._next = t + period
         return True
@@ -120,18 +131,10 @@ class ControlReport:
         else:
             self._health.values.pop("Lyapunov function", None)
 
-    def began(self, controller: Controller) -> None:
-        """Report when a trajectory began: who analyses a recording cannot know it else."""
-        if controller.guidance.motion.began == self._began:
-            return
-        self._began = controller.guidance.motion.began
-        if self._began is not None:
-            self._health.values[BEGAN] = self._began
-            self._health.publish()
-
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        pace, mode, why = controller.guidance.pace, controller.mode, controller.why
+        pace, now = controller.guidance.pace, controller.supervisor.mode
+        mode, why = now.mode, now.why
         near = pace.singularity, pace.limit, pace.now < 1
         saying = mode, why.cause, why.fault, why.note, orientation, *near
         if saying == self._said:
