@@ -308,7 +308,7 @@ def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
         ("eulerparams_control/laws/orientation/euler_angles.py", True),
         ("eulerparams_control/laws/rotations.py", True),
         ("eulerparams_control/lab/maps/chart_pictures.py", False),
-        ("eulerparams_control/lab/maps/page.py", False),
+        ("eulerparams_control/lab/maps/main.py", False),
     ],
 )
 def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from synthetic_runs import URDF, write_run
 
+from eulerparams_control.analysis.decimation import packed, packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import drawn_robot
 from eulerparams_control.analysis.loading import load
@@ -21,7 +22,6 @@ from eulerparams_control.analysis.meshes import (
     read_meshes,
     simplified,
 )
-from eulerparams_control.analysis.packing import packed, packed_reals
 from eulerparams_control.analysis.page import as_json
 from eulerparams_control.analysis.replay import ARROW, replay
 from eulerparams_control.errors import RobotError

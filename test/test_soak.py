@@ -16,10 +16,10 @@ from eulerparams_control.lab.soak.cause import OVERRUN, REFUSED, UNSEEN, WITHHEL
 from eulerparams_control.lab.soak.ledger import PATIENCE, Histogram, Ledger, Missed
 from eulerparams_control.lab.soak.main import main
 from eulerparams_control.lab.soak.page import write_page
-from eulerparams_control.lab.soak.plan import SoakPlan
 from eulerparams_control.lab.soak.record import (
     Life,
     Page,
+    SoakPlan,
     SoakRecord,
     Unanswered,
     Usage,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.analysis.decimation import packed
 from eulerparams_control.analysis.meshes import (
     Mesh,
     find_mesh,
@@ -17,7 +18,6 @@ from eulerparams_control.analysis.meshes import (
     rgb,
     simplified,
 )
-from eulerparams_control.analysis.packing import packed
 from eulerparams_control.errors import RobotError
 from eulerparams_control.robot.urdf import UrdfTree, attribute
 

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.analysis.decimation import decimate
+from eulerparams_control.analysis.decimation import decimate, packed_reals
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.labels import line
-from eulerparams_control.analysis.packing import packed_reals
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.analysis.decimation import packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import Data, DrawnRobot, drawn_robot
 from eulerparams_control.analysis.labels import colour, labels
-from eulerparams_control.analysis.packing import packed_reals
 from eulerparams_control.analysis.page_tables import run_names
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.laws.rotations import Array, EulerParameters

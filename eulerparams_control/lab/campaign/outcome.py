@@ -140,3 +140,19 @@ def _story(record: SequenceRecord) -> tuple[str, ...]:
 def count_by_oracle(outcomes: Sequence[SequenceOutcome]) -> Counter[str]:
     """Return in how many sequences each oracle found something."""
     return Counter(name for o in outcomes for name in {v.oracle for v in o.violations})
+
+
+def headline(outcomes: Sequence[SequenceOutcome]) -> str:
+    """Return what came of a campaign in a sentence."""
+    failed = [o for o in outcomes if o.violations]
+    lost = sum(bool(o.error) for o in outcomes)
+    commands = sum(o.commands for o in outcomes)
+    faults = sum(len(o.faults) for o in outcomes)
+    text = (
+        f"{len(outcomes)} random fault sequences with {faults} faults and {commands:,} commands: "
+        f"{sum(len(o.violations) for o in failed)} violations in {len(failed)} sequences"
+    )
+    unjudged = sum(bool(o.unjudged) for o in outcomes)
+    if unjudged:
+        text += f"; of {unjudged} in real time not all could be judged, the machine starved"
+    return text + (f"; {lost} could not be run" if lost else "")

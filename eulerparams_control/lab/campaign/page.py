@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from eulerparams_control.lab.campaign.display import headline
 from eulerparams_control.lab.campaign.oracles import Oracle
-from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle, headline
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, MODES, faults_of
 from eulerparams_control.lab.experiments.html import cells, page, table
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from html import escape
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -18,21 +19,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.figures import picture
+from eulerparams_control.analysis.figures import picture as quantity_of
 from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.labels import COLOURS, quantity
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import quantity_figure
 from eulerparams_control.analysis.static_image import STYLE, svg
+from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.experiments.charts import Chart, Line
 from eulerparams_control.lab.experiments.fingerprint import code, digest
+from eulerparams_control.lab.experiments.html import NOT_JUDGED, criteria, equations, page, picture
 from eulerparams_control.lab.experiments.library import Number, Result, run_library
 from eulerparams_control.lab.experiments.model import Experiment
-from eulerparams_control.lab.experiments.reports import write_report
 from eulerparams_control.lab.experiments.result import (
     FIGURE,
     REPORT,
@@ -52,6 +55,65 @@ _PREDICTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "zorder": 4}
 _BOUND: dict[str, Any] = {"color": "0.45", "linestyle": (0, (1, 1.5)), "linewidth": 0.9}
 
 _OF_LIBRARY = re.compile(r"\{library\.(\w+)\}")
+
+
+def write_report(
+    path: Path,
+    experiment: Experiment,
+    digests: Sequence[Digest],
+    predictions: Sequence[Prediction],
+    result: Result,
+    verdicts: Sequence[Verdict],
+    sentence: str,
+    figure: str,
+) -> None:
+    """Write report.html of an experiment.
+
+    Args:
+        path: of the file.
+        experiment: the experiment.
+        digests: of its runs; none if it is in the library alone.
+        predictions: curves over time, for these runs.
+        result: of its library experiment.
+        verdicts: on its criteria.
+        sentence: what it shows.
+        figure: its picture as SVG.
+    """
+    if digests:
+        claim, first = experiment.claim, experiment.picture
+        write_page(path, digests, claim, sentence, verdicts, first, predictions)
+        return
+    text = _of_numbers(experiment, result, verdicts, sentence, figure)
+    path.write_text(text, encoding="utf-8")
+
+
+def _of_numbers(
+    experiment: Experiment,
+    result: Result,
+    verdicts: Sequence[Verdict],
+    sentence: str,
+    figure: str,
+) -> str:
+    rows = "".join(
+        f"<tr><td>{escape(number.text)}</td>"
+        f'<td class="number">{escape(quantity(number.value, number.unit))}</td></tr>'
+        for number in result.numbers.values()
+    )
+    met = sum(verdict.met for verdict in verdicts)
+    kind = "yes" if met == len(verdicts) else "no"
+    count = f"{met} of {len(verdicts)} criteria met"
+    if not verdicts:
+        kind, count = "soft", NOT_JUDGED
+    body = [
+        f"<h1>{escape(sentence or experiment.claim)}</h1>",
+        f'<p class="soft">{escape(experiment.claim)} <span class="{kind}">{count}.</span></p>',
+        f'<div class="columns"><div>{equations(experiment.equations)}</div>'
+        f"{picture(figure, 'this experiment draws none')}</div>",
+        "<h2>Criteria</h2>",
+        criteria(verdicts),
+        f'<h2>Numbers</h2><div class="scroll"><table><tbody>{rows}</tbody></table></div>',
+    ]
+    return page(sentence or experiment.name, body)
 
 
 def chart_svg(chart: Chart) -> str:
@@ -103,7 +165,7 @@ def time_svg(
     digests: Sequence[Digest], name: str, predictions: Sequence[Prediction], bounds: Sequence[float]
 ) -> str:
     """Return a quantity of runs over time as SVG, with predictions and bounds of criteria."""
-    figure = quantity_figure(digests, picture(name), predictions)
+    figure = quantity_figure(digests, quantity_of(name), predictions)
     axes = figure.axes[0]
     low, high = axes.get_ylim()
     for bound in bounds:

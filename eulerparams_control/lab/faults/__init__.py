@@ -21,11 +21,12 @@ from eulerparams_control.lab.faults.base import (
     TOPICS,
     Fault,
     MessageFault,
+    parse_fault,
+    parse_faults,
 )
 from eulerparams_control.lab.faults.contents import ClockJump, Freeze, Nan, Noise, Stuck
 from eulerparams_control.lab.faults.delivery import Delay, Drop, Duplicate, Reorder
 from eulerparams_control.lab.faults.nodes import Kill, SecondPublisher
-from eulerparams_control.lab.faults.parsing import parse_fault, parse_faults
 from eulerparams_control.lab.faults.sequences import random_faults
 from eulerparams_control.lab.faults.stream import FaultStream
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import rclpy
 import yaml
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
@@ -41,12 +42,14 @@ from eulerparams_control.lab.faults import (
     SecondPublisher,
     parse_fault,
 )
-from eulerparams_control.lab.faults.intruder_node import Intruder
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.runtime import run
+
+NAME = "intruder"
+"""Of the node, as those see it who list the publishers of the topic."""
 
 FAULTY = "faulty/"
 """What the names of the topics that it publishes begin with."""
@@ -56,6 +59,39 @@ TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
 
 _TICK = 0.002  # [s] between two looks at what is due
 _MEET = 0.05  # [s] between two looks at who listens
+
+
+class Intruder:
+    """A node that publishes to a topic what is a little beside what another publishes.
+
+    Args:
+        beside: a node in whose context and namespace it is.
+        fault: what it does.
+        kind: of the messages.
+        topic: its full name.
+    """
+
+    def __init__(self, beside: Node, fault: SecondPublisher, kind: Any, topic: str) -> None:
+        self._fault = fault
+        self._node = rclpy.create_node(
+            NAME,
+            context=beside.context,
+            namespace=beside.get_namespace(),
+            use_global_arguments=False,  # its name is its own
+            start_parameter_services=False,
+        )
+        self._publisher = self._node.create_publisher(kind, topic, QOS_STREAM)
+        self._due = fault.at
+
+    def publish(self, t: float, last: Any) -> None:
+        """Publish, if it is time to at t [s], after the last true message."""
+        if t >= self._due:
+            self._due = t + 1.0 / self._fault.rate
+            self._publisher.publish(self._fault.message(last))
+
+    def close(self) -> None:
+        """Go away."""
+        self._node.destroy_node()
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError
 from eulerparams_control.lab.experiments.processes import RunStopped
 from eulerparams_control.lab.soak.page import write_page
-from eulerparams_control.lab.soak.plan import CONTROLLERS, SoakPlan
-from eulerparams_control.lab.soak.record import SoakRecord
+from eulerparams_control.lab.soak.record import CONTROLLERS, SoakPlan, SoakRecord
 from eulerparams_control.lab.soak.summary import sentence, tables, write_summary
 from eulerparams_control.lab.soak.verdict import judge
 

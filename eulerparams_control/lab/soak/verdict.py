@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from eulerparams_control.lab.soak.ledger import Histogram
-from eulerparams_control.lab.soak.plan import SoakPlan
-from eulerparams_control.lab.soak.record import Life, Page, SoakRecord, Usage
+from eulerparams_control.lab.soak.record import Life, Page, SoakPlan, SoakRecord, Usage
 
 GROWTH = 0.01
 """Memory of a node may grow by this part of what it was after the warm-up."""

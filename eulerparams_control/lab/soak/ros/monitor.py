@@ -20,11 +20,11 @@ from rclpy.signals import SignalHandlerOptions
 from eulerparams_control.control.mode import Cause
 from eulerparams_control.errors import SimulationError
 from eulerparams_control.lab.soak.ledger import PATIENCE
-from eulerparams_control.lab.soak.plan import SoakPlan
 from eulerparams_control.lab.soak.record import (
     Life,
     Page,
     SoakEvent,
+    SoakPlan,
     SoakRecord,
     Unanswered,
     usage_of,

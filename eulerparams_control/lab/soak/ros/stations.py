@@ -7,7 +7,7 @@ from typing import Self
 
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.processes import Nodes
-from eulerparams_control.lab.soak.plan import SoakPlan
+from eulerparams_control.lab.soak.record import SoakPlan
 from eulerparams_control.robot.catalogue import load_robot
 
 _PATIENCE = 60.0  # [s] for a motion to be sent: a guard against hanging
