@@ -15,10 +15,11 @@ import rclpy
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import run_to_its_end
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from ros_processes import MODULES, Graph, free_domain
+from ros_processes import free_domain
 from samples import examples
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
@@ -215,7 +216,7 @@ def test_times_that_a_message_cannot_have_are_refused(times: list[float], words:
         parse_way_points(times, [0.0] * 6, [0.0] * 6, "rotation_vector")
 
 
-# --- as processes ------------------------------------------------------------------------------
+# --- as executables ----------------------------------------------------------------------------
 
 
 FILES = {
@@ -229,24 +230,17 @@ FILES = {
 }
 
 
-@pytest.fixture(scope="module")
-def recorder_too() -> None:
-    MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
-
-
-@pytest.mark.usefixtures("recorder_too")
 @pytest.mark.parametrize("executable", KINDS)
-def test_an_executable_refuses_a_file_in_one_line_and_ends(executable: str, graph: Graph) -> None:
-    graph.folder.mkdir(parents=True, exist_ok=True)
-    file = graph.folder / "parameters.yaml"
-    for text, words in FILES.values():
+def test_an_executable_refuses_a_file_in_one_line_and_ends(executable: str, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    other = (
+        f"/{executable}x:\n  ros__parameters: {{a: 1}}\n",
+        f"{file} has parameters for the node '/{executable}x'",
+    )
+    for text, words in (*FILES.values(), other):
         file.write_text(text)
-        process = graph.run(executable, "--ros-args", "--params-file", str(file))
-        assert process.end() == 1
+        process = run_to_its_end(executable, tmp_path, files=[file])
+        assert process.exit_code == 1
         (line,) = (line for line in process.stderr.splitlines() if line.startswith("error: "))
         assert words in line
-        assert "Traceback" not in process.log
-    file.write_text(f"/{executable}x:\n  ros__parameters: {{a: 1}}\n")
-    process = graph.run(executable, "--ros-args", "--params-file", str(file))
-    assert process.end() == 1
-    assert f"error: {file} has parameters for the node '/{executable}x'" in process.stderr
+        assert "Traceback" not in process.stdout + process.stderr
