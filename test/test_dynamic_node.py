@@ -28,7 +28,7 @@ from ros_processes import (
 from samples import by_angles, rodrigues
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
+from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -166,26 +166,6 @@ def test_past_the_pole_the_error_of_euler_angles_stops_the_arm_and_nothing_jumps
     assert_follows(node)
 
 
-def test_where_euler_angles_have_no_rates_the_arm_is_held_and_the_singularity_named(
-    node: Controlled,
-) -> None:
-    node.change(orientation="euler_angles", euler_sequence="ZYZ")
-    frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the pole of ZYZ
-    q = inverse_kinematics(MODEL, frame, HOME)
-    commands = [node.arm.start_anew(q)]
-    node.references.publish(reference(frame._replace(omega_d=np.array([0.5, 0.0, 0.0]))))
-    commands += node.arm.ticks(300)
-    status = node.status(lambda s: "holding still" in s.message)
-    assert status.level == b"\x02"
-    assert "T(phi) of the Euler angles ZYZ is singular" in status.message
-    assert "orientation: euler_parameters" in status.message
-    steps = steps_of(efforts_of(commands))
-    assert steps.max() <= 1e4 * DT + EFFORT_ROUNDING
-    assert_holds(commands[-1], q)
-    node.restore()
-    assert_follows(node)
-
-
 # --- types of commands -----------------------------------------------------------------------
 
 
@@ -272,52 +252,3 @@ def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(worl
         assert np.linalg.norm(p - desired.p_d) < TOOL_POSITION
         assert angle_between(R, desired.R_d) < TOOL_ROTATION
     assert node.stop() == 0
-
-
-def test_two_runs_in_lockstep_command_the_same_efforts_to_the_bit(world: World) -> None:
-    motion: dict[str, Any] = {
-        "motion": "circle",
-        "circle_period": 1.0,
-        "circle_tilt": 0.3,
-        "circle_ramp": 0.2,
-        "wait_for_subscribers": 2,  # the controller, and the peer when it is ready
-    }
-    runs = []
-    for namespace in ("/first", "/second"):
-        efforts = world.peer.listen(JointState, f"{namespace}/joint_effort")
-        bridge = {**LOCKSTEP, "duration": 0.3}
-        runs.append((efforts, world.start("pybullet_bridge", bridge, namespace=namespace)))
-        controller = SIMULATED
-        world.start("dynamic_control", controller, namespace=namespace)
-        world.start("reference", {**FRAMES, **motion}, namespace=namespace)
-    for namespace in ("/first", "/second"):
-        until_heard(world, f"{namespace}/dynamic_control")
-        world.peer.listen(MultiDOFJointTrajectory, f"{namespace}/reference")  # it is sent now
-    for efforts, bridge in runs:
-        world.until(lambda e=efforts: e and stamp(e[-1]) == 300_000_000, "the end")
-        assert bridge.end() == 0
-    first, second = ({stamp(msg): msg.effort.tobytes() for msg in efforts} for efforts, _ in runs)
-    assert list(first) == list(range(0, 300_000_001, 1_000_000))
-    assert len(set(first.values())) > 290  # it moves
-    assert first == second
-
-
-def test_when_the_controller_is_killed_the_moving_robot_brakes(world: World) -> None:
-    peer = world.peer
-    states = peer.listen(JointState, "joint_states")
-    references = peer.publisher(MultiDOFJointTrajectory, "reference")
-    world.start("pybullet_bridge", {"control": "torque", "rate": 200.0, "command_timeout": 0.5})
-    node = world.start("dynamic_control", {**FRAMES, "state_timeout": 1.0})
-    world.until(lambda: references.get_subscription_count() and states, "the nodes")
-    p, R = pose(HOME)
-    goal = p + [0.0, 0.0, 0.3]
-    references.publish(reference(DesiredFrame(goal, R), times=(2.0,)))
-    world.until(lambda: np.abs(states[-1].velocity).max() > 0.1, "motion")
-    node.kill()
-    status = peer.status("pybullet_bridge", lambda s: "no command for 0.5 s: braked" in s.message)
-    assert status.level == b"\x02"
-    world.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
-    stopped, count = states[-1].position[:6], len(states)
-    world.until(lambda: len(states) > count + 40, "0.2 s more")
-    np.testing.assert_allclose(states[-1].position[:6], stopped, atol=SIMULATED_POSE)
-    assert np.linalg.norm(pose(stopped)[0] - goal) > 0.05

@@ -6,7 +6,6 @@ the age of a wrench goes by the stamps, so that nothing depends on how fast the 
 """
 
 import math
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import pairwise
@@ -18,7 +17,7 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
-from in_process import World, run_to_its_end
+from in_process import World
 from ros_processes import (
     FRAMES,
     HOME,
@@ -28,7 +27,6 @@ from ros_processes import (
     Array,
     Controlled,
     FeelingArm,
-    Graph,
     assert_holds,
     pose,
     reference,
@@ -38,7 +36,7 @@ from samples import rodrigues
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from test_nodes import broken_references, broken_states, last_of
+from test_nodes import broken_references, broken_states
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -808,29 +806,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
 # --- joint_states and references -------------------------------------------------------------
 
 
-def test_without_joint_states_there_are_no_commands_but_a_fault_and_then_it_holds(
-    paired: Controlled,
-) -> None:
-    arm = paired.arm
-    arm.push(10.0, 0.0, 0.0)
-    arm.ticks(50)
-    arm.release()
-    arm.tick()
-    count = len(arm.frames)
-    status = paired.peer.status(paired.name, lambda s: "no valid joint_states" in s.message)
-    assert status.level == b"\x02"
-    assert "within 0.5 s: no commands; is the robot running?" in status.message
-    assert arm.commands == []
-    assert len(arm.frames) <= count + 1
-    q, arm.dq = HOME + 0.2, np.zeros(6)
-    for jump in (0.5, -3.0):  # [s] the robot is back, or was started anew
-        assert_holds(arm.tick(q, dt=jump), q)
-        np.testing.assert_allclose(arm.frame().p_d, pose(q)[0], rtol=0, atol=LAW_IN_A_NODE)
-    status = paired.status(lambda s: "stamps by -3 s" in s.message)
-    assert status.level == b"\x01"
-    assert "holding the measured pose, after a jump of the stamps by -3 s" in status.message
-
-
 def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contact_is_gone(
     paired: Controlled,
 ) -> None:
@@ -939,29 +914,6 @@ def test_a_reference_is_followed_with_the_displacement_of_the_contact(
 # --- limits ----------------------------------------------------------------------------------
 
 
-def test_a_blow_changes_no_effort_faster_than_its_limit_and_saturation_is_reported(
-    paired: Controlled,
-) -> None:
-    before = int(values(paired.status(lambda s: "saturated ticks" in values(s)))["saturated ticks"])
-    paired.change(max_effort_rate=500.0)
-    hold = paired.arm.tick()
-    paired.arm.push(15.0, 0.0, 10.0, 0.0, 0.5, 0.0)
-    efforts = efforts_of([hold, *paired.arm.ticks(40)])
-    steps = np.abs(np.diff(efforts, axis=0)).max(axis=1)
-    assert steps.max() == pytest.approx(500.0 * DT, abs=EFFORT_ROUNDING)
-    ticks = np.count_nonzero(steps > 500.0 * DT - EFFORT_ROUNDING)
-    assert ticks > 5
-    paired.status(lambda s: int(values(s)["saturated ticks"]) >= before + ticks)
-
-
-def test_no_effort_exceeds_the_limit_of_its_joint(paired: Controlled) -> None:
-    paired.change(max_effort_rate=1e6, max_contact_force=1000.0)
-    paired.arm.tick()
-    paired.arm.push(0.0, 0.0, -300.0, 0.0, 40.0, 0.0)
-    efforts = efforts_of([paired.arm.tick(HOME) for _ in range(30)])
-    assert (np.abs(efforts).max(axis=0) == MODEL.limits.effort).sum() >= 2
-
-
 def test_an_arm_that_cannot_follow_its_compliant_frame_is_held_and_the_reason_said(
     paired: Controlled,
 ) -> None:
@@ -1037,51 +989,6 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(
     assert words in paired.process.log
 
 
-IMPOSSIBLE: tuple[tuple[str, Any, str], ...] = (
-    ("K_p", [1000.0, -1.0, 10.0], "impedance_p: K has the negative eigenvalue -1: [[1000.0, "),
-    ("K_p", [1.0] * 4, "K_p has 4 values; expected 3, of the diagonal or along its axes, or 6: xx"),
-    ("K_o", [1.0, 5.0, 0.0, 1.0, 0.0, 1.0], "impedance_o: K has the negative eigenvalue -4"),
-    ("K_p", [0.0, 1.0, 1.0], "would drift: 0 1/s; expected at least 0.5 1/s: give D_p in Ns/m"),
-    ("D_p", [0.0, 1.0, 1.0], "D_p is too small against M_p along an axis, where the arm would dri"),
-    ("D_o", [1.0, -1.0, 1.0], "impedance_o: D has the negative eigenvalue -1"),
-    ("M_p", [0.0] * 3, "impedance_p: M is not positive definite: [[0.0, 0.0, 0.0], ["),
-    ("M_o", [math.nan, 1.0, 1.0], "parameter 'M_o' is nan; expected a finite number kg m^2"),
-    ("M_p", [1e-6] * 3, "M_p is too small for D_p or K_p: the impedance moves at"),
-    ("K_p_axes", [1.0, 0.0, 0.0, *AXES[:6]], "expected three unit vectors, orthogonal to each"),
-    ("K_o_axes", [1.0] * 8, "K_o_axes has 8 values; expected 9: three unit vectors in a row"),
-    ("damping_ratio_p", -0.1, "'damping_ratio_p' is -0.1; expected between 0 and 100"),
-    ("translational_frame", "tool", "'tool'; known: base, desired"),
-    ("orientation", "euler_parameter", "(did you mean 'euler_parameters'?)"),
-    ("wrench_bias", [0.0] * 5, "; expected 6"),
-    ("wrench_bias", [math.inf] * 6, "'wrench_bias' is inf; expected a finite number"),
-    ("wrench_cutoff", -1.0, "'wrench_cutoff' is -1 Hz; expected between 0 and 100000"),
-    ("force_dead_band", math.nan, "'force_dead_band' is nan; expected a finite number N"),
-    ("max_effort_rate", 0.0, "is 0 Nm/s; expected between 100 and 1e+09"),
-    ("wrench_sign", -1, "'wrench_sign' cannot be changed while running"),
-    ("wrench_timeout", 1.0, "'wrench_timeout' cannot be changed while running"),
-    ("max_contact_force", -1.0, "'max_contact_force' is -1 N; expected between 0 and 1e+06"),
-    ("compliance_offset", [0.0, 0.0, 0.1], "'compliance_offset' cannot be changed while running"),
-    ("tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
-)
-
-
-def test_changes_that_are_not_possible_are_refused_with_the_reason_and_change_nothing(
-    paired: Controlled,
-) -> None:
-    arm, (p, R) = paired.arm, pose(HOME)
-    arm.push(10.0, 0.0, 4.0, 0.0, 0.3, 0.0)
-    arm.ticks(20)
-    names = sorted({name for name, _, _ in IMPOSSIBLE})
-    before = paired.peer.get_parameters(f"/{paired.name}", *names)
-    for name, value, words in IMPOSSIBLE:
-        (reason,) = paired.peer.set_parameters(f"/{paired.name}", **{name: value})
-        assert words in reason
-        arm.tick()
-        assert_impedance(arm.frame(), p, R, arm.contact())
-    after = paired.peer.get_parameters(f"/{paired.name}", *names)
-    assert [str(value) for value in after] == [str(value) for value in before]
-
-
 def test_a_free_axis_is_guided_by_hand_once_its_damping_is_given(paired: Controlled) -> None:
     arm, (p, _) = paired.arm, pose(HOME)
     paired.change(D_p=[200.0] * 3, K_p=[0.0, K_P, K_P])
@@ -1133,49 +1040,7 @@ def test_the_lyapunov_function_and_its_derivatives_are_those_of_the_free_decay(
     assert set(np.diff(ticks)) == {20}
 
 
-def test_a_representation_without_a_lyapunov_function_publishes_none_and_says_so(
-    paired: Controlled,
-) -> None:
-    arm = paired.arm
-    functions = paired.peer.listen(Float64MultiArray, f"/{paired.name}/lyapunov")
-    paired.graph.until(lambda: (arm.ticks(10), functions)[1], "the function")
-    for orientation in ("euler_angles", "relative_euler_angles"):
-        paired.change(orientation=orientation)
-        words = f"none for {orientation}"
-        paired.status(lambda s, w=words: values(s).get("Lyapunov function") == w)
-        functions.clear()  # what came a tick or two after the change
-    arm.ticks(50)
-    assert functions == []
-
-
 # --- lifecycle -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_brings_the_pushed_arm_to_rest_and_ends_with_a_safe_command_and_exit_code_0(
-    graph: Graph, number: signal.Signals
-) -> None:
-    patient = {"wrench_pairing": "stamp", "state_timeout": 5.0}  # where the machine is slow
-    node = Controlled(graph, NAME, {**SIMULATED, **patient})
-    arm = node.arm
-    commands = node.peer.listen(JointState, f"/{arm.topic}")
-    graph.until(lambda: (arm.tick(), commands)[1], "the commands")
-    arm.push(10.0, 4.0, 0.0, 0.0, 0.0, 0.3)
-    arm.ticks(15)
-    assert np.abs(arm.dq).max() > 0.1
-    arm.release()  # or it would move it again as soon as nothing is commanded any more
-    node.process.signal(number)
-    positions = arm.ticks_until(lambda: node.process.exit_code is not None)
-    assert node.process.end() == 0
-    assert np.abs(arm.dq).max() < 0.02
-    last = last_of(graph, commands)
-    q = positions[ns_from_ros(last.header.stamp)]
-    assert_holds(last, q)
-    graph.until(lambda: arm.frames[-1].header.stamp == last.header.stamp, "the last frame")
-    frame = arm.frames_of([ns_from_ros(last.header.stamp)])[0]
-    np.testing.assert_allclose(frame.p_d, pose(q)[0], rtol=0, atol=LAW_IN_A_NODE)
-    assert not np.any(frame[2:])
-    assert "Traceback" not in node.process.log
 
 
 def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_back(
@@ -1191,47 +1056,6 @@ def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_bac
     felt(arm, 20)
     status = node.status(lambda s: "active with" in s.message)
     assert "no valid wrench" not in status.message
-
-
-# --- parameters at the start -----------------------------------------------------------------
-
-ENDS: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"wrench_time": 1.0}, "unknown parameter 'wrench_time' (did you mean 'wrench_timeout'?); kn"),
-    ({"wrench_pairing": "stamps"}, "'stamps' (did you mean 'stamp'?); known: latest, stamp"),
-    ({"command_type": "position"}, "unknown value of parameter 'command_type': 'position'"),
-    ({"M_p": [math.nan, 1.0, 1.0]}, "'M_p' is nan; expected a finite number kg"),
-    ({"enforce_limits": False}, "enforce_limits: false is accepted only with use_sim_time"),
-)
-
-
-def test_an_impossible_parameter_ends_the_node_with_one_line_and_exit_code_1(
-    tmp_path: Path,
-) -> None:
-    for parameters, words in ENDS:
-        process = run_to_its_end(NAME, tmp_path, parameters)
-        assert process.exit_code == 1
-        (line,) = process.stderr.splitlines()
-        assert line.startswith("error: ")
-        assert words in line
-
-
-NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
-    ({"compliance_frame": "tool1"}, "compliance_frame: frame: unknown frame 'tool1' (did you mean"),
-    ({"compliance_frame": "wrist_2_link"}, "not fixed to the tip 'tool0': wrist_3_joint can move"),
-    ({"K_p": [-1.0, 1.0, 1.0]}, "impedance_p: K has the negative eigenvalue -1"),
-)
-
-
-def test_an_impossible_impedance_gives_no_command_and_the_reason(world: World) -> None:
-    processes = []
-    for i, (parameters, _) in enumerate(NOT_CONFIGURED):
-        own = {**FRAMES, **parameters, "robot_description": UR5.urdf}
-        processes.append(world.start(NAME, own, namespace=f"/arm_{i}"))
-    for process, (_, words) in zip(processes, NOT_CONFIGURED, strict=True):
-        world.until_said(process, "not configured: ")
-        assert words in process.log
-        assert process.stop() == 0
 
 
 # --- other arms ------------------------------------------------------------------------------
@@ -1289,47 +1113,3 @@ def test_a_redundant_arm_is_controlled_by_a_file_of_parameters_alone(
 
 
 # --- with the simulated robot ----------------------------------------------------------------
-
-
-def test_two_runs_in_lockstep_against_a_spring_are_the_same_to_the_bit(world: World) -> None:
-    peer, anchor = world.peer, pose(HOME)[0]
-    spring = {
-        "environment.wall.shape": "spring",
-        "environment.wall.position": anchor.tolist(),
-        "environment.wall.stiffness": 3000.0,
-    }
-    bridge = {**spring, "mode": "lockstep", "control": "torque", "duration": 0.2}
-    p, R = pose(HOME)
-    goal = DesiredFrame(p + [0.02, 0.0, 0.0], rodrigues(0.1, np.array([0.0, 1.0, 0.0])) @ R)
-    runs = []
-    for namespace in ("/first", "/second"):
-        efforts = peer.listen(JointState, f"{namespace}/joint_effort")
-        frames = peer.listen(MultiDOFJointTrajectory, f"{namespace}/compliant_frame")
-        goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        robot = world.start("pybullet_bridge", bridge, namespace=namespace)
-        own = {"wrench_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        world.start(NAME, {**SIMULATED, **own}, namespace=namespace)
-        runs.append((efforts, frames, robot, goals))
-    for _, _, _, goals in runs:
-        world.until(goals.get_subscription_count, "a subscriber of reference")
-    for _, _, _, goals in runs:
-        goals.publish(reference(goal, times=(0.15,)))
-    found = []
-    for efforts, frames, robot, _ in runs:
-        for messages in (efforts, frames):
-            world.until(lambda m=messages: m and stamp(m[-1]) == 200 * MS, "the end")
-        assert robot.end() == 0
-        assert {stamp(msg) for msg in efforts} == set(range(0, 201 * MS, MS))
-        found.append(
-            (
-                {stamp(msg): msg.effort.tobytes() for msg in efforts},
-                {stamp(msg): str(msg) for msg in frames if stamp(msg) >= 50 * MS},
-            )
-        )
-    assert found[0] == found[1]
-    assert len(set(found[0][0].values())) > 190  # it moves
-    assert list(found[0][1]) == list(range(50 * MS, 201 * MS, MS))  # it is found by then
-
-
-def stamp(msg: Any) -> int:
-    return ns_from_ros(msg.header.stamp)

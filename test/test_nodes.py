@@ -47,7 +47,7 @@ from tolerances import (
 )
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-from eulerparams_control.events import Event, ExitCode, events_of
+from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
@@ -59,7 +59,7 @@ from eulerparams_control.ros.commands import HORIZON, CommandPublisher
 from eulerparams_control.ros.qos import QOS
 
 CONFIG = ROOT / "config"
-CONTROLLERS = ("clik", "dynamic_control")
+CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
 
 # V and its derivatives of the same state, by two formulas; that measured divides by 1 ms.
 LYAPUNOV = 1e-9
@@ -69,6 +69,51 @@ UNSAFE: tuple[tuple[str, Any, str], ...] = (
     ("enforce_limits", False, "enforce_limits: false"),
     ("quaternion_sign", "separate", "quaternion_sign: separate"),
     ("velocity_scale", 1.5, "velocity_scale: 1.5, above 1,"),
+)
+
+# Of impedance_control: a change while running, a value at the start, and one at configuration.
+IMPOSSIBLE: tuple[tuple[str, Any, str], ...] = (
+    ("K_p", [1000.0, -1.0, 10.0], "impedance_p: K has the negative eigenvalue -1: [[1000.0, "),
+    ("K_p", [1.0] * 4, "K_p has 4 values; expected 3, of the diagonal or along its axes, or 6: xx"),
+    ("K_o", [1.0, 5.0, 0.0, 1.0, 0.0, 1.0], "impedance_o: K has the negative eigenvalue -4"),
+    ("K_p", [0.0, 1.0, 1.0], "would drift: 0 1/s; expected at least 0.5 1/s: give D_p in Ns/m"),
+    ("D_p", [0.0, 1.0, 1.0], "D_p is too small against M_p along an axis, where the arm would dri"),
+    ("D_o", [1.0, -1.0, 1.0], "impedance_o: D has the negative eigenvalue -1"),
+    ("M_p", [0.0] * 3, "impedance_p: M is not positive definite: [[0.0, 0.0, 0.0], ["),
+    ("M_o", [math.nan, 1.0, 1.0], "parameter 'M_o' is nan; expected a finite number kg m^2"),
+    ("M_p", [1e-6] * 3, "M_p is too small for D_p or K_p: the impedance moves at"),
+    (
+        "K_p_axes",
+        [1.0, 0.0, 0.0, 0.6, 0.8, 0.0, -0.8, 0.6, 0.0],
+        "expected three unit vectors, orthogonal to each",
+    ),
+    ("K_o_axes", [1.0] * 8, "K_o_axes has 8 values; expected 9: three unit vectors in a row"),
+    ("damping_ratio_p", -0.1, "'damping_ratio_p' is -0.1; expected between 0 and 100"),
+    ("translational_frame", "tool", "'tool'; known: base, desired"),
+    ("orientation", "euler_parameter", "(did you mean 'euler_parameters'?)"),
+    ("wrench_bias", [0.0] * 5, "; expected 6"),
+    ("wrench_bias", [math.inf] * 6, "'wrench_bias' is inf; expected a finite number"),
+    ("wrench_cutoff", -1.0, "'wrench_cutoff' is -1 Hz; expected between 0 and 100000"),
+    ("force_dead_band", math.nan, "'force_dead_band' is nan; expected a finite number N"),
+    ("max_effort_rate", 0.0, "is 0 Nm/s; expected between 100 and 1e+09"),
+    ("wrench_sign", -1, "'wrench_sign' cannot be changed while running"),
+    ("wrench_timeout", 1.0, "'wrench_timeout' cannot be changed while running"),
+    ("max_contact_force", -1.0, "'max_contact_force' is -1 N; expected between 0 and 1e+06"),
+    ("compliance_offset", [0.0, 0.0, 0.1], "'compliance_offset' cannot be changed while running"),
+    ("tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
+)
+ENDS: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"wrench_time": 1.0}, "unknown parameter 'wrench_time' (did you mean 'wrench_timeout'?); kn"),
+    ({"wrench_pairing": "stamps"}, "'stamps' (did you mean 'stamp'?); known: latest, stamp"),
+    ({"command_type": "position"}, "unknown value of parameter 'command_type': 'position'"),
+    ({"M_p": [math.nan, 1.0, 1.0]}, "'M_p' is nan; expected a finite number kg"),
+    ({"enforce_limits": False}, "enforce_limits: false is accepted only with use_sim_time"),
+)
+NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
+    ({"compliance_frame": "tool1"}, "compliance_frame: frame: unknown frame 'tool1' (did you mean"),
+    ({"compliance_frame": "wrist_2_link"}, "not fixed to the tip 'tool0': wrist_3_joint can move"),
+    ({"K_p": [-1.0, 1.0, 1.0]}, "impedance_p: K has the negative eigenvalue -1"),
 )
 
 # An arm whose joints are slower than this stands [rad/s].
@@ -172,6 +217,7 @@ def test_a_reference_is_followed_to_its_end(node: Controlled) -> None:
     assert np.abs(arm.dq).max() < LAW_IN_A_NODE
 
 
+@pytest.mark.parametrize("node", CONTROLLERS[:2], indirect=True)  # another holds its impedance
 def test_a_set_point_without_a_successor_is_held_where_its_twist_has_led_it(
     node: Controlled,
 ) -> None:
@@ -346,6 +392,7 @@ def test_references_that_cannot_be_followed_are_refused_with_the_reason(
         ("dynamic_control", "max_error_rotation", 4.0, "is 4 rad; expected between 0.001 and 3.1"),
         ("dynamic_control", "posture", [0.1], "posture has 1 values; expected one for each of"),
         ("dynamic_control", "tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
+        *(("impedance_control", *each) for each in IMPOSSIBLE),
         *(
             (executable, name, value, f"{words} is accepted only with use_sim_time: true")
             for executable in CONTROLLERS
@@ -594,12 +641,20 @@ def last_of(graph: Graph, commands: list[JointState]) -> JointState:
     return commands[-1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("executable", CONTROLLERS)
+@pytest.mark.parametrize(
+    ("executable", "number"),
+    [
+        ("clik", signal.SIGINT),
+        ("clik", signal.SIGTERM),
+        ("dynamic_control", signal.SIGINT),
+        ("impedance_control", signal.SIGTERM),
+    ],
+)
 def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and_exit_code_0(
     graph: Graph, executable: str, number: signal.Signals
 ) -> None:
-    node = Controlled(graph, executable, FRAMES, namespace="/left")
+    patient = {"state_timeout": 5.0}  # where the machine is slow
+    node = Controlled(graph, executable, FRAMES | patient, namespace="/left")
     arm = node.arm
     commands = node.peer.listen(JointState, f"/left/{arm.topic}")
     p, R = pose(HOME)
@@ -614,6 +669,11 @@ def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and
     last = last_of(graph, commands)
     arm.q = positions[ns_from_ros(last.header.stamp)]
     assert_may_stay(last, arm)
+    if arm.sensor is not None:
+        graph.until(lambda: arm.frames[-1].header.stamp == last.header.stamp, "the last frame")
+        (frame,) = arm.frames_of([ns_from_ros(last.header.stamp)])
+        np.testing.assert_allclose(frame.p_d, pose(arm.q)[0], rtol=0, atol=LAW_IN_A_NODE)
+        assert not np.any(frame[2:])
     assert "Traceback" not in node.process.log
 
 
@@ -665,6 +725,7 @@ def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> Non
             {"tool_mass": 1.0, "tool_inertia": [-1.0, 0.0, 0.0, 1.0, 0.0, 1.0]},
             "tool_inertia has the principal moments [-1.0, 1.0, 1.0]; of a body none is negative",
         ),
+        *(("impedance_control", *each) for each in NOT_CONFIGURED),
     ],
 )
 def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
@@ -753,6 +814,7 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
             {"command_type": "joint_trajectory"},
             "unknown value of parameter 'command_type': 'joint_trajectory'",
         ),
+        *(("impedance_control", *each) for each in ENDS),
         ("clik", {"joints": 3}, "parameter 'joints' is 3; expected a list"),
         ("reference", {"motion": "line"}, "'line'; known: circle, none, way_points"),
         ("reference", {"motion": "way_points"}, "0 times"),
@@ -1081,78 +1143,6 @@ def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_u
     assert obeys.level == b"\x00"
 
 
-def test_a_robot_whose_controller_dies_while_it_moves_brakes(
-    shared_world: World, bridge: Running
-) -> None:
-    peer = shared_world.peer
-    states = peer.listen(JointState, "/robot/joint_states")
-    commands = peer.publisher(JointState, "/robot/joint_reference")
-    shared_world.until(lambda: commands.get_subscription_count() and states, "the robot")
-    away = JointState(name=list(UR5.joints), position=(HOME + 1.0).tolist(), velocity=[0.0] * 6)
-
-    def moving() -> bool:
-        commands.publish(away)
-        return bool(np.abs(states[-1].velocity).max() > 0.1)
-
-    shared_world.until(moving, "motion")
-    peer.status("robot/pybullet_bridge", lambda s: "braked" in s.message)
-    shared_world.until(lambda: np.abs(states[-1].velocity).max() < 1e-3, "standstill")
-    stopped = np.array(states[-1].position[:6])
-    assert np.abs(stopped - HOME - 1.0).max() > 0.1  # it did not go on to the goal
-
-
-def test_a_wrench_in_the_wrong_frame_or_not_finite_is_rejected_and_counted(
-    shared_world: World, bridge: Running
-) -> None:
-    peer = shared_world.peer
-    pushes = peer.publisher(WrenchStamped, "/robot/external_wrench")
-    shared_world.until(pushes.get_subscription_count, "the subscriber of external_wrench")
-    wrong, nan = WrenchStamped(), WrenchStamped()
-    wrong.header.frame_id = "flange"
-    nan.header.frame_id = "tool0"
-    nan.wrench.force.z = math.inf
-    pushes.publish(wrong)
-    pushes.publish(nan)
-    shared_world.until_said(bridge, "the wrench is in the frame 'flange'; expected 'tool0'")
-    shared_world.until_said(bridge, "the wrench has a non-finite value: [0.0, 0.0, inf")
-    name = "robot/pybullet_bridge"
-    assert peer.counter(name, "external_wrench rejected", 2) == 2
-
-
-def test_in_lockstep_the_state_is_repeated_until_answered_and_silence_ends_the_run(
-    world: World,
-) -> None:
-    peer = world.peer
-    states = peer.listen(JointState, "joint_states")
-    commands = peer.publisher(JointState, "joint_reference")
-    process = world.start("pybullet_bridge", {"mode": "lockstep", "lockstep_timeout": 2.0})
-    world.until(lambda: len(states) >= 4 and commands.get_subscription_count(), "repeated states")
-    assert {ns_from_ros(state.header.stamp) for state in states} == {0}
-
-    def answer(stamp: int) -> None:
-        position = states[0].position[:6]
-        msg = JointState(name=list(UR5.joints), position=position, velocity=[0.0] * 6)
-        msg.header.stamp = Time(sec=0, nanosec=stamp)
-        commands.publish(msg)
-
-    answer(5_000_000)  # not the stamp that is asked for
-    world.until(lambda: len(states) >= 8, "more of the same state")
-    for stamp in range(0, 10_000_000, 1_000_000):
-        answer(stamp)
-
-        def advanced(stamp: int = stamp) -> bool:
-            return ns_from_ros(states[-1].header.stamp) == stamp + 1_000_000
-
-        world.until(advanced, "the next state")
-    found = [ns_from_ros(state.header.stamp) for state in states]
-    assert sorted(set(found)) == list(range(0, 10_000_001, 1_000_000))
-    assert len(found) - found.count(0) == 10  # later states are not repeated
-    assert process.end() == ExitCode.STALLED
-    (line,) = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
-    assert "no command for the state stamped 0.010 s within 2 s" in line
-    assert "Traceback" not in process.log
-
-
 def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
     world: World, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -1179,17 +1169,6 @@ def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
     assert sorted({ns_from_ros(state.header.stamp) for state in states}) == stamps
     assert sorted({ns_from_ros(command.header.stamp) for command in commands}) == stamps
     assert progress() == pytest.approx([0.005 * k for k in range(1, 11)])
-
-
-def test_in_lockstep_the_duration_ends_the_run_with_exit_code_0(world: World) -> None:
-    peer = world.peer
-    states = peer.listen(JointState, "joint_states")
-    process = world.start("pybullet_bridge", {"mode": "lockstep", "duration": 0.05})
-    world.until(lambda: states, "the first state, which is repeated until it is answered")
-    world.start("clik", {**FRAMES, "use_sim_time": True})
-    world.until(lambda: process.exit_code is not None, "the end")
-    assert process.end() == 0
-    world.until(lambda: ns_from_ros(states[-1].header.stamp) == 50_000_000, "the last state")
 
 
 def test_a_robot_a_controller_and_a_reference_together_reach_a_target_pose(world: World) -> None:

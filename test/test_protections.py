@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from in_process import STEP, World
+from in_process import World
 from ros_processes import (
     FRAMES,
     HOME,
@@ -36,9 +36,8 @@ from ros_processes import (
     values,
 )
 from samples import rodrigues
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from tolerances import GUARD_ROUNDING, SIMULATED_POSE
+from tolerances import SIMULATED_POSE
 
 from eulerparams_control.bags import Bag
 from eulerparams_control.control.admission import AT_REST
@@ -46,8 +45,6 @@ from eulerparams_control.control.speed_scaling import LEAST
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
-from eulerparams_control.laws.scheme import JointCommand, Tick
-from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
 ALL = ("clik", "dynamic_control", "impedance_control")
@@ -106,20 +103,6 @@ def node(
     controlled.restore()
 
 
-@pytest.fixture(params=[("clik", False), *((each, real) for each in EFFORTS for real in (0, 1))])
-def mistaken(
-    request: pytest.FixtureRequest, shared: Callable[..., Controlled]
-) -> tuple[Controlled, bool]:
-    """A controller for states that are wrong, and whether they get no commands in the end.
-
-    In simulated time efforts go on to bear the weight: a robot in lock-step waits for them.
-    """
-    executable, is_real = request.param
-    controlled = shared(executable, bool(is_real))
-    start_at(controlled, HOME)
-    return controlled, is_real or executable == "clik"
-
-
 def start_at(node: Controlled, q: Array) -> None:
     """Let the arm stand at q (n,), held there, with no fault."""
     node.arm.start_afresh(q)
@@ -141,40 +124,6 @@ def send(node: Controlled, q: Array, dq: Array, dt: float = DT) -> None:
     arm.t += round(dt * 1e9)
     arm.q, arm.dq = q, dq
     arm.send(arm.message())
-
-
-def nothing_follows(node: Controlled, send_one: Callable[[], None]) -> None:
-    """Assert that states are not answered any more."""
-    node.arm.commands.clear()
-    for _ in range(5):
-        send_one()
-    node.peer.status(node.name)  # one turn of the node later
-    assert node.arm.commands == []
-
-
-def assert_let_go(mistaken: tuple[Controlled, bool], send_one: Callable[[], None]) -> None:
-    """Assert that efforts bear the weight only, and that nothing follows where nothing is to.
-
-    Args:
-        mistaken: a controller, and whether it is to be silent.
-        send_one: sends a state.
-    """
-    node, is_silent = mistaken
-    positions: dict[int, Array] = {}
-    for _ in range(40):
-        send_one()
-        positions[node.arm.t] = node.arm.q
-        node.graph.advance(STEP)
-    node.peer.status(node.name)  # one turn of the node later
-    if node.arm.topic == "joint_effort":
-        last = node.arm.commands[-1]
-        stamp = ns_from_ros(last.header.stamp)
-        q = positions.get(stamp, node.arm.q)
-        g = MODEL.dynamic_state(q, 0 * q).g
-        np.testing.assert_allclose(last.effort, g, rtol=0, atol=GRAVITY)
-        assert is_silent or stamp == node.arm.t
-    if is_silent:
-        nothing_follows(node, send_one)
 
 
 # --- the page --------------------------------------------------------------------------------
@@ -275,101 +224,6 @@ def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_co
     assert "later than the best one, more than max_latency 0.2 s" in node.process.log
     arm.tick(dt=0.4)  # in time again
     assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
-
-
-def test_positions_that_stay_while_speeds_are_reported_get_no_commands(
-    mistaken: tuple[Controlled, bool],
-) -> None:
-    node, _ = mistaken
-    arm, q, dq = node.arm, node.arm.q + 1e-3, np.full(6, 0.5)
-
-    def send_one() -> None:
-        send(node, q, dq)
-
-    status = node.peer.status(node.name, lambda s: "stay the same" in s.message, send_one)
-    assert status.level == b"\x02"
-    assert "joint_states reports speeds, but positions that stay the same" in status.message
-    assert "driver or encoders" in values(status)["remedy"]
-    assert_let_go(mistaken, send_one)
-    arm.commands.clear()
-    send(node, q + 1e-5, 0 * q)  # measured again
-    command = arm.answer(arm.message().header.stamp)
-    assert np.isfinite([*command.position, *command.velocity, *command.effort]).all()
-    assert "holding still" in node.status().message  # until somebody sends a reference
-
-
-def test_positions_that_change_under_the_same_stamp_get_no_commands_and_stop_the_arm(
-    node: Controlled,
-) -> None:
-    arm = node.arm
-
-    def send_one() -> None:
-        send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
-
-    status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
-    assert "joint_states moves, but its stamp stays at" in status.message
-    nothing_follows(node, send_one)
-    assert node.status().message == status.message  # held until the next reference
-    assert np.abs(arm.dq).max() < AT_REST
-
-
-def test_a_state_that_repeats_itself_for_longer_than_the_timeout_is_a_fault(world: World) -> None:
-    real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
-    node = Controlled(world, "dynamic_control", FRAMES | real)
-    arm = node.arm
-
-    def again() -> None:
-        arm.send(arm.message())
-
-    words = "joint_states repeats itself: its stamp stays at"
-    status = node.peer.status(node.name, lambda s: words in s.message, again)
-    assert status.level == b"\x02"
-    assert arm.commands == []  # each state has one answer: no effort acts for longer
-    nothing_follows(node, again)
-
-
-def test_a_state_that_the_arm_cannot_have_reached_is_dropped_and_counted(node: Controlled) -> None:
-    arm = node.arm
-    before = node.peer.counter(node.name, "joint_states rejected")
-    jumped, fast = arm.message(arm.q + 0.5), arm.message()
-    fast.velocity = [20.0] * 6
-    for msg in (jumped, fast):
-        arm.t += MS
-        msg.header.stamp = arm.message().header.stamp
-        arm.send(msg)
-    assert node.peer.counter(node.name, "joint_states rejected", before + 2) == before + 2
-    assert arm.commands == []
-    assert_holds(arm.tick(HOME), HOME)
-    assert "jumps by 0.5 rad within" in node.process.log or "times its limit" in node.process.log
-
-
-@pytest.mark.parametrize(
-    "mistaken", [(each, real) for each in EFFORTS for real in (0, 1)], indirect=True
-)
-def test_an_arm_that_runs_away_under_efforts_gets_its_weight_borne_and_then_no_efforts(
-    mistaken: tuple[Controlled, bool],
-) -> None:
-    node, is_silent = mistaken
-    arm, fast = node.arm, np.array([1.6 * MODEL.limits.velocity[0], 0, 0, 0, 0, 0])
-
-    def send_one() -> None:
-        send(node, arm.q + DT * fast, fast)
-
-    status = node.peer.status(node.name, lambda s: "runs away" in s.message, send_one)
-    assert status.level == b"\x02"
-    assert "the arm runs away, shoulder_pan_joint at 5.04 rad/s: no commands" in status.message
-    assert "see to delays and to the model of the arm" in values(status)["remedy"]
-    assert_let_go(mistaken, send_one)
-    if is_silent:
-        nothing_follows(node, lambda: send(node, arm.q, 0 * arm.q))  # it may be a turning point
-    arm.commands.clear()
-
-    def answered() -> bool:
-        send(node, arm.q, 0 * arm.q, dt=0.01)
-        return bool(arm.commands)
-
-    node.graph.until(answered, "a command for the arm that stands")
-    assert_holds(arm.commands[-1], arm.q)
 
 
 @pytest.mark.parametrize("node", ["impedance_control"], indirect=True)
@@ -566,81 +420,16 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Control
     assert int(now["faults"]) >= faults
 
 
-def rave(monkeypatch: pytest.MonkeyPatch, executable: str, value: float) -> None:
-    """Let the law of a controller command a value [rad, rad/s, Nm] when the arm is to move."""
-    tick = LAWS[executable].tick
-
-    def raving_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Tick:
-        answer = tick(self, dt, q, dq, desired)
-        if desired.dp_d @ desired.dp_d < RAVES**2:
-            return answer
-        said = (answer.command.q, answer.command.dq, answer.command.effort)
-        wild = (None if each is None else np.full(len(q), value) for each in said)
-        return answer._replace(command=JointCommand(*wild))
-
-    monkeypatch.setattr(LAWS[executable], "tick", raving_tick)
-
-
-@pytest.mark.parametrize("executable", ALL[:2])
-def test_a_law_that_asks_for_what_is_not_finite_commands_nothing_and_stops_the_arm(
-    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rave(monkeypatch, executable, math.nan)
-    node = Controlled(world, executable, FRAMES)
-    arm = node.arm
-    sent = node.peer.listen(JointState, f"/{arm.topic}")
-    node.follow(upwards(HOME))
-
-    def blocked() -> None:
-        send(node, arm.q, np.zeros(6))
-
-    status = node.peer.status(node.name, lambda s: "non-finite" in s.message, blocked)
-    assert status.level == b"\x02"
-    assert "holding still: the command has a non-finite" in status.message
-    arm.ticks(300)
-    assert np.abs(arm.dq).max() < AT_REST
-    assert len(sent) > 300
-    assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in sent)
-
-
-@pytest.mark.parametrize("executable", ALL[:2])
-def test_a_law_that_asks_for_too_much_is_bounded_by_limits_and_rates(
-    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rave(monkeypatch, executable, 1e6)
-    node = Controlled(world, executable, FRAMES)
-    arm, limits = node.arm, MODEL.limits
-    node.follow(upwards(HOME))
-    arm.dq = np.zeros(6)
-    is_effort = executable == "dynamic_control"
-    before, largest = arm.tick(), 0.0
-    for _ in range(100):
-        command = arm.tick(arm.q if is_effort else None)  # who takes efforts is blocked
-        if is_effort:
-            step, most = np.subtract(command.effort, before.effort), EFFORT_RATE * DT
-            assert (np.abs(command.effort) <= limits.effort).all()
-        else:
-            step, most = np.subtract(command.position, before.position), limits.velocity * DT
-            assert (np.abs(command.velocity) <= limits.velocity).all()
-        assert (np.abs(step) <= most + GUARD_ROUNDING).all()
-        largest = max(largest, float((np.abs(step) / most).max()))
-        before = command
-    assert largest == pytest.approx(1.0)  # it did ask for too much
-    counted = "commands bounded by the guard"
-    assert int(values(node.peer.status(node.name, lambda s: counted in values(s)))[counted]) > 0
-
-
 # --- the end ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    ("executable", "ready", "code"),
+    ("executable", "ready", "code", "number"),
     [
-        ("reference", "waiting for a robot description", 0),
-        ("fault_injector", "faults to come", 0),
-        ("pybullet_bridge", "", 0),
-        ("identify_tool", "waiting for a robot description", 1),
+        ("reference", "waiting for a robot description", 0, signal.SIGINT),
+        ("fault_injector", "faults to come", 0, signal.SIGTERM),
+        ("pybullet_bridge", "", 0, signal.SIGINT),
+        ("identify_tool", "waiting for a robot description", 1, signal.SIGTERM),
     ],
 )
 def test_a_signal_ends_each_other_node_by_its_own_handler(
