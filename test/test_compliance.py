@@ -869,7 +869,7 @@ def test_a_wrench_beyond_all_numbers_is_told_and_no_frame_follows(name, where):
     compliant = begun(law(name), at(R_AWAY), at(R_AWAY))
     w = np.zeros(6)
     w[where] = 1e308
-    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="beyond all numbers"):
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="not finite"):
         for _ in range(20):
             compliant.step(0.1, at(R_AWAY), w)
 

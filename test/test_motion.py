@@ -269,9 +269,9 @@ def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value):RuntimeWarning")
 def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
     frame = DesiredFrame(P_0, R_0, omega_d=np.full(3, 1e200))
-    with pytest.raises(SingularityError, match="turns beyond all numbers"):
+    with pytest.raises(SingularityError, match="the rotation of the desired frame is not finite"):
         SetPoint(frame, lasting=0.5).sample(0.1)
-    with pytest.raises(SingularityError, match="turns beyond all numbers"):
+    with pytest.raises(SingularityError, match="the rotation of the desired frame is not finite"):
         Trajectory([0.0, 1.0], [DesiredFrame(P_0, R_0), frame]).sample(0.5)
 
 

@@ -1,4 +1,4 @@
-"""What is plotted of contact and compliance: the wrench, the compliant frame, the motion loop."""
+"""Quantities of contact and compliance: the wrench, the compliant frame, the motion loop."""
 
 import numpy as np
 

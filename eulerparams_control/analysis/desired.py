@@ -39,7 +39,7 @@ class RecordedReferences:
 
 @dataclass(frozen=True)
 class _Motion:
-    """What is followed since a stamp: a trajectory, or a set-point."""
+    """The motion that is followed since a stamp: a trajectory, or a set-point."""
 
     start: int
     trajectory: Trajectory | None
@@ -48,7 +48,7 @@ class _Motion:
     def at(self, stamps: Stamps, lasting: float) -> Frames:
         t = (stamps - self.start) / 1e9
         if self.trajectory is not None:
-            with np.errstate(over="ignore", invalid="ignore"):  # it may turn beyond all numbers
+            with np.errstate(over="ignore", invalid="ignore"):  # its rotation may be non-finite
                 return Frames(*self.trajectory.samples(t))
         return moved(self.frame.take(np.zeros(len(t), dtype=np.intp)), t, lasting)
 

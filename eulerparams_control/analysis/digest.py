@@ -1,4 +1,4 @@
-"""What the page, the table and the figures need of a run, small however long the run was.
+"""Digest of a run for page, table and figures: small however long the run was.
 
 A run of an hour at 1 kHz has millions of samples; its digest has some thousands of points, chosen
 so that every peak survives.
@@ -85,7 +85,7 @@ class Digest:
         parameters: of the recorded nodes, by node and name.
         warnings: what is wrong with the bag.
         why_no_wrench: why there is no contact wrench although one was recorded; "" if not so.
-        diverged: [s] when the run left all numbers; None if it did not.
+        diverged: [s] when the state became non-finite; None if it did not.
         start, end: [s] of what was analysed.
         sequence: of its Euler angles.
         approach: the closest to the pole of that sequence.

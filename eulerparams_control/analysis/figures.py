@@ -163,7 +163,7 @@ def _panel(quantity: Quantity, drawing: Drawing, group: str, is_first: bool) -> 
 
 
 def _enlarged(panel: Panel) -> Panel:
-    """Return a panel that stands in for the first one."""
+    """Return a panel in place of the first one."""
     return panel._replace(figures=[figure._replace(height=420) for figure in panel.figures])
 
 

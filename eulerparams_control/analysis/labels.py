@@ -15,7 +15,7 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 class NamedRun(Protocol):
-    """What a name needs of a run."""
+    """A run that can be named."""
 
     @property
     def path(self) -> Path:

@@ -39,7 +39,7 @@ from eulerparams_control.parameters.efforts import require_size
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 
-_ANSWERED = 500_000_000  # [ns] by which a topic may end before another
+_ANSWERED = 500_000_000  # [ns] longest time by which a topic may end before another
 
 LASTING = ControlParameters.reference_timeout
 """[s] for which a streamed frame goes on."""
@@ -54,7 +54,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Options:
-    """What is to be read of a bag, and how.
+    """Which part of a bag is read, and how.
 
     Attributes:
         urdf: text of a URDF; "" takes the robot_description in the bag.

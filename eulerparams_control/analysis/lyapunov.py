@@ -23,7 +23,7 @@ from eulerparams_control.parameters.schemes import schemes
 
 
 class ControlledRun(Protocol):
-    """What V needs of a run; a Recording has it."""
+    """Inputs of V; a Recording has them."""
 
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
@@ -31,7 +31,7 @@ class ControlledRun(Protocol):
 
     @property
     def leading(self) -> Series:
-        """What the controller answers for."""
+        """The motion that the controller answers for."""
 
     @property
     def known(self) -> NDArray[np.intp]:
@@ -39,7 +39,7 @@ class ControlledRun(Protocol):
 
     @property
     def impedance(self) -> ImpedanceRun | None:
-        """What the impedance equations relate."""
+        """Motion and wrench of the impedance equations; None without a compliant frame."""
 
     def orientation(self, name: str) -> OrientationRepresentation:
         """Return a representation with the options of the controller."""
@@ -53,7 +53,7 @@ class LyapunovSeries(NamedTuple):
 
     Attributes:
         t: (M,) [s] from the beginning of the recording.
-        V: (M,) its value; not finite where the run left all numbers.
+        V: (M,) its value; not finite where the run diverged.
         dV: (M,) [1/s] its derivative by the paper, (31), (43) or (69), the latter with the power
             of the contact moment.
         dV_measured: (M,) [1/s] by differences of V from the sample before; NaN at the first.

@@ -15,7 +15,7 @@ _DIGITS = '<button type="button" class="digits" aria-pressed="false">all digits<
 _REPORTS = '<p class="note">What the nodes said on /diagnostics, each time that it changed.</p>'
 _NO_NODE = ""  # of a parameter in a run without its node
 _DASHES = {"solid": "none", "dash": "7 4", "dot": "3 3", "dashdot": "8 3 3 3"}
-_LONGEST = 160  # characters of a parameter that are shown: a URDF may be one
+_LONGEST = 160  # longest parameter shown [characters]: a URDF may be one
 _DULL = ("qos_overrides", "robot_description", "start_type_description_service")
 
 

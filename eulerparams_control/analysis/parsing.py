@@ -22,7 +22,7 @@ _MOVING = ("joint_states", "joint_reference")  # of which a velocity may be miss
 
 
 class Parsers:
-    """What parses the messages of each topic of an arm.
+    """Parsers of the messages of each topic of an arm.
 
     Args:
         bag: the bag.

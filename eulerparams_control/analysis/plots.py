@@ -1,4 +1,4 @@
-"""What all plots share: the line of a run, limits, predictions, the time axis and the look."""
+"""Shared by all plots: the line of a run, limits, predictions, the time axis and the look."""
 
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -59,7 +59,7 @@ class Panel(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """What the plots of a page are drawn from.
+    """Data of the plots of a page.
 
     Attributes:
         digests: the runs.

@@ -1,4 +1,4 @@
-"""When a run is near a pole of its Euler angles: what the plots shade and mark."""
+"""Intervals near a pole of the Euler angles, which the plots shade and mark."""
 
 import math
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ NEAR = math.radians(5)
 NEAR_SINGULAR = 0.05
 """Smallest singular value of J below which a plot is shaded, if no controller says its own."""
 
-_MOST = 50  # intervals that are shaded: a noisy run may have very many
+_MOST = 50  # most intervals that are shaded: a noisy run may have very many
 
 type Interval = tuple[float, float]
 """From, to [s]."""

@@ -1,4 +1,4 @@
-"""What is plotted over time: each quantity with its unit, its meaning and its equation."""
+"""Quantities over time, each with its unit, its meaning and its equation."""
 
 import numpy as np
 

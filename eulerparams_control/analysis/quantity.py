@@ -1,4 +1,4 @@
-"""What a quantity over time is: its unit, its meaning, its equation."""
+"""A quantity over time: its unit, its meaning, its equation."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class Quantity(NamedTuple):
         of: returns instants [s] and values; both empty if nothing was recorded.
         limits: returns (n,) limits of the URDF to draw; None has none.
         logarithmic: whether the axis is logarithmic in any case.
-        group: under which heading it stands; "" is the usual one.
+        group: its heading in the page; "" is the default.
     """
 
     name: str
@@ -72,7 +72,7 @@ class VectorQuantity(NamedTuple):
         floor: values below are rounding.
         of: returns instants (N,) [s] and values (N, m); both empty if nothing was recorded.
         components: the names of the m components.
-        group: under which heading it stands; "" is the usual one.
+        group: its heading in the page; "" is the default.
     """
 
     name: str
@@ -90,7 +90,7 @@ type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 
 
 class Prediction(NamedTuple):
-    """What theory says of a quantity, drawn dashed.
+    """Prediction of theory for a quantity, drawn dashed.
 
     Attributes:
         quantity: its name.

@@ -46,7 +46,7 @@ class Recording:
         effort: from joint_effort; None if there is none.
         parameters: of the recorded nodes, by node and name.
         warnings: what is wrong with the bag.
-        diverged: [s] when the simulation ended because the arm left all numbers, or its
+        diverged: [s] when the simulation ended because its state became non-finite, or its
             controller gave up; None if it did not.
         sensed: from wrench; None if there is none.
         compliant: from compliant_frame; None if there is none.
@@ -103,7 +103,7 @@ class Recording:
 
     @property
     def leading(self) -> Series:
-        """What the controller answers for: its joint_reference, else the measured motion."""
+        """The motion that the controller answers for: joint_reference, else the measured one."""
         return self.command or self.measured
 
     @cached_property
@@ -135,7 +135,7 @@ class Recording:
 
     @cached_property
     def impedance(self) -> ImpedanceRun | None:
-        """What the impedance equations relate; None without a compliant frame."""
+        """Motion and wrench of the impedance equations; None without a compliant frame."""
         if self.compliant is None:
             return None
         return impedance_run(self.compliant, self.wrench, self.measured, self.parameters)

@@ -22,9 +22,9 @@ ARROW = 0.1
 _TRIANGLES = 100_000  # of a robot
 _MOST_TRIANGLES = 240_000  # of the page
 _STEPS = 12_000  # of all runs together
-_LARGEST_ANGLE = 1e4  # [rad or m] beyond, an arm has left all numbers
-_SMALLEST = {"f": 0.1, "mu": 0.01}  # [N, Nm] below, it is noise, and no arrow
-_LARGEST_WRENCH = 1e5  # [N, Nm] beyond, it is not drawn to scale
+_LARGEST_ANGLE = 1e4  # [rad or m] largest joint position that is drawn
+_SMALLEST = {"f": 0.1, "mu": 0.01}  # [N, Nm] smallest arrow; less is noise
+_LARGEST_WRENCH = 1e5  # [N, Nm] largest wrench that is drawn to scale
 _PER_ARROW = 4.0  # longest arrow over ARROW, about
 
 _SHOWN = 2  # runs that the replay shows at first
@@ -130,7 +130,7 @@ def _thinned(track: Track, most: int) -> Track:
 
 
 def _motion(track: Track) -> Data:
-    """Return where everything was; what was not recorded is None."""
+    """Return all poses; None for what was not recorded."""
     sane = (np.isfinite(track.q) & (np.abs(track.q) < _LARGEST_ANGLE)).all(axis=1)
     held = _held(sane)
     return {

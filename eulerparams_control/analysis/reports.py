@@ -1,4 +1,4 @@
-"""What the nodes of an arm said of themselves on /diagnostics, each time that it changed."""
+"""Reports of the nodes of an arm on /diagnostics, one for each change."""
 
 import math
 from collections import deque
@@ -16,12 +16,12 @@ from eulerparams_control.messages.keys import FROZEN, MODE, PACE, REMEDY
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
 
-_MOST = 50  # first, and as many last, reports of a node that are shown; its errors count apart
+_MOST = 50  # reports of a node that are shown, first and last each; its errors count apart
 _LONGEST = 400  # characters of a text
 
 
 class Report(NamedTuple):
-    """What a node said when its state changed.
+    """Report of a node when its state changed.
 
     Attributes:
         t: [s] of the run, by the clocks of who sent this and joint_states.

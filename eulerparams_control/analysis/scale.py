@@ -9,9 +9,9 @@ import numpy as np
 from eulerparams_control.laws.rotations import Array
 
 _SPAN = 50.0  # peak of the largest run over what is usual in the smallest, for a log axis
-_HIGHEST = 1e12  # beyond, in whatever unit, is a run that diverged
+_HIGHEST = 1e12  # largest value, in whatever unit, of a run that did not diverge
 _MARGIN = 1.1
-_OFFSET = 3.0  # largest value over change of a component, from which on 0 is not shown
+_OFFSET = 3.0  # largest ratio of value to change of a component whose axis shows 0
 
 
 def axis(

@@ -1,4 +1,4 @@
-"""What is drawn into the axes of a static figure: curves, predictions, limits and shades."""
+"""Contents of the axes of a static figure: curves, predictions, limits and shades."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

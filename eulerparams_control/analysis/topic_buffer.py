@@ -1,4 +1,4 @@
-"""What was read of a bag and is not looked at yet, topic by topic."""
+"""Buffers of messages that were read of a bag and not used yet, one a topic."""
 
 from collections.abc import Callable
 
@@ -12,15 +12,15 @@ type Parse = Callable[[list[RawMessage]], tuple[list[Rows], int]]
 LATEST = int(np.iinfo(np.int64).max)
 """A stamp [ns] that none exceeds."""
 
-_BATCH = 8192  # messages that are decoded at once
-_BYTES = 64_000_000  # or as many as have so many bytes
-_BACK = 100_000_000  # [ns] by which a stamp may be older than one before: messages overtake
+_BATCH = 8192  # most messages that are decoded at once
+_BYTES = 64_000_000  # most bytes that are decoded at once
+_BACK = 100_000_000  # [ns] largest step back of a stamp that is no jump: messages overtake
 _MOST = 10  # messages of all topics in a part, for each state that it was to have
 _ANSWERED = 500_000_000  # [ns] after which the answers to a state are in the bag
 
 
 class Queue:
-    """What was read of a topic, decoded in batches, and not given out yet.
+    """Messages of a topic that were read, decoded in batches, and not used yet.
 
     Args:
         parse: returns rows of messages, and how many of them are not valid.
@@ -57,7 +57,7 @@ class Queue:
             self._watch(new)
 
     def _watch(self, new: Rows) -> None:
-        """Note where the stamps jump back: the clock, or the simulator, began anew."""
+        """Note where the stamps jump back: the clock, or the simulator, restarted."""
         before = np.maximum.accumulate(np.concatenate(([self._latest], new.stamp)))
         back = np.flatnonzero(new.stamp < before[:-1] - _BACK)
         if self.jumped is None and len(back):

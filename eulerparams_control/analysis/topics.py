@@ -1,4 +1,4 @@
-"""Which topic of a bag is which: the arms in it by their namespaces."""
+"""Roles of the topics of a bag, and the arms in it by their namespaces."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ TYPES = {
     "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "robot_description": "std_msgs/msg/String",
 }
-"""What is read of a bag, by the names of sec. 4 of the design, with its type."""
+"""Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms
 

@@ -61,7 +61,7 @@ class VerdictGroup:
 
     @property
     def first(self) -> Verdict:
-        """What all have in common is in the first."""
+        """The first verdict; it has all that they share."""
         return self.verdicts[0]
 
     @property

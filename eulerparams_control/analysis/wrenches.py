@@ -1,4 +1,4 @@
-"""What the environment exerts at the tip over time, from the messages of the sensor."""
+"""The contact wrench at the tip over time, from the messages of the sensor."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -14,11 +14,11 @@ from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 
-_FELT = 1e-6  # [N], [Nm] below which it is rounding
+_FELT = 1e-6  # [N], [Nm] smallest contact that is not rounding
 
 
 class SensorSeries(NamedTuple):
-    """What a force/torque sensor said over time.
+    """Measurements of a force/torque sensor over time.
 
     Attributes:
         t: (N,) [s] from the beginning of the recording.

@@ -1,4 +1,4 @@
-"""What is wrong with a bag that can be read all the same."""
+"""Flaws of a bag that can be read all the same."""
 
 from collections.abc import Iterable
 from enum import StrEnum

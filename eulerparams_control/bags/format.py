@@ -1,10 +1,10 @@
 """The words of a rosbag2 bag, version 9: metadata.yaml and QoS profiles, as Jazzy writes them.
 
 A bag is a folder with ``metadata.yaml`` and MCAP files.  The same metadata, without its
-outer key, stands in each file as records named ``rosbag2``.
+outer key, is in each file as records named ``rosbag2``.
 
 Its YAML may come from anyone, and is read as plain data of bounded size, nothing else: a few
-lines can stand for more data than there is memory, by aliases of aliases, also in merge keys; a
+lines can expand to more data than there is memory, by aliases of aliases, also in merge keys; a
 tag can make an object of any class; a collection can contain itself.
 """
 
@@ -109,7 +109,7 @@ class Topic:
 
 @dataclasses.dataclass
 class FileContents:
-    """What one file of a bag holds; times are log times in nanoseconds."""
+    """Contents of one file of a bag; times are log times in nanoseconds."""
 
     name: str
     topics: dict[str, Topic] = dataclasses.field(default_factory=dict)

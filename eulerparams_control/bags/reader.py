@@ -105,7 +105,7 @@ class Bag:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What metadata.yaml says; if it is missing or broken, what it should say."""
+        """Content of metadata.yaml; reconstructed if it is missing or broken."""
         try:
             return read_metadata(self.path)
         except BagError:

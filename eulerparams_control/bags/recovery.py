@@ -34,7 +34,7 @@ _LAST_CHUNK_BYTES = 2**20
 
 @dataclasses.dataclass
 class Recovery:
-    """What :func:`recover` did.
+    """Result of :func:`recover`.
 
     Attributes:
         messages: number of messages that the bag has now.

@@ -1,4 +1,4 @@
-"""What an MCAP file of a bag holds: from its index, or by reading it through."""
+"""Contents of an MCAP file of a bag: from its index, or by reading it through."""
 
 import dataclasses
 from pathlib import Path
@@ -14,7 +14,7 @@ from eulerparams_control.errors import BagError
 
 @dataclasses.dataclass
 class Survey:
-    """What one file holds.
+    """Contents of one file.
 
     Attributes:
         index: None if the file was not finished, or its index is damaged.
@@ -91,7 +91,7 @@ def _add_topic(contents: FileContents, channel: Channel, schemas: dict[int, Sche
 
 
 def topic_of(channel: Channel, schema: Schema | None) -> Topic:
-    """Return what a channel and its schema say of a topic; a broken QoS profile is none."""
+    """Return what a channel and its schema say of a topic; a broken QoS profile counts as none."""
     try:
         profiles = load_yaml(channel.metadata.get("offered_qos_profiles", ""), channel.topic)
     except BagError:
@@ -106,7 +106,7 @@ def topic_of(channel: Channel, schema: Schema | None) -> Topic:
 
 
 def _profiles(told: Any) -> tuple[dict[str, Any], ...]:
-    """Return the QoS profiles of a list of mappings; what has another form is none."""
+    """Return the QoS profiles of a list of mappings; entries of another form are left out."""
     if not isinstance(told, list) or not all(isinstance(profile, dict) for profile in told):
         return ()
     return tuple({str(key): value for key, value in profile.items()} for profile in told)

@@ -42,7 +42,7 @@ _CHUNK_NS = 100_000_000
 
 
 class SpilledIndex:
-    """What mcap's writer takes for its list of chunk indexes."""
+    """Stand-in for the list of chunk indexes of mcap's writer."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 (it ends with the writer)
@@ -223,7 +223,7 @@ class BagWriter:
 
     @property
     def contents(self) -> FileContents:
-        """What was written until now."""
+        """Contents written until now."""
         return self._file.contents
 
     def add_topic(self, topic: Topic, definition: str | None = None) -> None:

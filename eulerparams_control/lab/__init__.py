@@ -1,1 +1,1 @@
-"""What tries and proves the package: experiments, maps, faults, campaigns; no robot needs it."""
+"""Tests of the package itself: experiments, maps, faults, campaigns; no robot needs them."""

@@ -1,1 +1,1 @@
-"""The laws of the paper, and the mathematics that they stand on; free of ROS."""
+"""The laws of the paper and their mathematics; free of ROS."""

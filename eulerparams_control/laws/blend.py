@@ -1,4 +1,4 @@
-"""How a command goes over from one law to another without a jump."""
+"""Bumpless transfer of a command from one law to another."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.rotations import Array
 
-# A step below this [rad/s or rad/s^2] is forgotten.
+# Smallest step that is blended [rad/s or rad/s^2].
 _NOTHING = 1e-12
 
 

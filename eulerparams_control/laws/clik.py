@@ -90,7 +90,7 @@ class Clik(Scheme):
         law: the law with its gains.
         feedback: ``"internal"`` closes the loop on the integrated q, as in Fig. 1;
             ``"measured"`` on the measured q.
-        limits: that bound the command; None is none.
+        limits: that bound the command; None if there are none.
         blend_time: [s] in which the command goes over to a law that replaces another.
         max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
 

@@ -33,7 +33,7 @@ _STEP = 0.5
 # A frozen compliant frame comes to rest with this time constant [s].
 _STOP_TIME = 0.05
 
-# A desired frame that is so far from where its velocity led [m, rad; m/s, rad/s] has jumped.
+# Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
 _NONE = np.zeros(3)
@@ -78,7 +78,7 @@ class ComplianceLaw:
 
 
 class _Input(NamedTuple):
-    """What drives the impedances at one sample."""
+    """Input of the impedances at one sample."""
 
     f: Array  # in the translational frame
     u: Array  # of the representation
@@ -122,7 +122,7 @@ class CompliantFrame:
         self._law = law
         if self.now is not None:
             self.now = self.now.carrying(moved[0]).carrying(moved[1])
-        self._desired = self._input = None  # the state is made anew from the frames
+        self._desired = self._input = None  # the state is recomputed from the frames
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
         """Set the compliant frame and its velocities.
@@ -141,7 +141,7 @@ class CompliantFrame:
 
         Args:
             dt: [s] after the last.
-            actual: where it is to stand if it was nowhere yet.
+            actual: its first pose, if it has none yet.
         """
         before = self.now or actual.at_rest()
         left = math.exp(-dt / _STOP_TIME)
@@ -206,7 +206,7 @@ class CompliantFrame:
                 _runge_kutta(rotation, y, before.u, now.u, a, b, dt / n)
             )
         if not (math.isfinite(z @ z) and math.isfinite(y @ y)):
-            raise SingularityError("the compliant frame moves beyond all numbers")
+            raise SingularityError("the motion of the compliant frame is not finite")
         self._x, self._dx, self._y = z[:3], z[3:], y
 
     def _driven_by(self, desired: DesiredFrame, wrench: Array, before: _Input | None) -> _Input:

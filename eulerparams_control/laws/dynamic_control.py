@@ -30,7 +30,7 @@ from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
 _HOLD_K, _HOLD_D = 400.0, 40.0
 
-# A joint inertia [kg m^2] whose least eigenvalue is below this is none.
+# Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
 
 
@@ -90,7 +90,7 @@ class InverseDynamics:
     Attributes:
         inverse: of the Jacobian.
         gravity, coriolis: whether g and C dq are compensated here; some robots do it themselves.
-        friction: that is compensated; None is none.
+        friction: that is compensated; None for no compensation.
         posture: (n,) [rad or m] to which a redundant arm tends, or None.
         k_posture: gain of that tendency [1/s^2].
         k_null: damping [1/s] of motions that do not move the tip.
@@ -140,10 +140,10 @@ class InverseDynamics:
 
 @dataclass(frozen=True)
 class EffortLimits:
-    """What bounds the efforts, and the errors at which the motion is stopped.
+    """Bounds on the efforts, and the errors at which the motion is stopped.
 
     Attributes:
-        joints: limits of the joints; None is none, then the others do not hold either.
+        joints: limits of the joints; None disables the others too.
         rate: [Nm/s] of each effort.
         error_position: [m] between the desired and the actual frame.
         error_rotation: [rad] between them.
@@ -268,7 +268,7 @@ class DynamicControl(Scheme):
         dynamics = replace(self.dynamics, friction=None)
         try:
             return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
-        except SingularityError:  # what was measured is beyond all numbers
+        except SingularityError:  # the measured state gives no finite frame
             return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:

@@ -34,7 +34,7 @@ _BLEND_TIME = 0.1
 
 
 class MotionLoop(Protocol):
-    """What follows the compliant frame: :class:`DynamicControl`, or a robot of its own."""
+    """Motion loop that follows the compliant frame: :class:`DynamicControl`, or the robot's own."""
 
     robot: Robot
 
@@ -146,7 +146,7 @@ class ImpedanceControl(Scheme):
     """Impedance control of one arm.
 
     Before each tick :meth:`sense` says what the force/torque sensor measures.  While nothing is
-    measured the compliant frame stands still, and the motion loop holds it.
+    measured the compliant frame is at rest, and the motion loop holds it.
 
     Args:
         motion: follows the compliant frame.
@@ -168,12 +168,12 @@ class ImpedanceControl(Scheme):
         self._dq: Array | None = None  # of the tick before
         self._x_de: Any = None
         self._w, self._h = np.zeros(6), np.zeros(6)
-        self._balance = np.zeros(6)  # the contact where it began anew
+        self._balance = np.zeros(6)  # the contact at the last restart
         self.reset(np.zeros(self.robot.n))
 
     @property
     def bounds(self) -> Bounds:
-        """What the motion loop is bounded by."""
+        """Bounds on the commands of the motion loop."""
         return self.motion.bounds
 
     def sense(self, wrench: SensedWrench | None) -> None:
@@ -210,20 +210,20 @@ class ImpedanceControl(Scheme):
 
     @property
     def is_frozen(self) -> bool:
-        """Whether the compliant frame stands still, as no wrench is known."""
+        """Whether the compliant frame is at rest because no wrench is known."""
         return self._sensed is None
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
         self.motion.reset(q)
-        self._begin_anew(q.copy())
+        self._restart(q.copy())
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
         self.motion.resume(q)
-        self._begin_anew(q.copy())
+        self._restart(q.copy())
 
-    def _begin_anew(self, q: Array) -> None:
+    def _restart(self, q: Array) -> None:
         if self._compliant.now is not None:
             self._balance = self._contact(q, np.zeros_like(q))
         self._q = q

@@ -16,7 +16,7 @@ _SPEED_RATE = 100.0
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of n joints; infinite where there is none.
+    """Limits of n joints; infinite where there is no limit.
 
     Attributes:
         lower, upper: (n,) positions [rad or m].

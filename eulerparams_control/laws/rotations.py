@@ -119,7 +119,7 @@ class EulerParameters(NamedTuple):
         return 2 * math.atan2(math.sqrt(self.eps @ self.eps), abs(self.eta))
 
     def __neg__(self) -> "EulerParameters":
-        """Return -(eta, eps), which stands for the same rotation."""
+        """Return -(eta, eps), the same rotation."""
         return EulerParameters(-self.eta, -self.eps)
 
     @property

@@ -1,4 +1,4 @@
-"""What a control scheme is to the controller that runs it."""
+"""Interface between a control scheme and its controller."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,7 +15,7 @@ from eulerparams_control.robot.robot import Robot, RobotState
 
 
 class JointCommand(NamedTuple):
-    """What a scheme asks of the joints; what it does not command is None.
+    """Command of a scheme to the joints; None for what it does not command.
 
     Attributes:
         q: (n,) positions [rad or m].
@@ -31,10 +31,10 @@ class JointCommand(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What no command of a scheme may exceed, whatever its law asks for.
+    """Bounds on the commands of a scheme, whatever its law.
 
     Attributes:
-        joints: limits of the joints; None is none.
+        joints: limits of the joints; None if there are none.
         effort_rate: [Nm/s] of each effort.
     """
 
@@ -87,7 +87,7 @@ class Scheme(ABC):
 
     @property
     def bounds(self) -> Bounds:
-        """What no command may exceed: the limits of the robot, if the scheme says no other."""
+        """Bounds on the commands: the limits of the robot, unless the scheme has others."""
         return Bounds(self.robot.limits)
 
     @abstractmethod
@@ -95,7 +95,7 @@ class Scheme(ABC):
         """Forget the past; begin at the measured positions q (n,)."""
 
     def resume(self, q: Array) -> None:
-        """Begin again at the measured q (n,) while the last command still acts."""
+        """Restart at the measured q (n,) while the last command still acts."""
         self.reset(q)
 
     @abstractmethod

@@ -20,12 +20,12 @@ from eulerparams_control.laws.rotations import Array, cross
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
-# An arm whose joints [rad] stay within this stands still.
+# Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
 
 
 class SensedWrench(NamedTuple):
-    """What a sensor said.
+    """Measurement of a sensor.
 
     Attributes:
         w: (6,) as it came, in the sensor frame and about its origin.
@@ -43,11 +43,11 @@ class WrenchOptions:
     Attributes:
         sign: 1, or -1 for a sensor that reports what the tool exerts.
         bias: (6,) [N, Nm] in the sensor frame, after the sign.
-        tool: beyond the sensor; None is none.
+        tool: beyond the sensor; None if there is no tool.
         gravity: (3,) [m/s^2] in the base frame.
         weight, inertial: whether weight and inertia of the tool are taken out.
         dead_force, dead_torque: [N], [Nm] by which the vectors are shortened; 0 is not.
-        cutoff: [Hz] of the low-pass; 0 is none.
+        cutoff: [Hz] of the low-pass; 0 disables it.
 
     Raises:
         ConfigurationError: if a value is impossible.
@@ -101,7 +101,7 @@ class WrenchChain:
         Args:
             sensed: what the sensor said.
             arm: kinematics of the arm at that time.
-            acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None is none.
+            acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
         options = self.options
         w = options.sign * sensed.w - np.array(options.bias)
@@ -123,7 +123,7 @@ class WrenchChain:
 
     @property
     def tared(self) -> Array:
-        """What is taken for no contact (6,) _t."""
+        """Wrench (6,) _t without contact: the bias."""
         return self._tare
 
     def tare(self, felt: Array) -> None:
@@ -157,7 +157,7 @@ class WrenchChain:
 
 
 class RestingWrench:
-    """The last measurements, for the mean of what is felt while the arm stands still.
+    """The last measurements, for the mean wrench while the arm is at rest.
 
     Args:
         size: how many are kept.

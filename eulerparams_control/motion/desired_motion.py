@@ -1,4 +1,4 @@
-"""What a controller follows: a trajectory, a streamed set-point, or the frame that it holds."""
+"""The motion that a controller follows: a trajectory, a streamed set-point, or a held frame."""
 
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -31,7 +31,7 @@ class SetPoint:
 
 
 class DesiredMotion:
-    """What a controller follows: a trajectory, a set-point, or the frame that it holds.
+    """The motion that a controller follows: a trajectory, a set-point, or a held frame.
 
     Its state is explicit: the motion and the time at which it started, the motion that is to
     replace it with its start (None: at the next sample), and the frame sampled last.

@@ -86,7 +86,7 @@ class DesiredFrame(NamedTuple):
         """Return the frame dt [s] later, at constant acceleration.
 
         Raises:
-            SingularityError: if it turns beyond all numbers.
+            SingularityError: if its rotation is not finite.
         """
         ddp_d, domega_d = dt * self.ddp_d, dt * self.domega_d
         turn = dt * (self.omega_d + domega_d / 2)
@@ -105,5 +105,5 @@ class DesiredFrame(NamedTuple):
 def with_an_angle(x: Array) -> Array:
     """Return the rotation vector x (3,) [rad], or raise SingularityError if it has no angle."""
     if not math.isfinite(x @ x):
-        raise SingularityError(f"the desired frame turns beyond all numbers: {x.tolist()} rad")
+        raise SingularityError(f"the rotation of the desired frame is not finite: {x.tolist()} rad")
     return x

@@ -88,7 +88,7 @@ class Robot:
         tip_frame: the link that is controlled.
         joints: names of the active joints; () is all that move between base and tip.
         gravity: (3,) [m/s^2] in the root link.
-        tool: at the tip; None is none.
+        tool: carried at the tip; None if there is none.
 
     Attributes:
         base_frame, tip_frame: as given, "" resolved.

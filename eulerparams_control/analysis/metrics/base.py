@@ -1,4 +1,4 @@
-"""What a metric is, where metrics are found, and what they share."""
+"""Definition and registry of metrics, and their shared functions."""
 
 import math
 from collections.abc import Callable

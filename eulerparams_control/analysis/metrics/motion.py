@@ -12,7 +12,7 @@ from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import angle_between
 
-_ROUNDING = 1e-9  # relative: an effort that was cut to a limit may be this far below it
+_ROUNDING = 1e-9  # relative tolerance of an effort that was cut to a limit
 
 
 def _effort(recording: Recording) -> Efforts:

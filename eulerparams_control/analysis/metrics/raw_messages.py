@@ -1,4 +1,4 @@
-"""What went over the wire, invalid messages and repeated stamps too: for runs with faults.
+"""Metrics of raw messages, invalid ones and repeated stamps too: for runs with faults.
 
 A Recording has only what is valid, up to where the clock of the robot jumps.  These numbers are
 of all messages of a bag, in the order of recording.
@@ -27,7 +27,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 """The numbers of each topic."""
 
 ROUNDING = 1e-9
-"""Relative: what was cut to a limit may be this far beyond it."""
+"""Relative tolerance of a value that was cut to a limit."""
 
 _TIMEOUT = 0.1  # [s] default of state_timeout: no tick of a controller lasts longer
 

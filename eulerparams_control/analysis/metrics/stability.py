@@ -37,7 +37,7 @@ def lyapunov_increase(recording: Recording) -> float:
 
 @metric("")
 def energy_balance(recording: Recording) -> float:
-    """What V loses by the paper over what it loses.
+    """Decrease of V by the paper over its measured decrease.
 
     The integral of -dV of (31), (43) by the trapezoidal rule over V at the start minus V at
     the end: 1 if the closed loop is that of the paper.

@@ -19,7 +19,7 @@ _LONGEST_DESCRIPTION = 10_000  # characters; a longer URDF is left out, its topi
 
 
 class RemoteParameters:
-    """What nodes answer when asked for their parameters, kept true by their later events.
+    """Parameters of the nodes, as they answer, kept up to date by their events.
 
     Args:
         node: the node that asks.

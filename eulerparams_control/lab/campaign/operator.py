@@ -1,4 +1,4 @@
-"""Who leads the arm: sends motions while the faults come, and again when they are over."""
+"""The user of the arm: sends motions while the faults come, and again when they are over."""
 
 import math
 from collections.abc import Iterator, Sequence

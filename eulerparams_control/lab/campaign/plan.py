@@ -74,7 +74,7 @@ class SequencePlan:
         motion: one of ``MOTIONS``: what the arm does while the faults come.
         orientation: the representation.
         setting: number of its further parameters.
-        push: (6,) [N, Nm] on the tool while the faults come; None is none.
+        push: (6,) [N, Nm] on the tool while the faults come; None if there is no push.
     """
 
     seed: int

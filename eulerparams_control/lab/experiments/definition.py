@@ -8,7 +8,7 @@
     controller: clik              # or dynamic_control, impedance_control, admittance
     start_at_reference: true      # begin with zero error at the first way-point
     start_turn: [0.0, 0.0, 0.5]   # but turned by this rotation vector, tool frame [rad]
-    may_diverge: false            # whether a run may end early, beyond all numbers
+    may_diverge: false            # whether a run may end early, non-finite
     faults: []                    # what goes wrong, and when: see ``faulty``
     nodes:                        # parameters of each node, by executable
       clik: {k_Po: 100.0}

@@ -1,4 +1,4 @@
-"""What the terminal shows while experiments run: bars in a terminal, plain lines elsewhere."""
+"""Progress of experiments: bars in a terminal, plain lines elsewhere."""
 
 import threading
 from collections.abc import Sequence

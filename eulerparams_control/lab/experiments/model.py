@@ -1,4 +1,4 @@
-"""What an experiment is: its variants, its criteria, what it predicts and draws."""
+"""An experiment: its variants, its criteria, its predictions and its picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class Criterion:
         ratio: instead, two variants whose metrics are divided, the first by the second.
         difference: instead, two variants whose metrics are subtracted, without the sign.
         spread: instead, variants of whose metrics (max - min) / mean is taken.
-        above, below: the bounds; None is none.
+        above, below: the bounds; None if there is none.
         predicted: what theory or a prototype gives, as text; "" if nothing.
         options: passed to the metric.
         text: what it shows, in words; "" takes that of the metric or of the number.
@@ -61,7 +61,7 @@ class Variant:
         controller: its name.
         start_at_reference: whether q starts at the first way-point instead of home.
         start_turn: (3,) rotation vector [rad], tool frame, by which the tip is turned there.
-        may_diverge: whether the run may end early, beyond all numbers.
+        may_diverge: whether the run may end early, its state non-finite.
         faults: that happen in it; with some it is in real time, else in lock-step.
         fault_seed: of what is random in them.
     """

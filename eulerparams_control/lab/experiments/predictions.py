@@ -1,4 +1,4 @@
-"""What theory says of a quantity over time, as an experiment's file says it.
+"""Predictions of theory for a quantity over time, as an experiment's file states them.
 
     predictions:
       - {quantity: moment, text: "50 sin(theta) = 500 (10 deg - theta)", value: 7.903}

@@ -1,4 +1,4 @@
-"""What is known of runs that were made before, so that they need not be made again.
+"""Cache of runs, so that they need not be made again.
 
 ``logs/VARIANT/run.json`` beside the bag VARIANT says what the run was made of, and how it ended.
 It has a key, which the bag of the run has, too: another bag in its place is not ours.

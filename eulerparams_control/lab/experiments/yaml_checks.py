@@ -1,4 +1,4 @@
-"""What the readers of an experiment's file share: they refuse what means nothing."""
+"""Checks shared by the readers of an experiment's file."""
 
 import inspect
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a fault is, where faults are found, and how one is at work on the messages of a topic."""
+"""Faults: their interface and registry, and their effect on the messages of a topic."""
 
 import dataclasses
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""What faults do to messages as they come."""
+"""The effect of faults on a stream of messages."""
 
 import copy
 import math

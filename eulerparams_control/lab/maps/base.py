@@ -1,4 +1,4 @@
-"""What a map is: cells that are simulated one by one, and pictures of all of them.
+"""A map: cells that are simulated one by one, and pictures of all of them.
 
 A new kind of map is a subclass of :class:`MapKind`, a function that is registered with
 ``pictures``, and a line in ``maps/__init__.py``; a new map of a kind is one YAML file in

@@ -1,4 +1,4 @@
-"""What ``config/maps/NAME.yaml`` says: the kind of map, the representations, the options."""
+"""Content of ``config/maps/NAME.yaml``: the kind of map, the representations, the options."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""One simulation of a map: a law moves a tip, and what became of it.
+"""One simulation of a map: a law moves a tip; its outcome.
 
 The tip is a free frame, or that of a real arm without its servos.  A free frame has J = I: it has
 no workspace and no singularity of its own, so that what fails is the representation.  The laws are
@@ -123,7 +123,7 @@ class DrivenTip:
 
 
 class TurnOutcome(NamedTuple):
-    """What became of a run.
+    """Outcome of a run.
 
     Attributes:
         peak: [rad/s] highest angular speed of the tip.
@@ -131,7 +131,7 @@ class TurnOutcome(NamedTuple):
         worst: [rad] largest orientation error after the first step.
         final: [rad] orientation error at the end; of a run that diverged pi.
         settled: [s] from when on the error stays below a bound; inf if it does not.
-        diverged: whether it left all numbers, or the law had no answer.
+        diverged: whether its state became non-finite, or the law had no answer.
     """
 
     peak: float

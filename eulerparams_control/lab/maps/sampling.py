@@ -1,4 +1,4 @@
-"""Where in SO(3) the cells of a map are."""
+"""Sampling of SO(3) for the cells of a map."""
 
 import math
 

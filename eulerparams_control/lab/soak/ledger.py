@@ -102,7 +102,7 @@ class Ledger:
         return [Missed(stamp, sent) for stamp, sent in _outdated(self._open, now)]
 
     def forget(self) -> None:
-        """Wait for no answer any more: the clock was set, or a node has begun anew."""
+        """Wait for no answer any more: the clock was set, or a node restarted."""
         self._open.clear()
         self._early.clear()
 

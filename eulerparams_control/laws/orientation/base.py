@@ -1,4 +1,4 @@
-"""What a representation of the orientation displacement is, and where they are found.
+"""Interface of the representations of the orientation displacement, and their registry.
 
 Each place where the paper's equations change with the representation is one method of
 :class:`OrientationRepresentation`; the schemes know nothing else of it.  A new one is
@@ -55,7 +55,7 @@ class CompliantRotation(NamedTuple):
 
 @dataclass(frozen=True)
 class OrientationOptions:
-    """What a user can choose about a representation; each takes what concerns it.
+    """Options of the representations; each uses those that concern it.
 
     Attributes:
         sequence: of Euler angles.
@@ -240,7 +240,7 @@ class OrientationRepresentation(ABC):
         """
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
-        """Return V_3 of the impedance, eqs. (68), (69); None: there is none for it.
+        """Return V_3 of the impedance, eqs. (68), (69); None if it has none.
 
         Args:
             R_cd: (3, 3) R_d' R_c.

@@ -1,6 +1,6 @@
-"""Which of +-(eta, eps) stands for a mutual orientation.
+"""The sign of the mutual quaternion: +-(eta, eps) are the same orientation.
 
-Both stand for the same rotation, but the laws (28), (40) and (51) pull along eps, so
+Both are the same rotation, but the laws (28), (40) and (51) pull along eps, so
 the sign decides which way round the error is undone:
 
 ``shortest``    eta >= 0: always the short way; chatters at theta = pi under noise.

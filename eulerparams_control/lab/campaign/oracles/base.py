@@ -1,4 +1,4 @@
-"""What an oracle is."""
+"""Interface of the oracles."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple

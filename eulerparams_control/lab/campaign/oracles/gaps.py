@@ -15,7 +15,7 @@ _SAME = 1e-6
 # be off [Nm] besides.
 _DAMPING, _EFFORT = 150.0, 1.0
 
-# Without valid states for so long [s] a controller has to say so.
+# Longest time without valid states [s] that a controller need not report.
 _SAYS = 0.3
 
 
@@ -39,7 +39,7 @@ class Silent(Oracle):
 
 
 class CalmStart(Oracle):
-    """The first command after a start, or a silence, is to stand where the arm is."""
+    """The first command after a start, or a silence, is to be where the arm is."""
 
     name: ClassVar[str] = "calm start"
     claim: ClassVar[str] = (

@@ -14,7 +14,7 @@ _SETTLING, _BRAKING = 0.5, 0.25
 # Of a speed limit: a robot of its own stops at about this.
 _RUNAWAY = 2.0
 
-# What stands [rad/s], and stays [rad].
+# Largest speed [rad/s] and drift [rad] of an arm at rest.
 _SPEED, _DRIFT = 0.02, 0.01
 
 # The tip is there within these [m], [deg].
@@ -22,7 +22,7 @@ _NEAR, _ALIGNED = 0.005, 1.0
 
 
 class HeldStill(Oracle):
-    """While the controller holds still, or has no valid states, the arm stands."""
+    """While the controller holds still, or has no valid states, the arm is at rest."""
 
     name: ClassVar[str] = "held still"
     claim: ClassVar[str] = (

@@ -193,7 +193,7 @@ class Monitor:
                 self._move_again(station)
 
     def _move_again(self, station: Station) -> None:
-        """Start the motion anew, now and then, that a fault or a silence has ended."""
+        """Restart the motion, now and then, that a fault or a silence has ended."""
         now = time.monotonic()
         if not self._watching or now - self._moved.get(station.controller, -_AGAIN) < _AGAIN:
             return

@@ -39,7 +39,7 @@ class Station:
         self.nodes.wait_for_event("reference", Event.SENT, _PATIENCE)
 
     def move_again(self) -> None:
-        """Start the reference anew: its motion begins where the arm is now."""
+        """Restart the reference: its motion begins where the arm is now."""
         self.nodes.stop("reference")
         self.nodes.start_again("reference")
 
