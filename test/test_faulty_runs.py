@@ -21,7 +21,7 @@ from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
-from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments import faulty_run
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
@@ -381,9 +381,13 @@ class Nodes:
     def start_again(self, _node: str) -> None:
         self._begun = time.monotonic()
 
-    def wait_for_event(self, *_: Any, **__: Any) -> None: ...
-
-    def check(self) -> None: ...
+    def wait_for_event(self, _node: str, kind: Event, timeout: float, times: int) -> None:
+        if kind is Event.COMMANDED:
+            assert times == 2
+            deadline = time.monotonic() + timeout
+            while not self.is_found:
+                if time.monotonic() > deadline:
+                    raise SimulationError("nobody commands the robot")
 
     @property
     def is_found(self) -> bool:

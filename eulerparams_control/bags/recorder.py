@@ -17,9 +17,10 @@ def main(args: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if args is None else args
     if arguments[:1] == [_RECOVER]:
         return _recover_all(arguments[1:])
-    from eulerparams_control.bags.ros.recorder_node import run_recorder  # recovery needs no ROS
+    from eulerparams_control.bags.ros.recorder_node import BagRecorder  # recovery needs no ROS
+    from eulerparams_control.ros.runtime import run
 
-    return run_recorder(args)
+    return run(BagRecorder, args)
 
 
 def _recover_all(folders: list[str]) -> int:

@@ -23,7 +23,6 @@ from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.runtime import run
 
 _TICK_SECONDS = 0.1
 _REMIND_SECONDS = 2.0
@@ -276,8 +275,3 @@ def _adapted_qos(publishers: list[TopicEndpointInfo], depth: int) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-
-
-def run_recorder(args: list[str] | None = None) -> int:
-    """Run the node; return the exit code."""
-    return run(BagRecorder, args)

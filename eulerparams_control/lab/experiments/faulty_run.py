@@ -4,13 +4,13 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.recovery import recover
-from eulerparams_control.errors import BagError
+from eulerparams_control.errors import BagError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import INJECTOR, recorded, remaps
@@ -106,18 +106,8 @@ def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:
         nodes.start_again(node)
     nodes.wait_for_event(node, event, _START_TIMEOUT, times=told + 1)
     if node == BRIDGE and nodes.processes.keys() - {RECORDER, BRIDGE, "reference", INJECTOR}:
-        _await_controller(nodes, commanded)
-
-
-def _await_controller(nodes: Nodes, commanded: int) -> None:
-    """Wait until a new robot is commanded: after a kill nodes may find each other late.
-
-    What is sent before that is a motion of the old robot.
-    """
-    deadline = time.monotonic() + _FIND_TIMEOUT
-    while len(nodes.events(BRIDGE, Event.COMMANDED)) <= commanded and time.monotonic() < deadline:
-        nodes.check()
-        time.sleep(_POLL)
+        with suppress(SimulationError):  # they may find each other late, or a fault is between
+            nodes.wait_for_event(BRIDGE, Event.COMMANDED, _FIND_TIMEOUT, times=commanded + 1)
 
 
 def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
