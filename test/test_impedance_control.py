@@ -571,6 +571,22 @@ def test_the_inertia_of_the_tool_is_that_of_the_last_step_when_a_wrench_is_found
     assert np.abs(found).max() < 1.0  # centripetal; 0.2 rad/s within 1 ms would be above 100 N
 
 
+def test_the_inertia_of_a_moving_tool_is_taken_out_by_the_acceleration_of_the_last_step():
+    tool = Tool(2.0, np.array([0.02, -0.03, 0.08]), np.diag([0.01, 0.02, 0.015]))
+    options = WrenchOptions(tool=tool)
+    scheme, q = impedance_control(wrench=options), at_the_middle()
+    sensed = SensedWrench(NO_WRENCH, AT_TIP)
+    dq, ddq = np.full(6, 0.2), np.arange(1.0, 7.0)
+    for rate in (dq - DT * ddq, dq):
+        scheme.sense(sensed)
+        tick = scheme.tick(DT, q, rate, MIDDLE)
+    state = UR5.dynamic_state(q, dq)
+    a = state.arm.J @ ddq + state.dJ_dq  # the derivative of eq. (20)
+    felt, still = (WrenchChain(options).contact(sensed, state.arm, x, DT) for x in (a, None))
+    np.testing.assert_allclose(tick.wrench, felt, rtol=0, atol=ERROR_EQUATION)
+    assert np.abs(felt - still).max() > 1.0
+
+
 def test_without_any_wrench_the_frame_stands_where_the_tip_was_first():
     scheme, (q, dq, desired, w) = impedance_control(), next(situations("ur5"))
     scheme.reset(q)
