@@ -112,7 +112,7 @@ def test_the_executables_of_a_robot_need_no_extra():
     assert "imported" in result.stdout, result.stderr
 
 
-@pytest.mark.parametrize("name", [name for name in EXECUTABLES if extra_of(name)])
+@pytest.mark.parametrize("name", [name for name in sorted(EXECUTABLES) if extra_of(name)])
 def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
     code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
     assert python(code).returncode == 0
