@@ -27,8 +27,7 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.clik import ClikParameters
-from eulerparams_control.parameters.dynamic_control import DynamicParameters
-from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
@@ -38,9 +37,7 @@ from sim_bridge.bridge_parameters import BridgeParameters
 RCLError = rclpy_implementation.RCLError
 
 KINDS = {
-    "clik": ClikParameters,
-    "dynamic_control": DynamicParameters,
-    "impedance_control": ImpedanceParameters,
+    **{name: scheme.parameters for name, scheme in schemes().items()},
     "reference": ReferenceParameters,
     "pybullet_bridge": BridgeParameters,
     "bag_recorder": RecorderParameters,

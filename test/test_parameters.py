@@ -17,7 +17,7 @@ from ros_processes import free_domain
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.clik import ClikParameters
-from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.fields import from_mapping, parameter
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.reference_node import ReferenceParameters
 from sim_bridge.bridge_parameters import BridgeParameters
@@ -73,6 +73,7 @@ def test_a_yaml_file_overrides_what_it_names(node: MakeNode, tmp_path: Path) -> 
         "k": 20.0, "steps": 5, "law": "slow", "strict": False, "weights": [3.0], "names": ["a", "b"]
     }  # fmt: skip
     found = declare(node(tmp_path, overrides), Gains)
+    assert from_mapping(Gains, overrides | {"use_sim_time": True}) == found
     assert found == Gains(20.0, 1.0, 5, "slow", False, (3.0,), (), ("a", "b"), "tool0")
 
 
@@ -121,6 +122,9 @@ def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(
         declare(node(tmp_path, overrides), Gains)
     assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
+    with pytest.raises(type(refusal.value)) as of_mapping:
+        from_mapping(Gains, overrides)
+    assert words in str(of_mapping.value)
 
 
 def test_what_rclpy_declares_itself_is_no_unknown_parameter(node: MakeNode, tmp_path: Path) -> None:

@@ -1,0 +1,69 @@
+"""Each control scheme of the registry: its interface, its node, its parameters, its law."""
+
+import importlib
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from arms import HOME, STILL, UR5
+
+from eulerparams_control.command_line import executables
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.lab.campaign.plan import make_plan
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.parameters.fields import fields_of, from_mapping
+from eulerparams_control.parameters.schemes import COMMANDS, SchemeInfo, schemes
+from eulerparams_control.resources import config_folder
+from eulerparams_control.ros.control_node import node_class
+
+STEP = 1_000_000  # [ns]
+FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
+
+
+@pytest.fixture(params=schemes())
+def scheme(request: pytest.FixtureRequest) -> SchemeInfo:
+    return schemes()[request.param]
+
+
+def test_its_interface_is_that_of_its_experiment_and_of_its_campaign(scheme: SchemeInfo) -> None:
+    controller, plan = CONTROLLERS[scheme.name], make_plan(0, scheme.name)
+    assert controller.executables == (scheme.name,)
+    assert controller.topics == scheme.topics
+    assert controller.answers == (*scheme.outputs, scheme.command)
+    assert plan.control == controller.control == scheme.control
+    assert scheme.command == COMMANDS[scheme.control]
+    assert from_mapping(scheme.parameters, plan.parameters()).orientation == plan.orientation
+
+
+def test_its_node_is_an_executable_that_has_its_parameters(scheme: SchemeInfo) -> None:
+    assert executables()[scheme.name] == scheme.node
+    node = node_class(scheme)
+    assert node.parameters_type is scheme.parameters
+    assert callable(importlib.import_module(scheme.node).main)
+
+
+def test_the_shipped_file_has_parameters_that_it_knows(scheme: SchemeInfo) -> None:
+    path = config_folder() / f"{scheme.name}.yaml"
+    if path.exists():
+        values: dict[str, Any] = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
+        found = from_mapping(scheme.parameters, values)
+        assert (found.base_frame, found.tip_frame) == ("base_link", "tool0")
+
+
+def test_an_arm_at_rest_is_held_by_its_defaults(scheme: SchemeInfo) -> None:
+    parameters = from_mapping(scheme.parameters, FRAMES)
+    controller = Controller(parameters.make_scheme(UR5, None), ControllerOptions(), HOME)
+    command = controller.step(STEP, HOME, STILL)
+    assert command is not None
+    if scheme.control == "position":
+        assert (command.q == HOME).all()
+    else:
+        np.testing.assert_allclose(command.effort, UR5.dynamic_state(HOME, STILL).g)
+
+
+def test_its_parameters_are_described_and_its_defaults_are_possible(scheme: SchemeInfo) -> None:
+    fields = fields_of(scheme.parameters)
+    assert all(field.metadata["description"] for field in fields.values())
+    defaults = {name: field.default for name, field in fields.items()}
+    assert from_mapping(scheme.parameters, defaults) == scheme.parameters()
