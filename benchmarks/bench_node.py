@@ -28,6 +28,7 @@ from eulerparams_control.robot.catalogue import load_robot
 
 MESSAGES, WARM_UP, PERIOD = 4000, 1000, 1e-3
 NODES = {name: c.command for name, c in CONTROLLERS.items() if c.executables == (name,)}
+SENSING = [name for name in NODES if "wrench" in CONTROLLERS[name].inputs]
 CONTESTANTS = {"echo": "joint_reference"} | NODES
 """The nodes, and the topic on which each answers."""
 
@@ -56,7 +57,7 @@ class Driver(Node):
         super().__init__("driver")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._publishers_of, self._sent, self.times = {}, {}, {name: [] for name in CONTESTANTS}
-        self._descriptions = []
+        self._descriptions, self._wrenches = [], {}
         self._wrench_message = WrenchStamped()
         self._wrench_message.header.frame_id = robot.sensor_frame
         self._message = JointState(name=list(robot.joints), position=list(robot.home))
@@ -68,8 +69,8 @@ class Driver(Node):
             self._publishers_of[name] = self.create_publisher(
                 JointState, f"{name}/joint_states", 10
             )
-            if name == "impedance_control":
-                self._wrench = self.create_publisher(WrenchStamped, f"{name}/wrench", 10)
+            if name in SENSING:
+                self._wrenches[name] = self.create_publisher(WrenchStamped, f"{name}/wrench", 10)
             self.create_subscription(
                 JointState, f"{name}/{topic}", lambda msg, n=name: self._answer(n, msg), 10
             )
@@ -79,9 +80,9 @@ class Driver(Node):
         self._message.header.stamp.sec = number // 1000
         self._message.header.stamp.nanosec = number % 1000 * 1_000_000
         self._sent[name, number] = time.perf_counter()
-        if name == "impedance_control":
+        if name in SENSING:
             self._wrench_message.header.stamp = self._message.header.stamp
-            self._wrench.publish(self._wrench_message)
+            self._wrenches[name].publish(self._wrench_message)
         self._publishers_of[name].publish(self._message)
 
     def _answer(self, name, msg):

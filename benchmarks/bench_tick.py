@@ -5,43 +5,24 @@ import pinocchio as pin
 from timing import side_by_side
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.laws.clik import Clik, ClikLaw
-from eulerparams_control.laws.compliant_frame import ComplianceLaw
-from eulerparams_control.laws.dynamic_control import (
-    DynamicControl,
-    EffortLimits,
-    InverseDynamics,
-    ResolvedAcceleration,
-)
-from eulerparams_control.laws.impedance_control import ImpedanceControl, ImpedanceLaw
-from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.trajectories import Circle
+from eulerparams_control.parameters.fields import fields_of
+from eulerparams_control.parameters.schemes import SchemeInfo, schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
 
-def clik(robot: Robot, orientation: str) -> Clik:
-    """Return CLIK with limits."""
-    return Clik(robot, ClikLaw(representation(orientation)), limits=robot.limits)
-
-
-def dynamic_control(robot: Robot, orientation: str) -> DynamicControl:
-    """Return dynamic control with limits and friction."""
-    law = ResolvedAcceleration(representation(orientation))
-    dynamics = InverseDynamics(friction=robot.friction)
-    return DynamicControl(robot, law, dynamics, EffortLimits(robot.limits, 2000.0, 0.1, 0.5))
-
-
-def impedance_control(robot: Robot, orientation: str, sensor_frame: str) -> ImpedanceControl:
-    """Return impedance control that feels a wrench."""
-    translation = Impedance(10 * np.eye(3), 300 * np.eye(3), 1000 * np.eye(3))
-    rotation = Impedance(np.eye(3), 20 * np.eye(3), 50 * np.eye(3))
-    compliance = ComplianceLaw(representation(orientation), translation, rotation)
-    scheme = ImpedanceControl(dynamic_control(robot, orientation), ImpedanceLaw(compliance))
-    scheme.sense(SensedWrench(np.ones(6), robot.placement(sensor_frame)))
+def scheme_of(info: SchemeInfo, robot: Robot, orientation: str, sensor_frame: str):
+    """Return a scheme with its defaults and limits, that compensates friction or feels a wrench."""
+    wanted = {"orientation": orientation, "compensate_friction": True}
+    known = fields_of(info.parameters)
+    parameters = info.parameters(**{k: v for k, v in wanted.items() if k in known})
+    scheme = parameters.make_scheme(robot, robot.limits)
+    if "wrench" in info.inputs:
+        scheme.sense(SensedWrench(np.ones(6), robot.placement(sensor_frame)))
     return scheme
 
 
@@ -119,39 +100,32 @@ def run() -> list[tuple[str, str, str]]:
     """Return rows: what, against what, ratio."""
     ur5 = load_robot("ur5")
     robot, q = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
-    calls = {name: tick_call(robot, q, clik(robot, name)) for name in ORIENTATIONS}
-    calls["moving"] = tick_call(robot, q, clik(robot, "euler_parameters"), moving=True)
-    calls["bare"] = bare_call(ur5.urdf, ur5.tip_frame, q)
-    for name in ORIENTATIONS:
-        calls[f"dynamic {name}"] = tick_call(robot, q, dynamic_control(robot, name))
-        scheme = impedance_control(robot, name, ur5.sensor_frame)
-        calls[f"impedance {name}"] = tick_call(robot, q, scheme)
-    calls["bare dynamics"] = bare_dynamics_call(ur5.urdf, ur5.tip_frame, q)
-    pink = pink_call(ur5.urdf, ur5.tip_frame, q)
-    if pink:
-        calls["pink"] = pink
+    bare = {
+        "position": ("Pinocchio calls and one 6x6 solve", bare_call),
+        "torque": ("Pinocchio calls for (33) and one 6x6 solve", bare_dynamics_call),
+    }
+    calls = {text: call(ur5.urdf, ur5.tip_frame, q) for text, call in bare.values()}
+    pairs = []
+    for info in schemes().values():
+        for orientation in ORIENTATIONS:
+            scheme = scheme_of(info, robot, orientation, ur5.sensor_frame)
+            name = f"{info.name} tick, {orientation}"
+            calls[name] = tick_call(robot, q, scheme)
+            pairs.append((name, bare[info.control][0]))
+    clik = scheme_of(schemes()["clik"], robot, "euler_parameters", ur5.sensor_frame)
+    calls["clik tick on a trajectory"] = tick_call(robot, q, clik, moving=True)
+    pairs.append(("clik tick on a trajectory", bare["position"][0]))
+    if pink := pink_call(ur5.urdf, ur5.tip_frame, q):
+        calls["pink solve_ik"] = pink
+        pairs.append(("clik tick, euler_parameters", "pink solve_ik"))
     times = side_by_side(calls)
-    bare = "Pinocchio calls and one 6x6 solve"
-    pairs = [(f"CLIK tick, {name}", name, bare, "bare") for name in ORIENTATIONS]
-    pairs.append(("CLIK tick on a trajectory", "moving", bare, "bare"))
-    terms = "Pinocchio calls for (33) and one 6x6 solve"
-    pairs += [
-        (f"dynamic tick, {name}", f"dynamic {name}", terms, "bare dynamics")
-        for name in ORIENTATIONS
-    ]
-    pairs += [
-        (f"impedance tick, {name}", f"impedance {name}", terms, "bare dynamics")
-        for name in ORIENTATIONS
-    ]
-    if pink:
-        pairs.append(("CLIK tick", "euler_parameters", "pink solve_ik", "pink"))
     return [
         (
-            f"{what} ({times[a] * 1e6:.1f} us)",
-            f"{against} ({times[b] * 1e6:.1f} us)",
-            f"{times[a] / times[b]:.2f}",
+            f"{what} ({times[what] * 1e6:.1f} us)",
+            f"{against} ({times[against] * 1e6:.1f} us)",
+            f"{times[what] / times[against]:.2f}",
         )
-        for what, a, against, b in pairs
+        for what, against in pairs
     ]
 
 

@@ -16,7 +16,7 @@ from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.common import ControlParameters
-from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
 
 
@@ -27,12 +27,7 @@ class EffortParameters(ControlParameters):
     command_type: str = parameter(
         "joint_state", "message type of the command", choices=("joint_state", "forward")
     )
-    max_latency: float = parameter(
-        0.03,
-        "joint_states that come later than the best ones by this are dropped",
-        unit="s",
-        bounds=(0.001, 60.0),
-    )
+    max_latency: float = other_default(ControlParameters, "max_latency", 0.03)
     k_Pp: float = parameter(
         ResolvedAcceleration.k_Pp, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
     )

@@ -48,6 +48,11 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def other_default(parameters: type[Any], name: str, default: Any) -> Any:
+    """Return the field of that name of another dataclass of parameters, with another default."""
+    return dataclasses.field(default=default, metadata=fields_of(parameters)[name].metadata)
+
+
 def from_mapping[P](parameters: type[P], values: Mapping[str, Any]) -> P:
     """Return the dataclass ``parameters`` filled from names and values; the rest are defaults.
 

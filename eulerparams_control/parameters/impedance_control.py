@@ -20,7 +20,7 @@ from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
 from eulerparams_control.parameters.efforts import EffortParameters, require_size
-from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
 
 # A push [1/s] along each axis has to fade at least as fast.
@@ -45,14 +45,10 @@ class ImpedanceParameters(
         "message type of the command; none: compliant_frame only, for an arm that takes positions",
         choices=("joint_state", "forward", NO_COMMANDS),
     )
-    k_Pp: float = parameter(
-        3600.0, "position gain of the motion loop", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vp: float = parameter(120.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
-    k_Po: float = parameter(
-        7200.0, "orientation gain of the motion loop", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vo: float = parameter(120.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Pp: float = other_default(EffortParameters, "k_Pp", 3600.0)
+    k_Vp: float = other_default(EffortParameters, "k_Vp", 120.0)
+    k_Po: float = other_default(EffortParameters, "k_Po", 7200.0)
+    k_Vo: float = other_default(EffortParameters, "k_Vo", 120.0)
     M_p: tuple[float, ...] = parameter(
         (10.0,) * 3, "mass; 3: diagonal, 6: xx, xy, xz, yy, yz, zz", unit="kg", live=True
     )
@@ -135,12 +131,8 @@ class ImpedanceParameters(
     max_contact_torque: float = parameter(
         60.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
     )
-    damping_eps: float = parameter(
-        0.2, "singular value of J where damping sets in", bounds=(0.0, 1.0), live=True
-    )
-    damping_max: float = parameter(
-        0.2, "damping at a kinematic singularity", bounds=(0.0, 1.0), live=True
-    )
+    damping_eps: float = other_default(EffortParameters, "damping_eps", 0.2)
+    damping_max: float = other_default(EffortParameters, "damping_max", 0.2)
     max_error_position: float = parameter(
         0.04,
         "a tip farther from the compliant frame stops the motion",
