@@ -85,11 +85,11 @@ class BridgeNode(Node):
         self._drive.reset(p.first_positions(robot.joints))
         ready = f"{robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz"
         self._words = DriveWords(ready, self._drive.topic, p.command_timeout)
-        self._pacing = self._make_pacing()
-        self._health.check = self._pacing.review
         self._make_messages(simulator.joint_names)
         self._connect()
         self._say(self._drive.status)
+        self._pacing = self._make_pacing()
+        self._health.check = self._pacing.review
         tell(Event.READY)
         period = _REPEAT_PERIOD if p.mode == LOCKSTEP else 1.0 / p.rate
         self.create_timer(period, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
