@@ -23,11 +23,10 @@ from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event
-from eulerparams_control.lab.experiments import faulty_run
+from eulerparams_control.lab.experiments import faulty as faulty_module
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.faulty import remaps
-from eulerparams_control.lab.experiments.faulty_run import deeds, turn
+from eulerparams_control.lab.experiments.faulty import deeds, remaps, turn
 from eulerparams_control.lab.experiments.fingerprint import code_of_runs, digest
 from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.paper import paper_experiments
@@ -401,9 +400,9 @@ class Nodes:
 def test_a_robot_that_is_started_again_is_at_work_when_its_controller_has_found_it(
     monkeypatch: pytest.MonkeyPatch, late: float
 ) -> None:
-    monkeypatch.setattr(faulty_run, "_FIND_TIMEOUT", 1.0)
+    monkeypatch.setattr(faulty_module, "_FIND_TIMEOUT", 1.0)
     nodes: Any = Nodes(late, "clik")
-    faulty_run._start_again("pybullet_bridge", nodes, Any)  # type: ignore[arg-type]
+    faulty_module._start_again("pybullet_bridge", nodes, Any)  # type: ignore[arg-type]
     assert nodes.is_found == (late < math.inf)
 
 

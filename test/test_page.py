@@ -34,7 +34,7 @@ from eulerparams_control.analysis.quantities import (
 from eulerparams_control.analysis.quantity import Prediction, Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
-from eulerparams_control.bags.flaws import BagFlaw, BagWarning
+from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.robot.robot import Robot
 

@@ -29,7 +29,7 @@ from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
 from eulerparams_control.analysis.table_numbers import together, values
-from eulerparams_control.bags.flaws import BagWarning, in_words
+from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot

@@ -23,7 +23,7 @@ from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
-from eulerparams_control.bags.flaws import BagFlaw, BagWarning
+from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
 from eulerparams_control.laws.orientation import (

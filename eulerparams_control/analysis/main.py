@@ -19,7 +19,7 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.analysis.topics import namespaces
-from eulerparams_control.bags.flaws import BagFlaw
+from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.command_line import make_console, say
 from eulerparams_control.errors import ConfigurationError, EulerParamsError

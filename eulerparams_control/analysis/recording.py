@@ -22,7 +22,7 @@ from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_serie
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
-from eulerparams_control.bags.flaws import BagWarning, in_words
+from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import (
     EulerSequence,

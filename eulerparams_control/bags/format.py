@@ -12,8 +12,9 @@ import dataclasses
 import json
 import os
 from collections.abc import Iterable, Mapping
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -35,6 +36,30 @@ _VERSION = 9
 _LONGEST_REASON = 500  # characters of what the parser quotes
 _LARGEST = 4_000_000  # bytes of metadata.yaml: some of each topic
 _NEVER = 2**63 - 1  # the starting time of a bag without messages
+
+
+class BagFlaw(StrEnum):
+    """A kind of what can be wrong."""
+
+    UNFINISHED = "unfinished"  # a file has no end: its recorder was killed
+    DAMAGED = "damaged"  # a part of a file cannot be read
+    LEFT_OUT = "left_out"  # messages that cannot be used
+    INCOMPLETE = "incomplete"  # a topic ends early, or lacks values
+    PARAMETERS = "parameters"  # of a node are not valid
+    FRAMES = "frames"  # of the reference are others: errors are not known
+    DELAY = "delay"  # the motion came later than it was sent to be
+
+
+class BagWarning(NamedTuple):
+    """One thing that is wrong: its kind, and what it is, for people."""
+
+    kind: BagFlaw
+    text: str
+
+
+def in_words(warnings: Iterable[BagWarning]) -> str:
+    """Return what is wrong in a line, for people; "" if nothing is."""
+    return "; ".join(warning.text for warning in warnings)
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]

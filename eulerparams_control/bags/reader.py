@@ -10,10 +10,12 @@ from mcap.records import Channel, Message, Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from eulerparams_control.bags.columns import check, check_schema
-from eulerparams_control.bags.flaws import BagFlaw, BagWarning, in_words
 from eulerparams_control.bags.format import (
     PARAMETERS_ATTACHMENT,
+    BagFlaw,
+    BagWarning,
     bag_information,
+    in_words,
     load_yaml,
     read_metadata,
 )

@@ -16,16 +16,22 @@ The bag has joint_states as the robot sent them, the commands as the controller 
 the robot got them (``faulty/...``), references as they were sent, and /diagnostics.
 """
 
-from collections.abc import Mapping
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
-from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.experiments.controllers import (
-    CONTROLLERS,
-    ControllerSetup,
-    NodeSetup,
-)
-from eulerparams_control.lab.experiments.model import Variant
+from eulerparams_control.bags.reader import Bag
+from eulerparams_control.bags.recovery import recover
+from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
+from eulerparams_control.events import Event
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup, NodeSetup
+from eulerparams_control.lab.experiments.model import Parameters, Variant
+from eulerparams_control.lab.experiments.processes import Nodes, RunStopped
+from eulerparams_control.lab.experiments.run_cache import RunRecord
 from eulerparams_control.lab.experiments.yaml_checks import known, require
 from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
 
@@ -36,6 +42,14 @@ OTHERS = ("reference", "pybullet_bridge", "bag_recorder")
 
 RATE = 250.0
 """[Hz] of the robot unless the experiment says otherwise: all nodes share a machine."""
+
+RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
+
+_FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
+_START_TIMEOUT = 60.0  # [s] for all nodes to have found each other
+_POLL = 0.01  # [s] between two looks at what is due
+
+_REAL_TIME = threading.Lock()  # runs in real time take the time of the machine: one at a time
 
 
 def read_faults(where: str, run: Mapping[str, Any]) -> tuple[Fault, ...]:
@@ -100,3 +114,127 @@ def recorded(controller: ControllerSetup) -> list[str]:
     """Return the topics that are recorded."""
     own = ["robot_description", "wrench", "joint_states", "reference", "/diagnostics"]
     return [*controller.answers, FAULTY + controller.command, *own]
+
+
+def record_faulty(
+    settings: Variant,
+    parameters: Parameters,
+    record: RunRecord,
+    progress: Callable[[float], None],
+    stop: threading.Event | None,
+) -> None:
+    """Start the nodes of a variant with faults, and end them when its time is over.
+
+    Raises:
+        SimulationError: if a node dies that was not killed; with its last words.
+        BagError: if its bag holds no motion.
+        RunStopped: if it was told to.
+    """
+    controller = CONTROLLERS[settings.controller]
+    with Nodes(record.path.parent, stop) as nodes:
+        others = remaps(controller)
+        output: dict[str, Any] = {"output": str(record.bag), "topics": recorded(controller)}
+        start = (RECORDER, INJECTOR, *controller.executables, BRIDGE, "reference")
+        for name in start:
+            nodes.start(name, {**parameters, RECORDER: output}[name], remaps=others.get(name, {}))
+        nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
+        record.claim()  # now: we may be killed
+        nodes.wait_for_event(INJECTOR, Event.READY, _START_TIMEOUT)
+        parts = _Parts(record, nodes, output)
+        _follow(settings, nodes, parts, progress)
+        alive = [name for name in start if name in nodes.processes and name != BRIDGE]
+        nodes.stop(*sorted(alive, key=lambda name: name == RECORDER))
+    parts.join()
+    _check_moved(record.bag, controller.command)
+
+
+@contextmanager
+def turn(stop: threading.Event | None) -> Iterator[None]:
+    """Wait until no other run in real time goes on; raises RunStopped."""
+    while not _REAL_TIME.acquire(timeout=0.2):
+        if stop is not None and stop.is_set():
+            raise RunStopped
+    try:
+        yield
+    finally:
+        _REAL_TIME.release()
+
+
+def _follow(
+    settings: Variant, nodes: Nodes, parts: "_Parts", progress: Callable[[float], None]
+) -> None:
+    """Kill and start nodes when it is time to, until the run is over.
+
+    The time that a node takes to come up again does not count: later deeds and the end wait for it.
+    """
+    due = deeds(settings.faults)
+    began = time.monotonic()
+    while (t := time.monotonic() - began) < settings.duration:
+        nodes.check()
+        progress(t)
+        while due and t >= due[0][0]:
+            _, kills, node = due.pop(0)
+            if kills:
+                nodes.kill(node)
+                continue
+            before = time.monotonic()
+            _start_again(node, nodes, parts)
+            began += time.monotonic() - before
+        time.sleep(_POLL)
+    progress(settings.duration)
+
+
+def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:
+    """Start a node that was killed, and wait until it is at work."""
+    event = Event.SENT if node == "reference" else Event.READY
+    told, commanded = (len(nodes.events(node, kind)) for kind in (event, Event.COMMANDED))
+    if node == RECORDER:
+        parts.add()
+    else:
+        nodes.start_again(node)
+    nodes.wait_for_event(node, event, _START_TIMEOUT, times=told + 1)
+    if node == BRIDGE and nodes.processes.keys() - {RECORDER, BRIDGE, "reference", INJECTOR}:
+        with suppress(SimulationError):  # they may find each other late, or a fault is between
+            nodes.wait_for_event(BRIDGE, Event.COMMANDED, _FIND_TIMEOUT, times=commanded + 1)
+
+
+def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
+    """Return when [s] which node is killed (true) or started again, one after the other."""
+    kills = [fault for fault in faults if isinstance(fault, Kill)]
+    found = [(fault.at, True, fault.node) for fault in kills]
+    found += [(fault.end, False, fault.node) for fault in kills if fault.end < float("inf")]
+    return sorted(found, key=lambda deed: deed[0])
+
+
+class _Parts:
+    """The bag of a run whose recorder may be killed: what each recorder has left, in one bag."""
+
+    def __init__(self, record: RunRecord, nodes: Nodes, output: dict[str, Any]) -> None:
+        self._bag, self._nodes, self._output = record.bag, nodes, output
+        self._folder = record.path.parent
+        self._added: list[Path] = []
+
+    def add(self) -> None:
+        """Start the recorder again; it writes over nothing, so to a folder of its own."""
+        part = self._folder / f"part_{len(self._added) + 1}"
+        shutil.rmtree(part, ignore_errors=True)  # of a run before
+        self._added.append(part)
+        self._nodes.start_again(RECORDER, self._output | {"output": str(part)})
+
+    def join(self) -> None:
+        """Make the bag whole, with all parts as further files of it."""
+        for number, part in enumerate(self._added, 1):
+            if part.is_dir():
+                recover(part)
+                file = part / f"{part.name}_0.mcap"
+                file.rename(self._bag / f"{self._bag.name}_{number}.mcap")
+                shutil.rmtree(part)
+        recover(self._bag)
+
+
+def _check_moved(bag: Path, command: str) -> None:
+    """Raise BagError unless states and commands are in the bag."""
+    topics = Bag(bag).topics
+    for name in ("/joint_states", f"/{command}", "/reference"):
+        if name not in topics or not topics[name].count:
+            raise BagError(f"{bag}: nothing was recorded of {name}")
