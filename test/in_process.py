@@ -27,10 +27,9 @@ from ros_processes import MODULES, Peer
 
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.lab.campaign.ros.in_process_dds import take
+from eulerparams_control.lab.campaign.ros.in_process_dds import until as wait_for
 from eulerparams_control.lab.experiments.domains import Domain
-
-# A guard against hanging, not a measure [s]: within a process a message is there at once.
-_HANGS = 30.0
 
 # So many messages are acted on before a condition is looked at again: a run in lock-step does not
 # end by itself; and so long [s] it may take.
@@ -332,7 +331,7 @@ class World:
 
         def publish(msg: Any) -> None:
             listeners = self._listeners(publisher)
-            _wait(
+            wait_for(
                 lambda: publisher.get_subscription_count() >= len(listeners),
                 f"the subscribers of {publisher.topic_name}",
             )
@@ -402,16 +401,7 @@ class World:
                 self._see_changes()
 
     def _deliver(self, node: Any, subscription: Subscription) -> None:
-        found: list[Any] = []
-
-        def is_there() -> bool:
-            with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            found.extend([taken] if taken is not None else [])
-            return bool(found)
-
-        _wait(is_there, f"a message on {subscription.topic_name}")
-        msg, info = found[0]
+        msg, info = take(subscription)
         with self._failing(node):
             if subscription._callback_type is Subscription.CallbackType.MessageOnly:
                 subscription.callback(msg)
@@ -434,7 +424,7 @@ class World:
         self._has_changed = False
         there = Counter(p.topic_name for n in self._nodes for p in n.publishers)
         for topic, count in there.items():
-            _wait(
+            wait_for(
                 lambda t=topic, c=count: self._nodes[0].count_publishers(t) == c,
                 f"{count} publishers of {topic}",
             )
@@ -443,25 +433,25 @@ class World:
 
     def ask(self, client: Any, request: Any) -> Any:
         """Let a service of a node answer a client; return the response."""
-        _wait(client.service_is_ready, f"service {client.srv_name}")
+        wait_for(client.service_is_ready, f"service {client.srv_name}")
         service = self._service(client.srv_name)
         found: list[Any] = []
 
-        def take(take_one: Callable[[], Any], index: int) -> Any:
+        def taken_by(take_one: Callable[[], Any], index: int) -> Any:
             def is_there() -> bool:
                 taken = take_one()
                 found[:] = [taken] if taken is not None and taken[index] is not None else []
                 return bool(found)
 
-            _wait(is_there, f"a message of {client.srv_name}")
+            wait_for(is_there, f"a message of {client.srv_name}")
             return found[0]
 
         client.handle.send_request(request)
         kind = service.srv_type
-        asked, header = take(lambda: service.handle.service_take_request(kind.Request), 1)
+        asked, header = taken_by(lambda: service.handle.service_take_request(kind.Request), 1)
         response = self.act(lambda: service.callback(asked, kind.Response()))
         service.send_response(response, header)
-        return take(lambda: client.handle.take_response(kind.Response), 0)[1]
+        return taken_by(lambda: client.handle.take_response(kind.Response), 0)[1]
 
     def _service(self, name: str) -> Any:
         services = (service for node in self._nodes for service in node.services)
@@ -514,6 +504,9 @@ class WorldPeer(Peer):
         """Return one more node of the test."""
         return self.graph.create_node(name)
 
+    def catch_up(self) -> None:
+        """All has been received."""
+
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service of a node."""
         if service not in self._clients:
@@ -530,11 +523,3 @@ def _match(publisher: Any, subscription: Subscription) -> bool:
         and not (sends.reliability == best != takes.reliability)
         and not (sends.durability == volatile != takes.durability)
     )
-
-
-def _wait(condition: Callable[[], Any], what: str) -> None:
-    """Wait for something of DDS."""
-    deadline = time.monotonic() + _HANGS
-    while not condition():
-        assert time.monotonic() < deadline, f"{what}: has not happened within {_HANGS:g} s"
-        time.sleep(0.0002)

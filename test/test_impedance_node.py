@@ -36,7 +36,6 @@ from samples import rodrigues
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from test_nodes import broken_references, broken_states
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -819,45 +818,6 @@ def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contac
     np.testing.assert_allclose(end.p_d, begin.p_d, rtol=0, atol=AT_FRAME)
 
 
-def test_what_cannot_be_used_is_dropped_counted_and_reported_and_the_contact_goes_on(
-    paired: Controlled,
-) -> None:
-    arm, peer, (p, R) = paired.arm, paired.peer, pose(HOME)
-    arm.push(10.0, 0.0, 0.0)
-    arm.ticks(20)
-    last = arm.frame()
-    before = values(peer.status(paired.name))
-    slow = arm.message()
-    slow.velocity = []  # by default efforts are computed, which need them
-    states, references, wrenches = (
-        [slow, *broken_states(arm)],
-        broken_references(HOME),
-        broken_wrenches(arm),
-    )
-    for msg in states:
-        arm.states.publish(msg)
-    for msg in references:
-        paired.references.publish(msg)
-    for msg in wrenches:
-        arm.sensor.wrenches.publish(msg)
-    sent = {"joint_states": len(states), "reference": len(references), "wrench": len(wrenches)}
-    expected = {
-        f"{topic} rejected": str(int(before.get(f"{topic} rejected", 0)) + count)
-        for topic, count in sent.items()
-    }
-    peer.status(paired.name, lambda s: values(s).items() >= expected.items())
-    assert arm.commands == []
-    frames = felt(arm, 20)
-    assert_no_jump([last, *frames])
-    for frame in frames:
-        assert_impedance(frame, p, R, np.array([10.0, 0, 0, 0, 0, 0]))
-    for words in (
-        "joint_states has no velocities; efforts need the measured ones: let the driver of the",
-        "reference is in the frame 'world'; expected the base frame 'base_link'",
-    ):
-        assert words in paired.process.log
-
-
 def test_two_publishers_are_refused_and_both_named(node: Controlled) -> None:
     peer, namespace, (p, R) = node.peer, node.name.partition("/")[0], pose(HOME)
     kinds = {"reference": MultiDOFJointTrajectory, "wrench": WrenchStamped}
@@ -912,24 +872,6 @@ def test_a_reference_is_followed_with_the_displacement_of_the_contact(
 
 
 # --- limits ----------------------------------------------------------------------------------
-
-
-def test_an_arm_that_cannot_follow_its_compliant_frame_is_held_and_the_reason_said(
-    paired: Controlled,
-) -> None:
-    arm = paired.arm
-    arm.push(100.0, 0.0, 0.0)  # by 0.05 m, but it is blocked
-    commands = [arm.tick(HOME) for _ in range(120)]
-    status = paired.status(lambda s: "holding still" in s.message)
-    assert status.level == b"\x02"
-    assert "m from the desired frame; at most 0.04 m is allowed: is the arm brake" in status.message
-    assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
-    np.testing.assert_allclose(arm.frame().p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
-    arm.release()
-    arm.start_afresh()
-    p, R = pose(HOME)
-    paired.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.01], R), times=(0.1,)))
-    assert np.linalg.norm(settled(arm).p_d - p - [0.0, 0.0, 0.01]) < LAW_IN_A_NODE
 
 
 # --- changes while running -------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """Each node of a moving arm is killed, in real time: the others go on, and its successor too.
 
-The nodes are real processes in real time on a machine that may be busy, so timeouts are longer
-than their defaults, and nothing is judged by the clock of the test: only by stamps, and by what
-the nodes report.
+With ``clik`` the nodes are processes, which the graph shows for a while when they are dead, on a
+machine that may be busy: timeouts are longer than their defaults, and all is judged by stamps and
+by what the nodes report.  With the others they are in the process of the test.
 """
 
 from collections.abc import Iterator
@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import ros_processes
 from diagnostic_msgs.msg import DiagnosticArray
+from in_process import Running, World
 from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
 from sensor_msgs.msg import JointState
 
@@ -21,8 +21,6 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.keys import BEGAN
 
 pytestmark = pytest.mark.slow
-
-ros_processes.MODULES.setdefault("bag_recorder", "eulerparams_control.bags.recorder")
 
 RATE = 100.0
 BRIDGE = "pybullet_bridge"
@@ -76,7 +74,7 @@ CIRCLE = {
 class Cell:
     """A robot, its controller, its reference and a recorder; and what they say."""
 
-    def __init__(self, graph: Graph, controller: str) -> None:
+    def __init__(self, graph: Graph | World, controller: str) -> None:
         self.graph, self.controller = graph, controller
         is_clik = controller == "clik"
         self.topic = "joint_reference" if is_clik else "joint_effort"
@@ -89,7 +87,7 @@ class Cell:
         self.states = graph.peer.listen(JointState, "joint_states")
         self.commands = graph.peer.listen(JointState, self.topic)
         self.statuses = graph.peer.listen(DiagnosticArray, "/diagnostics")
-        self.nodes: dict[str, Process] = {}
+        self.nodes: dict[str, Process | Running] = {}
         for name in (BRIDGE, controller):
             self.start(name)
         graph.until(lambda: self.states and self.commands, "states and commands")
@@ -193,7 +191,8 @@ def assert_begins_at_rest(command: Any, state: Any, at: float = BEGINS_AT) -> No
 
 @pytest.fixture(scope="module", params=CONTROLLERS)
 def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    with Graph(tmp_path_factory.mktemp(request.param)) as graph:
+    kind = Graph if request.param == "clik" else World
+    with kind(tmp_path_factory.mktemp(request.param)) as graph:
         yield Cell(graph, request.param)
 
 
