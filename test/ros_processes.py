@@ -23,6 +23,7 @@ from tolerances import HELD, LAW_IN_A_NODE
 
 from eulerparams_control.command_line import executables
 from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.laws.rotations import cross
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
@@ -467,11 +468,11 @@ class WristSensor:
         tip, sensor = (self._state(link, arm) for link in (self._robot.tip_frame, self.frame))
         r, omega = tip.arm.R_e @ self.com, tip.arm.omega_e
         a = tip.arm.J @ arm.ddq + tip.dJ_dq
-        a_com = a[:3] + np.cross(a[3:], r) + np.cross(omega, np.cross(omega, r))
+        a_com = a[:3] + cross(a[3:], r) + cross(omega, cross(omega, r))
         weight = self.mass * (np.array([0.0, 0.0, -9.81]) - a_com)
         force = contact[:3] + weight
-        moment = contact[3:] + np.cross(r, weight)
-        moment = moment + np.cross(tip.arm.p_e - sensor.arm.p_e, force)
+        moment = contact[3:] + cross(r, weight)
+        moment = moment + cross(tip.arm.p_e - sensor.arm.p_e, force)
         R_s = sensor.arm.R_e
         measured = np.concatenate((R_s.T @ force, R_s.T @ moment)) + self.bias
         x, y, z, *rest = (self.sign * measured).tolist()
