@@ -613,8 +613,6 @@ class Arm:
 
         def answered() -> bool:
             if not self.commands:
-                if self.sensor is not None:  # the stamp of a wrench must not repeat
-                    self.t += 1_000_000
                 self.send(self.message())
             return bool(self.commands)
 

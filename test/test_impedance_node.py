@@ -611,6 +611,45 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World
     assert process.stop() == 0
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize("interval", [0.001, 0.05, 1.0])
+@pytest.mark.parametrize("pairing", ["latest", "stamp"])
+def test_a_simulator_that_repeats_its_first_state_is_answered_at_any_interval(
+    world: World, pairing: str, interval: float, simulated: bool
+) -> None:
+    arm = FeelingArm(world, UR5)
+    process = world.start(
+        NAME, {**SIMULATED, "use_sim_time": simulated, "wrench_pairing": pairing}
+    )
+
+    def answered() -> bool:
+        world.advance(interval)
+        arm.send(arm.message())
+        return bool(arm.commands)
+
+    world.until(answered, "an answer to the first state")
+    assert {ns_from_ros(command.header.stamp) for command in arm.commands} == {arm.t}
+    np.testing.assert_allclose(arm.frame().p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
+    assert "rejected" not in process.log
+
+
+def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world: World) -> None:
+    arm = FeelingArm(world, UR5)
+    world.start(NAME, {**SIMULATED, "wrench_timeout": 60.0})
+    stuck = arm.sensor.message(arm, arm.message().header.stamp)
+    arm.sensor.on = False
+
+    def told() -> bool:
+        arm.sensor.wrenches.publish(stuck)
+        arm.send_next()
+        return arm.t > 1_040_000_000
+
+    world.until(told, "forty states")
+    status = world.peer.status(NAME, lambda s: "waiting for 10 wrenches" in s.message)
+    assert values(status)["mode"] == "inactive"
+    assert arm.commands == []
+
+
 def test_a_refused_activation_says_how_much_is_felt(node: Controlled) -> None:
     assert node.peer.change_state(node.name, "deactivate")
     try:

@@ -107,7 +107,9 @@ class ImpedanceControlNode(ControlNode):
             return
         try:
             refuse_two_publishers(self, self._wrench)
-            self._sensor.take(msg, self._placement(msg.header.frame_id))
+            placement = self._placement(msg.header.frame_id)
+            may_repeat, waits = not self._input.is_commanded, self._input.repeats
+            self._sensor.take(msg, placement, may_repeat=may_repeat, waits=waits)
         except InvalidMessageError as error:
             self._sensor.refuse(msg)
             self._health.reject("wrench", error)
@@ -155,7 +157,8 @@ class ImpedanceControlNode(ControlNode):
         p = self._params
         if self._sensor.trouble or self._robot is None:
             return f"{self._sensor.trouble} (topic {self._wrench.topic_name})"
-        if self._resting.count < min(_FEW, p.tare_samples):
+        waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
+        if self._resting.count < (1 if waits else min(_FEW, p.tare_samples)):
             return f"waiting for {_FEW} wrenches on {self._wrench.topic_name}"
         felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
         force, torque = _norms(felt)

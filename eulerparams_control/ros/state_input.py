@@ -4,6 +4,7 @@ from collections import deque
 from statistics import quantiles
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
@@ -34,6 +35,7 @@ class StateInput:
         measured: stamp [ns], q, dq (n,) of the last valid ones; None before the first.
         unanswered: their stamp as it came; None when they are answered.
         came: when the last valid ones came, steady clock [s].
+        repeats: whether the last ones said the same as those before, stamp included.
         is_commanded: whether a command has answered one since it was forgotten.
         missed: states that never came: gaps in their stamps, in usual steps.
         answers: how many states were answered between the last two readings.
@@ -56,14 +58,15 @@ class StateInput:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
         self.unanswered: Time | None = None
-        self.is_commanded = False
+        self.is_commanded = self.repeats = False
         self._answered = self._before = 0.0  # when those came that were answered last [s]
 
     def take(self, msg: JointState) -> tuple[int, Array, Array]:
         """Return stamp [ns], q and dq (n,) of a message; raises InvalidMessageError."""
         assert self._reader is not None
         now, last = steady(), self.measured
-        t, *_ = self.measured = self._reader.from_ros(msg)
+        t, q, _ = self.measured = self._reader.from_ros(msg)
+        self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
         self.unanswered = msg.header.stamp
         self._count += 1
         if self.came:

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 
@@ -27,6 +28,7 @@ class WrenchInput:
     Attributes:
         fresh: the wrench chosen last; None while there is none to be believed.
         trouble: why there is none; "" if there is.
+        repeats: whether the last message said the same as the one before, stamp included.
     """
 
     def __init__(self, clock: Clock, pairing: str, timeout: float) -> None:
@@ -34,7 +36,8 @@ class WrenchInput:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: no wrench has come."""
+        """Start again: no wrench has come."""
+        self.repeats = False
         self.fresh: SensedWrench | None = None
         self._last: SensedWrench | None = None
         self._stamp = self._refused = -1  # [ns]
@@ -42,14 +45,27 @@ class WrenchInput:
         self._is_new = False
         self.trouble = "no valid wrench yet; is the force/torque sensor running?"
 
-    def take(self, msg: WrenchStamped, sensor: Placement) -> None:
-        """Take a message of a sensor that is there seen from the tip.
+    def take(
+        self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool
+    ) -> None:
+        """Take a message of a sensor.
+
+        Args:
+            msg: the message.
+            sensor: where the sensor is, seen from the tip.
+            may_repeat: whether a simulator may wait, and repeat itself until it is answered.
+            waits: whether it does: its joint_states repeat, too.
 
         Raises:
             InvalidMessageError: if a value is not finite, or the stamp repeats or goes back.
         """
         w = wrench_from_ros(msg, msg.header.frame_id)
         stamp, now = ns_from_ros(msg.header.stamp), steady()
+        last, self.repeats = self._last, stamp == self._stamp
+        if may_repeat and self.repeats and last is not None and np.array_equal(w, last.w):
+            if waits:
+                self._received, self._is_new = now, True
+            return
         is_old = now - self._received > self._timeout  # then a clock may have been set back
         if 0 < stamp == self._stamp or (0 < stamp < self._stamp and not is_old):
             raise InvalidMessageError(
