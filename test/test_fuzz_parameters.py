@@ -27,11 +27,11 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.clik import ClikParameters
+from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.reference_node import ReferenceParameters
-from eulerparams_control.tool.identify_tool_node import IdentifyToolParameters
+from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
 RCLError = rclpy_implementation.RCLError

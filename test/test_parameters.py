@@ -18,8 +18,8 @@ from ros_processes import free_domain
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.fields import from_mapping, parameter
+from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.reference_node import ReferenceParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
 

@@ -11,6 +11,15 @@ class Lifecycle(StrEnum):
     FINALIZED = "finalized"
 
 
+class WorkMode(StrEnum):
+    """The mode of a node that does a piece of work."""
+
+    WAITING = "waiting"  # for what it needs
+    READY = "ready"
+    WORKING = "working"
+    DONE = "done"
+
+
 class LifecycleCause(StrEnum):
     """Why a node stays in such a mode."""
 

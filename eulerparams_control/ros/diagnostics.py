@@ -64,7 +64,7 @@ class Health:
         return float(self._node.get_clock().now().nanoseconds / 1e9)
 
     def set(
-        self, level: bytes, message: str, remedy: str = "", *, mode: str = "", cause: str = ""
+        self, level: bytes, message: str, remedy: str = "", *, mode: str, cause: str = ""
     ) -> None:
         """Change the state; what is new is logged and published at once.
 

@@ -1,8 +1,6 @@
 """The node ``reference``: a desired motion from parameters, or to a pose that is sent."""
 
-import math
 import sys
-from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -18,11 +16,11 @@ from eulerparams_control.errors import ConfigurationError, InvalidMessageError, 
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.messages.from_ros import JointStateReader, pose_from_ros
+from eulerparams_control.messages.keys import LifecycleCause, WorkMode
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
-from eulerparams_control.motion.way_points import FORMATS, parse_way_points
-from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.motion.trajectories import Trajectory, way_points
+from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
@@ -33,69 +31,6 @@ from eulerparams_control.ros.runtime import run
 _MANY = 1000
 
 _NO_ROBOT = "no robot description yet"
-
-MOTIONS = ("none", "way_points", "circle")
-
-
-@dataclass(frozen=True)
-class ReferenceParameters:
-    """Parameters of the node ``reference``."""
-
-    motion: str = parameter("none", "motion to send at the start", choices=MOTIONS)
-    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
-    base_frame: str = parameter("", "link that poses refer to; empty: the root link")
-    tip_frame: str = parameter("tool0", "link that is controlled")
-    joints: tuple[str, ...] = parameter((), "active joints; empty: all from base to tip")
-    times: tuple[float, ...] = parameter((), "of the way-points, from the start", unit="s")
-    positions: tuple[float, ...] = parameter((), "x, y, z of each way-point in a row", unit="m")
-    orientations: tuple[float, ...] = parameter((), "of each way-point in a row")
-    orientation_format: str = parameter(
-        "quaternion_xyzw", "of orientations; angles of a sequence in rad", choices=FORMATS
-    )
-    circle_radius: float = parameter(0.05, "of the circle", unit="m", bounds=(0.0, 10.0))
-    circle_normal: tuple[float, ...] = parameter((0.0, 0.0, 1.0), "axis of the circle")
-    circle_period: float = parameter(4.0, "of one turn", unit="s", bounds=(0.01, 1e6))
-    circle_turns: float = parameter(1.0, "how many", bounds=(0.01, 1e6))
-    circle_tilt: float = parameter(
-        0.0, "half angle of the cone on which the tool turns", unit="rad", bounds=(0.0, math.pi)
-    )
-    circle_ramp: float = parameter(
-        1.0, "to get up to speed; 0 starts at speed", unit="s", bounds=(0.0, 1e6)
-    )
-    linear_speed: float = parameter(
-        0.1, "of the motion to target_pose, on average", unit="m/s", bounds=(1e-4, 10.0)
-    )
-    angular_speed: float = parameter(
-        0.5, "of the motion to target_pose, on average", unit="rad/s", bounds=(1e-3, 10.0)
-    )
-    wait_for_subscribers: int = parameter(
-        1, "of the topic reference, before the motion is sent", bounds=(0, 100)
-    )
-
-    def way_points(self) -> Trajectory:
-        """Return the motion through the way-points; raises ConfigurationError."""
-        return parse_way_points(
-            self.times, self.positions, self.orientations, self.orientation_format
-        )
-
-    def circle(self) -> Circle:
-        """Return the circle.
-
-        Raises:
-            ConfigurationError: if the normal has not three numbers.
-        """
-        if len(self.circle_normal) != 3:
-            raise ConfigurationError(
-                f"circle_normal has {len(self.circle_normal)} numbers; expected 3"
-            )
-        return Circle(
-            self.circle_radius,
-            np.array(self.circle_normal),
-            self.circle_period,
-            self.circle_turns,
-            self.circle_tilt,
-            self.circle_ramp,
-        )
 
 
 class ReferenceNode(Node):
@@ -117,7 +52,9 @@ class ReferenceNode(Node):
         self._latest = b""
         self._sent = 0
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
-        self._health.set(diagnostics.OK, "waiting for a robot description")
+        self._health.set(
+            diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING
+        )
         self._subscribe()
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -143,13 +80,14 @@ class ReferenceNode(Node):
         p = self._params
         self._robot = Robot(urdf, p.base_frame, p.tip_frame, p.joints)
         self._reader = JointStateReader(self._robot.joints)
-        self._health.set(diagnostics.OK, "ready")
+        self._health.set(diagnostics.OK, "ready", mode=WorkMode.READY)
 
     def _on_robot_description(self, msg: String) -> None:
         try:
             self._set_robot(msg.data)
         except RobotError as error:
-            self._health.set(diagnostics.ERROR, f"robot_description refused: {error}")
+            text, cause = f"robot_description refused: {error}", LifecycleCause.REFUSED
+            self._health.set(diagnostics.ERROR, text, mode=WorkMode.WAITING, cause=cause)
 
     def _on_joint_states(self, serialized: bytes) -> None:
         self._latest = serialized  # read when a motion starts from it
@@ -248,10 +186,8 @@ class ReferenceNode(Node):
         self._goal = trajectory.frames[-1]
         self._sent += 1
         number = f", number {self._sent}" if self._sent > 1 else ""
-        self._health.set(
-            diagnostics.OK,
-            f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}",
-        )
+        text = f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}"
+        self._health.set(diagnostics.OK, text, mode=WorkMode.DONE)
         tell(Event.SENT)
 
     def close(self) -> None:

@@ -5,7 +5,6 @@ It listens only: whoever moves the arm lets it rest in one orientation after the
 
 import math
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,73 +23,25 @@ from eulerparams_control.errors import (
 )
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
-from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.messages.keys import WorkMode
 from eulerparams_control.robot.urdf import UrdfTree
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.tool.identification import (
-    GRAVITY,
-    LEAST_POSES,
     LEAST_SPREAD,
     Identification,
     identify,
     spread,
 )
 from eulerparams_control.tool.mount import SensorMount
-from eulerparams_control.tool.poses import Pose, PoseCollector, PoseOptions
+from eulerparams_control.tool.parameters import IdentifyToolParameters
+from eulerparams_control.tool.poses import Pose, PoseCollector
 from eulerparams_control.tool.report import ToolReport
 
 # Without a message for so long [s] a topic is said to be silent.
 _SILENCE = 2.0
-
-
-@dataclass(frozen=True)
-class IdentifyToolParameters:
-    """Parameters of the node ``identify_tool``."""
-
-    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
-    tip_frame: str = parameter("tool0", "link in which tool_com is given, as for a controller")
-    joints: tuple[str, ...] = parameter((), "active joints; empty: all from root to sensor")
-    gravity: tuple[float, ...] = parameter(GRAVITY, "in the root link", unit="m/s^2")
-    wrench_sign: int = parameter(
-        1, "-1 for a sensor that reports what the tool exerts on the environment", bounds=(-1, 1)
-    )
-    poses: int = parameter(6, "how many are taken", bounds=(LEAST_POSES, 1000))
-    min_angle: float = parameter(
-        0.35, "between the directions of gravity of two poses", unit="rad", bounds=(0.01, 1.5)
-    )
-    settle_time: float = parameter(
-        0.5, "for which the arm stands still before", unit="s", bounds=(0.01, 60.0)
-    )
-    averaging_time: float = parameter(
-        1.0, "for which the wrench is averaged then", unit="s", bounds=(0.01, 600.0)
-    )
-    max_speed: float = parameter(
-        0.02, "of the joints of an arm that stands still", unit="rad/s", bounds=(1e-4, 1.0)
-    )
-    max_residual_force: float = parameter(
-        0.5, "unexplained in a pose; more is warned of", unit="N", bounds=(0.0, 1e4)
-    )
-    max_residual_torque: float = parameter(0.05, "the same", unit="Nm", bounds=(0.0, 1e4))
-    timeout: float = parameter(600.0, "gives up after; 0: never", unit="s", bounds=(0.0, 1e6))
-    output: str = parameter("", "file for the result, must not exist; empty: none")
-
-    def check(self) -> None:
-        """Refuse what is impossible before the arm is moved; raises ConfigurationError."""
-        if self.wrench_sign == 0:
-            raise ConfigurationError("parameter 'wrench_sign' is 0; expected 1 or -1")
-        if len(self.gravity) != 3 or not any(self.gravity):
-            raise ConfigurationError(
-                f"parameter 'gravity' is {list(self.gravity)}; expected 3 numbers, not all 0"
-            )
-        if self.output:
-            _refuse_output(Path(self.output))
-
-    def pose_options(self) -> PoseOptions:
-        """Return when a pose is taken."""
-        return PoseOptions(self.settle_time, self.averaging_time, self.max_speed, self.min_angle)
 
 
 class IdentifyToolNode(Node):
@@ -111,7 +62,9 @@ class IdentifyToolNode(Node):
         self._received = {"joint_states": self._started, "wrench": self._started}
         self._health.check = self._check_time
         self._health.values["poses"] = 0
-        self._health.set(diagnostics.OK, "waiting for a robot description")
+        self._health.set(
+            diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING
+        )
         self._subscribe()
 
     # --- set-up ------------------------------------------------------------------------
@@ -142,7 +95,8 @@ class IdentifyToolNode(Node):
         except UnknownNameError as error:
             raise ConfigurationError(f"tip_frame: {error}") from error
         self._description, self._urdf = urdf, tree
-        self._health.set(diagnostics.OK, "waiting for the first wrench, which names its frame")
+        text = "waiting for the first wrench, which names its frame"
+        self._health.set(diagnostics.OK, text, mode=WorkMode.WAITING)
 
     def _set_sensor(self, frame: str) -> None:
         """Begin to take poses with the sensor in ``frame``; raises InvalidMessageError."""
@@ -162,6 +116,7 @@ class IdentifyToolNode(Node):
             diagnostics.OK,
             f"the sensor is at {frame}; let the arm rest in {p.poses} orientations, each tilted by "
             f"{math.degrees(p.min_angle):.0f} deg or more from the others, free of contact",
+            mode=WorkMode.WORKING,
         )
 
     # --- messages ----------------------------------------------------------------------
@@ -211,7 +166,8 @@ class IdentifyToolNode(Node):
             text += f"; {self._so_far()}"
         elif taken >= wanted:
             text += "; the poses are too similar, one more is needed: tilt about another axis"
-        self._health.set(diagnostics.OK, text)
+        mode = WorkMode.DONE if self.done else WorkMode.WORKING
+        self._health.set(diagnostics.OK, text, mode=mode)
 
     def _so_far(self) -> str:
         try:
@@ -288,13 +244,6 @@ class IdentifyToolNode(Node):
 
 def _force(wrench: Array) -> str:
     return f"{float(np.linalg.norm(wrench[:3])):.2f} N"
-
-
-def _refuse_output(path: Path) -> None:
-    if path.exists():
-        raise ConfigurationError(f"output: {path} exists; name another file, or remove it")
-    if not path.absolute().parent.is_dir():
-        raise ConfigurationError(f"output: there is no folder {path.parent} for {path.name}")
 
 
 def _write(path: Path, text: str) -> None:

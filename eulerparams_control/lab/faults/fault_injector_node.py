@@ -42,6 +42,7 @@ from eulerparams_control.lab.faults import (
     SecondPublisher,
     parse_fault,
 )
+from eulerparams_control.messages.keys import WorkMode
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
@@ -152,7 +153,8 @@ class FaultInjectorNode(Node):
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_MEET, self._meet, clock=clock)
         self.create_timer(_TICK, self._tick, clock=clock)
-        self._health.set(diagnostics.OK, f"{len(self._faults)} faults to come")
+        text = f"{len(self._faults)} faults to come"
+        self._health.set(diagnostics.OK, text, mode=WorkMode.READY)
         if not p.start_on:
             self._start()
 
@@ -220,10 +222,11 @@ class FaultInjectorNode(Node):
         if active:
             faults = [self._faults[number] for number in sorted(active)]
             at_work = ", ".join(f"{fault.name} on {fault.topic}" for fault in faults)
-            self._health.set(diagnostics.WARN, f"at work: {at_work}")
+            self._health.set(diagnostics.WARN, f"at work: {at_work}", mode=WorkMode.WORKING)
         else:
             to_come = sum(fault.at > t for fault in self._faults)
-            self._health.set(diagnostics.OK, f"no fault at work, {to_come} to come")
+            mode = WorkMode.READY if to_come else WorkMode.DONE
+            self._health.set(diagnostics.OK, f"no fault at work, {to_come} to come", mode=mode)
 
     def _change(self, number: int, begins: bool) -> None:
         fault = self._faults[number]

@@ -1,0 +1,74 @@
+"""Parameters of the node ``reference``."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.motion.trajectories import Circle, Trajectory
+from eulerparams_control.motion.way_points import FORMATS, parse_way_points
+from eulerparams_control.parameters.fields import parameter
+
+MOTIONS = ("none", "way_points", "circle")
+
+
+@dataclass(frozen=True)
+class ReferenceParameters:
+    """Parameters of the node ``reference``."""
+
+    motion: str = parameter("none", "motion to send at the start", choices=MOTIONS)
+    robot_description: str = parameter("", "URDF; empty: from the topic robot_description")
+    base_frame: str = parameter("", "link that poses refer to; empty: the root link")
+    tip_frame: str = parameter("tool0", "link that is controlled")
+    joints: tuple[str, ...] = parameter((), "active joints; empty: all from base to tip")
+    times: tuple[float, ...] = parameter((), "of the way-points, from the start", unit="s")
+    positions: tuple[float, ...] = parameter((), "x, y, z of each way-point in a row", unit="m")
+    orientations: tuple[float, ...] = parameter((), "of each way-point in a row")
+    orientation_format: str = parameter(
+        "quaternion_xyzw", "of orientations; angles of a sequence in rad", choices=FORMATS
+    )
+    circle_radius: float = parameter(0.05, "of the circle", unit="m", bounds=(0.0, 10.0))
+    circle_normal: tuple[float, ...] = parameter((0.0, 0.0, 1.0), "axis of the circle")
+    circle_period: float = parameter(4.0, "of one turn", unit="s", bounds=(0.01, 1e6))
+    circle_turns: float = parameter(1.0, "how many", bounds=(0.01, 1e6))
+    circle_tilt: float = parameter(
+        0.0, "half angle of the cone on which the tool turns", unit="rad", bounds=(0.0, math.pi)
+    )
+    circle_ramp: float = parameter(
+        1.0, "to get up to speed; 0 starts at speed", unit="s", bounds=(0.0, 1e6)
+    )
+    linear_speed: float = parameter(
+        0.1, "of the motion to target_pose, on average", unit="m/s", bounds=(1e-4, 10.0)
+    )
+    angular_speed: float = parameter(
+        0.5, "of the motion to target_pose, on average", unit="rad/s", bounds=(1e-3, 10.0)
+    )
+    wait_for_subscribers: int = parameter(
+        1, "of the topic reference, before the motion is sent", bounds=(0, 100)
+    )
+
+    def way_points(self) -> Trajectory:
+        """Return the motion through the way-points; raises ConfigurationError."""
+        return parse_way_points(
+            self.times, self.positions, self.orientations, self.orientation_format
+        )
+
+    def circle(self) -> Circle:
+        """Return the circle.
+
+        Raises:
+            ConfigurationError: if the normal has not three numbers.
+        """
+        if len(self.circle_normal) != 3:
+            raise ConfigurationError(
+                f"circle_normal has {len(self.circle_normal)} numbers; expected 3"
+            )
+        return Circle(
+            self.circle_radius,
+            np.array(self.circle_normal),
+            self.circle_period,
+            self.circle_turns,
+            self.circle_tilt,
+            self.circle_ramp,
+        )
