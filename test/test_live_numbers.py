@@ -1,6 +1,5 @@
 """What the nodes publish while they run is what analyze recomputes from the bag."""
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import Variant
 from eulerparams_control.lab.experiments.processes import Nodes
-from eulerparams_control.lab.experiments.runner import node_parameters
+from eulerparams_control.lab.experiments.runner import node_parameters, wait_for_end
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import ns_from_ros
 
@@ -50,8 +49,7 @@ def record(folder: Path, controller: str, **parameters: Any) -> Path:
         for name in ("bag_recorder", controller, "pybullet_bridge", "reference"):
             running.start(name, given[name])
         running.wait_for_event("bag_recorder", Event.READY, 60.0)
-        while not running.ended("pybullet_bridge"):
-            time.sleep(0.05)
+        wait_for_end(running, lambda _t: None)
         running.stop("reference", controller, "bag_recorder")
     return folder / "bag"
 

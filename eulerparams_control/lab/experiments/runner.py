@@ -157,7 +157,7 @@ def _claim(record: RunRecord) -> None:
 def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:
     """Wait until the simulation ends; return whether it diverged."""
     try:
-        _wait(nodes, progress)
+        wait_for_end(nodes, progress)
     except SimulationError:
         if not (settings.may_diverge and has_diverged(nodes, settings.controller)):
             raise
@@ -172,7 +172,7 @@ def has_diverged(nodes: Nodes, controller: str) -> bool:
     return code == ExitCode.DIVERGED or (code == ExitCode.STALLED and any(faults))
 
 
-def _wait(nodes: Nodes, progress: Progress) -> None:
+def wait_for_end(nodes: Nodes, progress: Progress) -> None:
     """Wait until the simulation ends; raise SimulationError if it stands still."""
     before, since = -1.0, time.monotonic()
     while not nodes.ended(BRIDGE):
