@@ -4,7 +4,6 @@ What they share, the law on its desired motion, is :class:`Guidance`; what ends 
 must not act any more is :class:`Release`.
 """
 
-from abc import ABC, abstractmethod
 from contextlib import suppress
 from typing import ClassVar
 
@@ -127,7 +126,7 @@ class Release:
         return None
 
 
-class ControlMode(ABC):
+class ControlMode:
     """A mode.
 
     Attributes:
@@ -142,11 +141,11 @@ class ControlMode(ABC):
     def __init__(self, why: Why) -> None:
         self.why = why
 
-    @abstractmethod
     def command(
         self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
     ) -> JointCommand | None:
-        """Return what is to be commanded for the state q, dq (n,) stamped t [ns]."""
+        """Return what is to be commanded for the state q, dq (n,) stamped t [ns]; here nothing."""
+        return None
 
     def after(self, event: ModeEvent, why: Why) -> "ControlMode":
         """Return the mode after an event."""
@@ -167,12 +166,6 @@ class Waiting(ControlMode):
     """Silent until the first reference: others may move the arm until then."""
 
     mode = Mode.WAITING
-
-    def command(
-        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return no command."""
-        return None
 
 
 class Holding(ControlMode):
@@ -236,12 +229,6 @@ class Releasing(ControlMode):
         self._place: Array | None = None  # where it rests, and for how long [s]
         self._rested = 0.0
 
-    def command(
-        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return no command of the law."""
-        return None
-
     def rests(self, dt: float, q: Array) -> bool:
         """Return whether the arm has been at rest for long, at q (n,) now."""
         if self._place is None or (np.abs(q - self._place) > _SAME_PLACE).any():
@@ -264,7 +251,7 @@ class Releasing(ControlMode):
 
 
 class Distrusting(ControlMode):
-    """States have changed to those of another arm, or clock: silent for a while.
+    """States have changed to those of another arm, or clock: silent, so that the robot brakes.
 
     A simulation that was started again goes on steadily; a second publisher is back at once.
 
@@ -279,12 +266,6 @@ class Distrusting(ControlMode):
         super().__init__(inner.why)
         self.until, self.inner = until, inner
         self.is_halted, self.is_runaway = inner.is_halted, inner.is_runaway
-
-    def command(
-        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return no command: whose state it is, is not known; the robot has to brake itself."""
-        return None
 
     def after(self, event: ModeEvent, why: Why) -> ControlMode:
         """Return the mode that was held back, or go on holding back what follows it."""
