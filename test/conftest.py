@@ -30,13 +30,6 @@ def graph(tmp_path: Path) -> Iterator[Graph]:
         yield own
 
 
-@pytest.fixture(scope="module")
-def shared_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
-    """A ROS domain for all tests of a module."""
-    with Graph(tmp_path_factory.mktemp("nodes")) as own:
-        yield own
-
-
 @pytest.fixture
 def world(tmp_path: Path) -> "Iterator[World]":
     """A ROS domain with nodes in this process, for one test."""

@@ -4,8 +4,6 @@ Nothing here measures time: what is waited for is polled until it is there, and 
 only guard against hanging.
 """
 
-import itertools
-import math
 import os
 import signal
 import subprocess
@@ -33,9 +31,6 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # A guard against hanging, not a measure: what is waited for takes a second or two.
 PATIENCE = float(os.environ.get("PATIENCE", "200"))
-
-# A service that has not answered for so long [s] has lost the request, and is asked again.
-ASK_AGAIN = 1.0
 
 # The time [s] that a tick takes, whatever its stamps say.
 TICK = 0.001
@@ -180,7 +175,6 @@ class Graph:
         self.domain = self._domain.number
         self.processes: list[Process] = []
         self._peer: SpunPeer | None = None
-        self._numbers = itertools.count()
 
     def __enter__(self) -> "Graph":
         return self
@@ -208,7 +202,8 @@ class Graph:
         remap: Sequence[str] = (),
     ) -> Process:
         """Start a node; ``files`` of parameters come before ``parameters``."""
-        name = f"{executable.replace(' ', '_')}_{next(self._numbers)}"
+        module, *words = MODULES[executable].split()
+        name = f"{executable.replace(' ', '_')}_{len(self.processes)}"
         self.folder.mkdir(parents=True, exist_ok=True)
         own = self.folder / f"{name}.yaml"
         own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
@@ -216,12 +211,7 @@ class Graph:
         options = [word for file in given for word in ("--params-file", str(file))]
         remap = [f"__ns:={namespace}", *remap] if namespace else remap
         options += [word for rule in remap for word in ("-r", rule)]
-        return self.run(executable, "--ros-args", *options, name=name)
-
-    def run(self, executable: str, *arguments: str, name: str = "") -> Process:
-        """Start an executable with command-line arguments."""
-        command = [sys.executable, "-m", *MODULES[executable].split(), *arguments]
-        name = name or f"{executable}_{next(self._numbers)}"
+        command = [sys.executable, "-m", module, *words, "--ros-args", *options]
         env = environment(self.folder, self.domain)
         self.processes.append(Process(command, self.folder, name, env))
         return self.processes[-1]
@@ -387,39 +377,6 @@ class SpunPeer(Peer):
 
         return rclpy.create_node(name, context=self._context)
 
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the response of a service of a node, once it is there."""
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
-            self._make_known(service.rpartition("/")[0])
-        client = self._clients[service]
-        self.graph.until(client.service_is_ready, f"service {service}")
-        future = client.call_async(request)
-        self.graph.until(future.done, f"answer of {service}")
-        return future.result()
-
-    def _make_known(self, node: str) -> None:
-        """Wait until a node has discovered the clients made so far: else its answers are lost.
-
-        It discovers readers in the order of their making, so it is asked by a later client,
-        again and again, until an answer comes through.
-        """
-        from rcl_interfaces.srv import GetParameters
-
-        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
-        futures: list[Any] = []
-        asked = -math.inf
-
-        def answered() -> bool:
-            nonlocal asked
-            if client.service_is_ready() and time.monotonic() - asked > ASK_AGAIN:
-                futures.append(client.call_async(GetParameters.Request()))
-                asked = time.monotonic()
-            return any(future.done() for future in futures)
-
-        self.graph.until(answered, f"an answer of {node}")
-        self.node.destroy_client(client)
-
 
 def _qos(depth: int, latched: bool) -> Any:
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -559,21 +516,14 @@ class Arm:
         """Return the compliant frame that answers the present state."""
         from eulerparams_control.messages.from_ros import ns_from_ros
 
-        def there() -> bool:
-            return bool(self.frames) and ns_from_ros(self.frames[-1].header.stamp) == self.t
-
-        self.graph.until(there, f"the compliant frame stamped {self.t}")
+        assert ns_from_ros(self.frames[-1].header.stamp) == self.t
         return self._frame(self.frames[-1])
 
     def frames_of(self, stamps: Sequence[int]) -> list[DesiredFrame]:
         """Return the compliant frames that answer the states stamped so [ns]."""
         from eulerparams_control.messages.from_ros import ns_from_ros
 
-        def found() -> dict[int, Any]:
-            by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
-            return by_stamp if by_stamp.keys() >= set(stamps) else {}
-
-        by_stamp = self.graph.until(found, f"compliant frames stamped {stamps[0]} ... {stamps[-1]}")
+        by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
         return [self._frame(by_stamp[stamp]) for stamp in stamps]
 
     def _frame(self, msg: Any) -> DesiredFrame:

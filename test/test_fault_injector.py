@@ -107,6 +107,9 @@ def test_faults_are_done_to_their_topic_and_not_to_others(world: World) -> None:
         between.join(topic)
     between.send("joint_effort", state(1))
     assert between.got("joint_effort", 3) == [state(1)] * 3
+    between.send("joint_effort", state(1))
+    name = "joint_effort at which a fault was at work"
+    assert world.peer.counter("fault_injector", name, 2) == 2
     between.send("joint_states", state(2))
     (msg,) = between.got("joint_states", 1)
     assert sorted(msg.velocity)[1] == float("inf")
@@ -158,15 +161,6 @@ def test_each_fault_that_begins_and_ends_is_said_in_the_log_and_on_diagnostics(
     assert log.count(f"begins: {told}") == log.count(f"ends: {told}") == 1
 
 
-def test_messages_at_which_a_fault_was_at_work_are_counted(world: World) -> None:
-    between = Between(world, f"{{fault: duplicate, topic: wrench, {ALWAYS}}}")
-    between.join("wrench")
-    for _ in range(3):
-        between.send("wrench", WrenchStamped())
-    between.got("wrench", 6)
-    assert world.peer.counter("fault_injector", "wrench at which a fault was at work", 3) == 3
-
-
 def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,39 +182,39 @@ def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(
     assert between.process.stop() == 0
 
 
+FAULTS = [
+    ("{fault: drop, topic: joint_state, at: 1, for: 1}", "(did you mean 'joint_states'?)"),
+    ("{fault: drop, topic: wrench, at: 1, for: 1}", "'wrench'; known: joint_states, reference"),
+    ("{fault: dorp, topic: reference, at: 1, for: 1}", "unknown fault 'dorp' (did you mean"),
+    ("{fault: kill, node: clik, at: 1}", "nodes are killed by the experiment that has started"),
+    ("{fault: drop, topic", "no YAML"),
+    ("drop", "a fault needs the key 'fault'"),
+]
+TOPICS = ["joint_states", "reference"]
+JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
+
+
 @pytest.mark.parametrize(
-    ("fault", "words"),
+    ("parameters", "words"),
     [
-        ("{fault: drop, topic: joint_state, at: 1, for: 1}", "(did you mean 'joint_states'?)"),
-        ("{fault: drop, topic: wrench, at: 1, for: 1}", "'wrench'; known: joint_states, reference"),
-        ("{fault: dorp, topic: reference, at: 1, for: 1}", "unknown fault 'dorp' (did you mean"),
-        ("{fault: kill, node: clik, at: 1}", "nodes are killed by the experiment that has started"),
-        ("{fault: drop, topic", "no YAML"),
-        ("drop", "a fault needs the key 'fault'"),
+        *(
+            ({"topics": TOPICS, "faults": [fault]}, ("parameter 'faults'", words))
+            for fault, words in FAULTS
+        ),
+        (
+            {"topics": ["reference"], "faults": [JUMP]},
+            ("none of joint_states, wrench is among 'topics'",),
+        ),
+        ({"topics": ["wrench"], "start_on": "reference"}, ("start_on",)),
     ],
 )
-def test_a_fault_that_cannot_be_is_refused_at_the_start(
-    tmp_path: Path, fault: str, words: str
+def test_what_cannot_be_is_refused_at_the_start(
+    tmp_path: Path, parameters: dict[str, Any], words: tuple[str, ...]
 ) -> None:
-    topics = ["joint_states", "reference"]
-    process = run_to_its_end("fault_injector", tmp_path, {"topics": topics, "faults": [fault]})
+    process = run_to_its_end("fault_injector", tmp_path, parameters)
     assert process.exit_code == 1
-    assert words in process.stderr
-    assert "parameter 'faults'" in process.stderr
+    assert all(text in process.stderr for text in words)
     assert "Traceback" not in process.stderr
-
-
-def test_the_robot_has_to_send_what_its_clock_is_to_jump_on(world: World) -> None:
-    jump = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
-    process = world.start("fault_injector", {"topics": ["reference"], "faults": [jump]})
-    assert process.end() == 1
-    assert "none of joint_states, wrench is among 'topics'" in process.stderr
-
-
-def test_time_cannot_begin_on_a_topic_that_is_not_given_on(world: World) -> None:
-    process = world.start("fault_injector", {"topics": ["wrench"], "start_on": "reference"})
-    assert process.end() == 1
-    assert "start_on" in process.stderr
 
 
 def test_the_parameters_that_come_with_the_package_are_possible(world: World) -> None:

@@ -155,13 +155,7 @@ def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
 ) -> None:
     arm = node.arm
     first = arm.t + 1_000_000
-    for _ in range(10):
-        arm.send_next(5)  # fewer than the queue of a controller holds
-
-        def answered() -> bool:
-            return bool(arm.commands) and ns_from_ros(arm.commands[-1].header.stamp) == arm.t
-
-        node.graph.until(answered, "the last command")
+    arm.send_next(50)
     found = [ns_from_ros(command.header.stamp) for command in arm.commands]
     arm.commands.clear()
     assert found == list(range(first, arm.t + 1, 1_000_000))
@@ -282,22 +276,16 @@ def test_two_publishers_on_reference_are_refused_and_both_named(node: Controlled
         p, R = pose(HOME)
         moved = DesiredFrame(p + [0.0, 0.0, 0.01], R)
 
-        def refused() -> bool:  # until the controller, too, has discovered the rival
-            node.references.publish(reference(moved))
-            node.arm.start_anew()
-            return words in node.process.log
-
-        node.graph.until(refused, "two publishers refused")
+        before = node.peer.counter(node.name, "reference rejected")
+        node.references.publish(reference(moved))
+        assert words in node.process.log
         node.arm.start_anew()
         publisher.publish(reference(moved))
-        node.references.publish(reference(moved))
-        before = node.peer.counter(node.name, "reference rejected")
-        node.peer.counter(node.name, "reference rejected", before)
+        after = before + 2
+        assert node.peer.counter(node.name, "reference rejected", after) == after
         assert_holds(node.arm.tick(), HOME)
     finally:
         rival.destroy_node()
-    peer = node.peer.node
-    node.graph.until(lambda: peer.count_publishers("reference") == 1, "the rival gone")
 
 
 def broken_states(arm: Arm) -> list[Any]:
@@ -327,8 +315,7 @@ def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
     arm.t += 1_000_000
     good = arm.message()
     arm.send(good)
-    node.graph.until(lambda: arm.commands, "the command for the next good state")
-    (command,) = arm.commands  # DDS keeps the order: answers to the bad ones would be there
+    (command,) = arm.commands  # none answers a bad one
     arm.commands.clear()
     assert command.header.stamp == good.header.stamp
     assert_holds(command, HOME)
@@ -458,7 +445,7 @@ def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
     peer, arm = node.peer, node.arm
     poses = peer.listen(PoseStamped, f"{node.name}/pose")
     errors = peer.listen(TwistStamped, f"{node.name}/error")
-    node.graph.until(lambda: (arm.ticks(20), poses and errors)[1], "pose and error")
+    arm.ticks(50)
     p, R = pose(HOME)
     expected = pose_to_ros(p, R, poses[-1].header.stamp, "base_link")
     assert poses[-1].header.frame_id == errors[-1].header.frame_id == "base_link"
@@ -485,7 +472,9 @@ def test_the_error_and_the_lyapunov_function_are_those_of_the_state_and_fall_to_
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
     node.change(k_Po=k_Po)
-    node.graph.until(lambda: (arm.ticks(20), errors and functions)[1], "error and function")
+    arm.ticks(50)
+    errors.clear()
+    functions.clear()
     p, R = pose(HOME)
     desired = DesiredFrame(p + [0.0, 0.02, 0.0], rodrigues(0.15, np.array([0.0, 0.6, 0.8])) @ R)
     node.references.publish(reference(desired))
@@ -494,14 +483,9 @@ def test_the_error_and_the_lyapunov_function_are_those_of_the_state_and_fall_to_
         arm.tick(dt=dt)
         states[arm.t] = MODEL.state(arm.q, arm.dq)
 
-    def reports() -> list[tuple[TwistStamped, Float64MultiArray]]:
-        """Return what was reported since the reference came, once both are there."""
-        since = next(i for i, msg in enumerate(errors) if abs(msg.twist.angular.z) > 1e-3)
-        first = next(i for i, msg in enumerate(functions) if msg.data[0] > 1e-3)
-        pairs = list(zip(errors[since:], functions[first:], strict=False))
-        return pairs if ns_from_ros(pairs[-1][0].header.stamp) > arm.t - 20_000_000 else []
-
-    found = node.graph.until(reports, "the last report")
+    since = next(i for i, msg in enumerate(errors) if abs(msg.twist.angular.z) > 1e-3)
+    first = next(i for i, msg in enumerate(functions) if msg.data[0] > 1e-3)
+    found = list(zip(errors[since:], functions[first:], strict=True))
     assert len(found) > 30  # at 50 Hz
     for error, function in found[1:]:
         t = ns_from_ros(error.header.stamp)
@@ -540,13 +524,13 @@ def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_
 ) -> None:
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
-    node.graph.until(lambda: (node.arm.ticks(20), errors and functions)[1], "error and function")
     node.change(orientation="euler_angles")
     status = node.status(lambda s: "Lyapunov function" in values(s))
     assert values(status)["Lyapunov function"] == "none for euler_angles"
-    count = len(errors)
+    errors.clear()
     functions.clear()
-    node.graph.until(lambda: (node.arm.ticks(20), len(errors) > count + 5)[1], "more errors")
+    node.arm.ticks(200)
+    assert len(errors) > 5
     assert functions == []
 
 
@@ -565,28 +549,19 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     if autostart:
         arm.connect()
     else:
-        world.until(arm.states.get_subscription_count, "the subscriber of joint_states")
         assert peer.lifecycle_state(executable) == "unconfigured"
-        world.until(lambda: peer.change_state(executable, "configure"), "configuration")
+        assert peer.change_state(executable, "configure")
         assert peer.lifecycle_state(executable) == "inactive"
-        arm.send(arm.message())
-
-        def activated() -> bool:
-            arm.send(arm.message())
-            return peer.change_state(executable, "activate")
-
-        world.until(activated, "activation")
+        arm.send_next()
+        assert peer.change_state(executable, "activate")
         arm.connect()
     assert peer.lifecycle_state(executable) == "active"
     goals = peer.publisher(MultiDOFJointTrajectory, "reference")
-    world.until(goals.get_subscription_count, "a subscriber of reference")
     p, R = pose(HOME)
     goals.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
     world.until(lambda: (arm.tick(), np.abs(arm.dq).max() > 1e-3)[1], "motion")
 
-    arm.tick()
     assert peer.change_state(executable, "deactivate")
-    world.until(lambda: arm.commands, "the command to hold")
     (hold,) = arm.commands
     arm.commands.clear()
     assert_may_stay(hold, arm)
@@ -598,7 +573,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
 
     arm.q, arm.dq = HOME + 0.1, np.zeros(6)
     arm.send(arm.message())
-    world.until(lambda: peer.change_state(executable, "activate"), "activation")
+    assert peer.change_state(executable, "activate")
     assert_holds(arm.tick(arm.q), arm.q)  # it begins at the measured pose
 
     assert not peer.change_state(executable, "configure")  # not possible now: refused, not fatal
@@ -621,9 +596,9 @@ def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives
 
 def test_after_the_shutdown_transition_no_command_follows_the_hold(world: World) -> None:
     clik = Controlled(world, "clik", FRAMES)
-    clik.arm.tick()
     assert clik.peer.change_state("/clik", "active_shutdown")
-    world.until(lambda: clik.arm.commands, "the command to hold")
+    (hold,) = clik.arm.commands
+    assert_may_stay(hold, clik.arm)
     clik.arm.commands.clear()
     clik.arm.send_next(5)
     assert clik.peer.lifecycle_state("/clik") == "finalized"
@@ -752,11 +727,7 @@ def test_a_controller_whose_robot_lacks_a_joint_is_not_activated_until_it_is_the
     lacking = arm.message()
     lacking.name = [*UR5.joints[:3], "wrist", *UR5.joints[4:]]
 
-    def refused() -> bool:
-        arm.send(lacking)
-        return "wrist_1_joint; expected" in process.log
-
-    world.until(refused, "the refusal")
+    arm.send(lacking)
     joints = "shoulder_pan_joint, shoulder_lift_joint, elbow_joint, "
     words = f"joint_states lacks wrist_1_joint; expected {joints}wrist_1_joint, wrist_2_joint, "
     assert f"{words}wrist_3_joint; found {joints}wrist, wrist_2_joint, wrist_3_joint" in process.log
@@ -873,38 +844,24 @@ def test_the_file_of_a_node_in_config_is_accepted_by_it(world: World, executable
 
 
 def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions(world: World) -> None:
-    arms = {
-        "/trajectory": (Arm(world, UR5, "/trajectory", JointTrajectory), "joint_trajectory"),
-        "/forward": (Arm(world, UR5, "/forward", Float64MultiArray), "forward"),
-    }
-    for namespace, (_, kind) in arms.items():
+    arms = {}
+    for kind, message in (("joint_trajectory", JointTrajectory), ("forward", Float64MultiArray)):
+        arms[kind] = Arm(world, UR5, f"/{kind}", message)
         own = {**FRAMES, "command_type": kind, "use_sim_time": True}
-        world.start("clik", own, namespace=namespace)
-    for arm, _ in arms.values():
-
-        def answered(arm: Arm = arm) -> bool:
-            arm.send(arm.message())
-            return bool(arm.commands)
-
-        world.until(answered, "a command")
-    trajectory = arms["/trajectory"][0].commands[0]
+        world.start("clik", own, namespace=f"/{kind}")
+        world.until(lambda a=arms[kind]: (a.send(a.message()), a.commands)[1], "a command")
+    trajectory = arms["joint_trajectory"].commands[0]
     assert trajectory.joint_names == list(UR5.joints)
     assert [point.positions.tolist() for point in trajectory.points] == [HOME.tolist()]
-    assert arms["/forward"][0].commands[0].data.tolist() == HOME.tolist()
+    assert arms["forward"].commands[0].data.tolist() == HOME.tolist()
 
 
 def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world: World) -> None:
     peer = world.peer
     found = peer.listen(JointTrajectory, "trajectory")
     commands = CommandPublisher(peer.node, "trajectory", "joint_trajectory", UR5.joints, QOS)
-    world.until(lambda: peer.node.count_subscribers("trajectory"), "the subscriber")
     q, dq = HOME, np.arange(6) / 10
-
-    def arrived() -> bool:
-        commands.publish(Time(sec=5), JointCommand(q, dq))
-        return bool(found)
-
-    world.until(arrived, "the trajectory")
+    commands.publish(Time(sec=5), JointCommand(q, dq))
     (point,) = found[0].points
     horizon = ns_from_ros(point.time_from_start) / 1e9
     assert horizon == HORIZON > 0
@@ -917,13 +874,8 @@ def test_require_reference_is_silent_until_the_first_reference(world: World) -> 
     arm, peer = Arm(world, UR5), world.peer
     process = world.start("clik", {**FRAMES, "require_reference": True, "use_sim_time": True})
     goals = peer.publisher(MultiDOFJointTrajectory, "reference")
-
-    def listening() -> int:
-        arm.send(arm.message())
-        return int(goals.get_subscription_count())
-
-    world.until(listening, "a subscriber of reference: it is active")
     arm.send_next(5)
+    assert peer.lifecycle_state("clik") == "active"
     world.until_said(process, "waiting for a reference")
     peer.status("clik")
     assert arm.commands == []
@@ -941,18 +893,12 @@ def test_a_target_pose_becomes_a_motion_and_one_in_another_frame_is_refused(worl
     process = world.start("reference", {**FRAMES, "linear_speed": 0.1, "angular_speed": 0.5})
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
     targets = peer.publisher(PoseStamped, "target_pose")
-    world.until(targets.get_subscription_count, "the subscriber of target_pose")
     p_0, R_0 = pose(HOME)
     p = p_0 + [0.0, 0.2, 0.0]
     R = rodrigues(0.4, np.array([0.0, 0.0, 1.0])) @ R_0
 
-    def sent() -> bool:
-        arm.t += 1_000_000
-        arm.send(arm.message())
-        targets.publish(pose_to_ros(p, R, Time(), "base_link"))
-        return bool(motions)
-
-    world.until(sent, "a motion")
+    arm.send_next()
+    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
     motion, start = motion_from_ros(motions[0], "base_link", "tool0", 0.1)
     assert start is None
     assert isinstance(motion, Trajectory)
@@ -982,18 +928,14 @@ def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used
     process = world.start("reference", FRAMES)
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
     targets = peer.publisher(PoseStamped, "target_pose")
-    world.until(targets.get_subscription_count, "the subscriber of target_pose")
     p, R = pose(HOME)
     nan = arm.message()
     nan.position[0] = math.nan
 
-    def refused() -> bool:
-        arm.send(nan)
-        targets.publish(pose_to_ros(p, R, Time(), "base_link"))
-        return "joint_states rejected: joint_states has a non-finite position" in process.log
-
-    world.until(refused, "the refusal")
-    assert peer.counter("reference", "joint_states rejected", 1) >= 1
+    arm.send(nan)
+    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
+    assert "joint_states rejected: joint_states has a non-finite position" in process.log
+    assert peer.counter("reference", "joint_states rejected", 1) == 1
     assert motions == []
     assert process.stop() == 0
 
@@ -1003,19 +945,14 @@ def test_reference_waits_for_as_many_subscribers_as_it_is_told(world: World) -> 
     motion = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
     process = world.start("reference", {**FRAMES, **motion, "wait_for_subscribers": 2})
     first = peer.listen(MultiDOFJointTrajectory, "reference")
-    world.until(arm.states.get_subscription_count, "the subscriber of joint_states")
-    world.until(lambda: peer.node.count_publishers("reference"), "the publisher")
     arm.send(arm.message())
     peer.status("reference", lambda s: s.message == "ready")
     peer.status("reference")  # a second later, and some twenty looks at the subscribers
     assert first == []
     second = peer.listen(MultiDOFJointTrajectory, "reference")
 
-    def sent() -> bool:
-        arm.send(arm.message())
-        return bool(first and second)
-
-    world.until(sent, "the motion")
+    arm.send_next()
+    world.until(lambda: first and second, "the motion")
     p, R = pose(HOME)
     motion_sent, _ = motion_from_ros(first[0], "base_link", "tool0", 0.1)
     np.testing.assert_allclose(motion_sent.frames[0].p_d, p, atol=RELATIVE)
@@ -1032,22 +969,20 @@ def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(worl
         return peer.call(Trigger, "/reference/send", Trigger.Request())
 
     waiting = "not sent: waiting for 1 subscribers of reference, 0 are there"
-    world.until(lambda: waiting in send().message, "a robot description, and then what is missing")
-    assert not send().success
+    answer = send()
+    assert not answer.success
+    assert waiting in answer.message
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
     peer.status("reference", lambda s: s.message == "ready")
-    world.until(lambda: "no valid joint_states yet" in send().message, "what is missing")
+    assert "no valid joint_states yet" in send().message
     assert motions == []
 
-    def begun(count: int) -> bool:
-        arm.t += 1_000_000
-        arm.send(arm.message())
-        return len(motions) == count
-
-    world.until(lambda: begun(1), "the motion of the start")
+    arm.send_next()
+    world.until(lambda: motions, "the motion of the start")
     arm.q = arm.q + 0.1  # it is elsewhere now
-    world.until(lambda: begun(1) and send().success, "the service")
-    world.until(lambda: begun(2), "the motion again")
+    arm.send_next()
+    assert send().success
+    assert len(motions) == 2
     starts = [motion_from_ros(m, "base_link", "tool0", 0.1)[0].frames[0].p_d for m in motions]
     for p, q in zip(starts, (HOME, HOME + 0.1), strict=True):
         np.testing.assert_allclose(p, pose(q)[0], atol=RELATIVE)
@@ -1107,18 +1042,14 @@ def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_u
     peer = shared_world.peer
     states = peer.listen(JointState, "/robot/joint_states")
     commands = peer.publisher(JointState, "/robot/joint_reference")
-    shared_world.until(lambda: commands.get_subscription_count() and states, "the robot")
+    shared_world.until(lambda: states, "the robot")
     name = "robot/pybullet_bridge"
     before = peer.counter(name, "commands rejected")
     start = np.array(states[-1].position[:6])
     bad = JointState(name=list(UR5.joints), position=[math.nan, *start[1:].tolist()])
-    short = JointState(name=list(UR5.joints), position=start[:3].tolist())
-    unnamed = JointState(position=start.tolist())
-    for msg in (bad, short, unnamed):
-        commands.publish(msg)
-    assert peer.counter(name, "commands rejected", before + 3) == before + 3
+    commands.publish(bad)
+    assert peer.counter(name, "commands rejected", before + 1) == before + 1
     assert "joint_reference has a non-finite position" in bridge.log
-    assert "joint_reference has 6 names but 3 values of position" in bridge.log
     assert np.isfinite(states[-1].position).all()
     np.testing.assert_allclose(states[-1].position[:6], start, atol=SIMULATED_POSE)
 
@@ -1130,8 +1061,8 @@ def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_u
         return bool(np.abs(np.array(states[-1].position[:6]) - goal).max() < SIMULATED_POSE)
 
     shared_world.until(there, "the motion to the goal")
-    status = peer.status(name, lambda s: "no command for 0.1 s: braked" in s.message)
-    assert status.level == b"\x02"
+    status = peer.status(name, lambda s: values(s)["mode"] == "braked")
+    assert (status.level, values(status)["cause"]) == (b"\x02", "silence")
 
     def send_both() -> None:
         commands.publish(good)
