@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import (
     InvalidMessageError,
     SimulationError,
@@ -82,7 +83,8 @@ class BridgeNode(Node):
         simulator = Simulator(robot, p.simulator(environment))
         self._drive = Drive(simulator, p.policy(), self._say, self._senders)
         self._health.values, self._obeyed = self._drive.values, False
-        self._drive.reset(p.first_positions(robot.joints))
+        now = 0.0 if p.mode == LOCKSTEP else steady()
+        self._drive.reset(p.first_positions(robot.joints), now)
         ready = f"{robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz"
         self._words = DriveWords(ready, self._drive.topic, p.command_timeout)
         self._make_messages(simulator.joint_names)

@@ -57,8 +57,10 @@ class DriveWords:
                 return WARN, "braked until the next command: one of two controllers has gone", ""
             case _, DriveCause.SHUTDOWN:
                 return ERROR, "ending: braked", ""
+            case _, DriveCause.FINISHED:
+                return OK, "ended", ""
             case _:
-                return ERROR if status.text else OK, status.text or "ended", ""
+                return ERROR, status.text or f"ended; it was braked: {status.cause.value}", ""
 
     def _contested(self, names: tuple[str, ...]) -> str:
         each = [f"{name} {names.count(name)} times" if names.count(name) > 1 else name

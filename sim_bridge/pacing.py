@@ -136,8 +136,10 @@ class WallClock:
 
     def brake(self) -> bool:
         """Brake for good; return whether the robot is at rest."""
-        obeys = self._drive.status.mode is DriveMode.OBEYING
-        self._drive.end(self.now, DriveCause.SHUTDOWN if obeys else DriveCause.FINISHED)
+        status = self._drive.status
+        obeys = status.mode is DriveMode.OBEYING
+        cause = DriveCause.SHUTDOWN if obeys else status.cause or DriveCause.FINISHED
+        self._drive.end(self.now, cause)
         return self.done or self._drive.is_standing
 
     def _step(self) -> None:

@@ -169,7 +169,7 @@ class Admission:
             self._refuse_late(at.stamp, dt, at.receipt, patient)
 
     def admit(self, at: Instant, q: Array, dq: Array) -> Accept | Repeat:
-        """Take a state that is not refused: q, dq (n,) measured at an instant."""
+        """Say what a state is that is not refused: q, dq (n,) measured at an instant."""
         clock, timeout = self.clock, self._timeout
         (dt, silence), last, restart = clock.step(at), clock.last, None
         if last is not None and at.stamp == last.stamp:
@@ -183,11 +183,14 @@ class Admission:
             restart = Restart(why, silence > timeout, is_same, is_heard and is_same)
             dt = 0.0
         is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
-        clock.last, self._q, self._dq = at, q, dq
         acted = dt
         if at.receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
         return Accept(dt, acted, last is None, restart, is_frozen)
+
+    def take(self, at: Instant, q: Array, dq: Array) -> None:
+        """Take a state for the last one; what it brings about has happened."""
+        self.clock.last, self._q, self._dq = at, q, dq
 
     def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
         if (q != self._q).any():

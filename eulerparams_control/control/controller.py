@@ -137,6 +137,8 @@ class Controller:
         state = self._admission.admit(at, q, dq)
         if isinstance(state, Repeat):
             return self._answer_again(at, state)
+        supervisor.begin_again(at, state, q)
+        self._admission.take(at, q, dq)  # only now: a restart that fails is one again
         self._q, self._dq, self._dt = q, dq, state.dt
         supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
         self._command = self._limit(supervisor.ask(t, state.dt, q, dq), state.acted)
@@ -146,18 +148,21 @@ class Controller:
 
     def _limit(self, command: JointCommand | None, acted: float) -> JointCommand | None:
         """Return the command within all bounds, or gravity compensation where there is none."""
-        if self.supervisor.mode.mode is Mode.DISTRUSTING:
+        supervisor, release = self.supervisor, self._release
+        if supervisor.mode.mode is Mode.DISTRUSTING:
             return None
         try:
-            command = command and self.limiter(command, self._q, acted)
+            if command is not None:
+                command, release.is_reached = self.limiter(command, self._q, acted), False
+                return command
         except UnsafeCommandError as error:
-            self.supervisor.change(ModeEvent.FAULT, why_of(error))
-            command = None
-        if command is None:
+            supervisor.change(ModeEvent.FAULT, why_of(error))
+        try:
             is_simulated = self._admission.clock.is_simulated
-            return self._release.command(self.scheme, self._q, self._dq, acted, is_simulated)
-        self._release.is_reached = False
-        return command
+            return release.command(self.scheme, self._q, self._dq, acted, is_simulated)
+        except UnsafeCommandError as error:
+            supervisor.change(ModeEvent.FAULT, why_of(error))
+            return None
 
     def _answer_again(self, at: Instant, state: Repeat) -> JointCommand | None:
         """Return the command of the state seen last, if it may act for longer."""

@@ -4,7 +4,6 @@ What they share, the law on its desired motion, is :class:`Guidance`; what ends 
 must not act any more is :class:`Release`.
 """
 
-from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.mode import Cause, Mode, ModeEvent, Why, transition
 from eulerparams_control.control.speed_scaling import SpeedScaling
+from eulerparams_control.errors import FollowingError, SingularityError, UnsafeCommandError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
 from eulerparams_control.motion.desired_motion import DesiredMotion
@@ -19,6 +19,18 @@ from eulerparams_control.motion.desired_motion import DesiredMotion
 # An arm that ran away has to be at rest for so long [s], within so much [rad or m], until it gets
 # efforts again: it may be at a turning point.  Its speed may be noisy.
 _REST_TIME, _SAME_PLACE = 0.2, 2e-3
+
+
+class LawError(Exception):
+    """The law has no answer, or the arm does not follow it.
+
+    Attributes:
+        error: what the law raised.
+    """
+
+    def __init__(self, error: SingularityError | FollowingError) -> None:
+        super().__init__(str(error))
+        self.error = error
 
 
 class Guidance:
@@ -64,8 +76,7 @@ class Guidance:
         """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
 
         Raises:
-            SingularityError: if the law has no finite answer.
-            FollowingError: if the arm does not follow.
+            LawError: if the law has no finite answer, or the arm does not follow.
         """
         scheme, motion, pace = self.scheme, self.motion, self.pace
         s = 0.0 if scheme.is_frozen else pace.now
@@ -74,7 +85,10 @@ class Guidance:
         desired = motion.sample(t)
         if s > 0:
             desired = desired.at_pace(pace.now, pace.rate)
-        tick = scheme.tick(dt, q, dq, desired)
+        try:
+            tick = scheme.tick(dt, q, dq, desired)
+        except (SingularityError, FollowingError) as error:
+            raise LawError(error) from error
         pace.update(dt, tick.state.q, tick.state.dq, tick.state.J)
         self._ticks, self.dt = (tick, self._ticks[0]), dt
         self.tick_now = tick
@@ -114,16 +128,24 @@ class Release:
     def command(
         self, scheme: Scheme, q: Array, dq: Array, acted: float, is_simulated: bool
     ) -> JointCommand | None:
-        """Return the next efforts for the state q, dq (n,), ``acted`` [s] after the last ones."""
+        """Return the next efforts for the state q, dq (n,), ``acted`` [s] after the last ones.
+
+        Raises:
+            UnsafeCommandError: if they are not finite.
+        """
         limiter = self._limiter
         if not limiter.commands_efforts or (self.is_reached and not is_simulated):
             return None
         bounded = limiter.bounded
-        with suppress(Exception):  # a law that has a defect: then there are none
+        try:
             command = limiter(scheme.last_command(q, dq), q, acted)
-            self.is_reached = limiter.bounded == bounded
-            return command
-        return None
+        except UnsafeCommandError:
+            self.is_reached = True  # what acts is the best there is
+            raise
+        except Exception:  # a law that has a defect: then there are none
+            return None
+        self.is_reached = limiter.bounded == bounded
+        return command
 
 
 class ControlMode:

@@ -21,12 +21,13 @@ from eulerparams_control.control.modes import (
     Distrusting,
     Guidance,
     Holding,
+    LawError,
     Releasing,
     Waiting,
 )
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
-from eulerparams_control.errors import FollowingError, SingularityError, defect
+from eulerparams_control.errors import FollowingError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.desired_motion import SetPoint
@@ -87,6 +88,13 @@ class Supervisor:
         desired.follow(motion, start)
         self.change(ModeEvent.REFERENCE)
 
+    def begin_again(self, at: Instant, state: Accept, q: Array) -> None:
+        """Begin at q (n,) where the state is the first, or follows a gap."""
+        if state.is_first:
+            self._see_first(at, q)
+        if state.restart is not None:
+            self._restart(at, state.restart, q)
+
     def observe(
         self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool
     ) -> None:
@@ -98,10 +106,6 @@ class Supervisor:
             q, dq: (n,) measured.
             is_acting: whether the state before had a command.
         """
-        if state.is_first:
-            self._see_first(q)
-        if state.restart is not None:
-            self._restart(at, state.restart, q)
         if isinstance(self.mode, Distrusting):
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
@@ -115,20 +119,20 @@ class Supervisor:
             self.change(ModeEvent.RESTART, SILENT)
         self._watch(state.dt, q, dq)
 
-    def _see_first(self, q: Array) -> None:
+    def _see_first(self, at: Instant, q: Array) -> None:
         motion = self._guidance.motion
         if motion.is_holding:
             self.begin(q)  # the arm may have moved since activation
         elif self._references.jumps(motion.last, self._scheme.frame_at(q)):
             self.begin(q)
-            self.change(ModeEvent.FAULT, ARM_MOVED)
+            self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
 
     def _restart(self, at: Instant, restart: Restart, q: Array) -> None:
         self.resets += 1
-        self.begin(q, acts=restart.acts)
         self.change(ModeEvent.RESTART, restart.why)
-        if at.receipt and not restart.is_same_arm and not restart.is_silence:
+        if at.receipt is not None and not restart.is_same_arm and not restart.is_silence:
             self.change(ModeEvent.DISTRUST, Why(at=at.receipt + self._timeout))
+        self.begin(q, acts=restart.acts)
 
     def _watch(self, dt: float, q: Array, dq: Array) -> None:
         """Let go of an arm that is out of control; take it back when it is at rest."""
@@ -158,11 +162,11 @@ class Supervisor:
         try:
             try:
                 return self.mode.command(self._guidance, t, dt, q, dq)
-            except (SingularityError, FollowingError) as error:
-                if isinstance(error, FollowingError):
+            except LawError as law:
+                if isinstance(law.error, FollowingError):
                     scheme.resume(q)
                 command = scheme.hold(dt, q, dq)
-                self.change(ModeEvent.FAULT, why_of(error))
+                self.change(ModeEvent.FAULT, why_of(law.error))
                 return command
         except Exception as error:  # a defect: nobody knows what the scheme is worth now
             self.fail_for_good(error)

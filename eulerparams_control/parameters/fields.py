@@ -48,9 +48,18 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def other_default(parameters: type[Any], name: str, default: Any) -> Any:
-    """Return the field of that name of another dataclass of parameters, with another default."""
-    return dataclasses.field(default=default, metadata=fields_of(parameters)[name].metadata)
+def other_default(parameters: type[Any], name: str, default: Any, of: str = "") -> Any:
+    """Return the field of that name of other parameters, with another default.
+
+    Args:
+        parameters: the other dataclass.
+        name: of the field.
+        default: its default here.
+        of: what the description says besides.
+    """
+    metadata = dict(fields_of(parameters)[name].metadata)
+    metadata["description"] = f"{metadata['description']} {of}".strip()
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 def from_mapping[P](parameters: type[P], values: Mapping[str, Any]) -> P:

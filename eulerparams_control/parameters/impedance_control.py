@@ -45,9 +45,9 @@ class ImpedanceParameters(
         "message type of the command; none: compliant_frame only, for an arm that takes positions",
         choices=("joint_state", "forward", NO_COMMANDS),
     )
-    k_Pp: float = other_default(EffortParameters, "k_Pp", 3600.0)
+    k_Pp: float = other_default(EffortParameters, "k_Pp", 3600.0, "of the motion loop")
     k_Vp: float = other_default(EffortParameters, "k_Vp", 120.0)
-    k_Po: float = other_default(EffortParameters, "k_Po", 7200.0)
+    k_Po: float = other_default(EffortParameters, "k_Po", 7200.0, "of the motion loop")
     k_Vo: float = other_default(EffortParameters, "k_Vo", 120.0)
     M_p: tuple[float, ...] = parameter(
         (10.0,) * 3, "mass; 3: diagonal, 6: xx, xy, xz, yy, yz, zz", unit="kg", live=True

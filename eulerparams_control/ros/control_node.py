@@ -70,6 +70,9 @@ class ControlNode(ManagedNode):
         self._report.activated()
         self._say()
 
+    def _changed(self) -> None:
+        self._report.forget()  # the state names the orientation
+
     def _deactivated(self) -> None:
         if self._reference is not None:
             self.destroy_subscription(self._reference)

@@ -79,9 +79,10 @@ class Health:
             return
         if (mode, cause) != (self._mode, self._cause) or not mode:
             self._since = self._now
+        is_new = (level, message) != (self._level, self._message)
         self._level, self._message, self._remedy = level, message, remedy
         self._mode, self._cause = mode, cause
-        if level == ERROR:
+        if level == ERROR and is_new:
             self.count("faults")
             self.values["last fault"] = message
             self.values["last fault at [s]"] = self._now

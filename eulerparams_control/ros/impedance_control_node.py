@@ -15,6 +15,7 @@ from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
+from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ComplianceCommands
@@ -108,7 +109,10 @@ class ImpedanceControlNode(ControlNode):
         try:
             refuse_two_publishers(self, self._wrench)
             placement = self._placement(msg.header.frame_id)
-            may_repeat, waits = not self._input.is_commanded, self._input.repeats
+            # in real time, but for lock-step, what repeats itself is a driver that is stuck
+            lockstep = self._is_simulated or self._params.wrench_pairing != LATEST
+            may_repeat = lockstep and not self._input.is_commanded
+            waits = may_repeat and self._input.repeats
             self._sensor.take(msg, placement, may_repeat=may_repeat, waits=waits)
         except InvalidMessageError as error:
             self._sensor.refuse(msg)

@@ -71,11 +71,6 @@ class ManagedNode(LifecycleNode):
     ) -> None:
         self._health.set(level, message, remedy, mode=mode.value, cause=str(cause))
 
-    def make_robot(self, urdf: str) -> Robot:
-        """Return the robot of a URDF, from the parameters; raises RobotError."""
-        robot: Robot = self._params.robot(urdf)
-        return robot
-
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
         """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
         scheme: Scheme = self._params.make_scheme(robot, limits)
@@ -112,6 +107,10 @@ class ManagedNode(LifecycleNode):
         """Listen to references no more."""
 
     @abstractmethod
+    def _changed(self) -> None:
+        """Say what the controller does again: parameters were changed."""
+
+    @abstractmethod
     def _say(self) -> None:
         """Report what the controller does, if that has changed."""
 
@@ -142,7 +141,7 @@ class ManagedNode(LifecycleNode):
         changed = [name for name, value in asdict(new).items() if value != getattr(old, name)]
         text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
         self.get_logger().info(f"changed: {text}")
-        self._say()
+        self._changed()
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -154,7 +153,7 @@ class ManagedNode(LifecycleNode):
                     "no robot description: set the parameter robot_description, or publish the "
                     "URDF on the topic robot_description (transient local)"
                 )
-            robot = self.make_robot(self._description)
+            robot = self._params.robot(self._description)
             if robot.locked:
                 raise ConfigurationError(
                     f"{', '.join(robot.locked)} can move between {robot.base_frame} and "
@@ -214,12 +213,8 @@ class ManagedNode(LifecycleNode):
         """Command to hold still once more, then command nothing until configured again."""
         self._end_control()
         self._robot = None
-        self._tell(
-            ERROR,
-            "an error in a transition: unconfigured",
-            Lifecycle.UNCONFIGURED,
-            Cause.TRANSITION_ERROR,
-        )
+        text = "an error in a transition: unconfigured"
+        self._tell(ERROR, text, Lifecycle.UNCONFIGURED, Cause.TRANSITION_ERROR)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:

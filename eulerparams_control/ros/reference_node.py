@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.rotations import Array, angle_between
@@ -29,6 +30,9 @@ from eulerparams_control.ros.runtime import run
 
 # To read so many points takes a controller some 50 ms, in which it commands nothing.
 _MANY = 1000
+
+# Without a robot description for longer [s] it complains.
+_LONG = 5.0
 
 _NO_ROBOT = "no robot description yet"
 
@@ -55,6 +59,7 @@ class ReferenceNode(Node):
         self._health.set(
             diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING
         )
+        self._started = steady()
         self._subscribe()
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -139,7 +144,11 @@ class ReferenceNode(Node):
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
-        if not self._pending or self._robot is None:
+        if not self._pending:
+            return
+        if self._robot is None:
+            if steady() - self._started > _LONG:
+                self._health.complain(f"{_NO_ROBOT}: is the robot running?", about="robot")
             return
         if reason := self._send_motion():
             self._health.complain(reason, about="motion")

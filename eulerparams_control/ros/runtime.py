@@ -80,17 +80,24 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped.append(received))
     node: Node | None = None
+    how = ExitCode.OK, ""
     try:
-        try:
-            node = make_node()
-            _spin(node, stopped)
-        finally:
-            _end(node)
-    except EulerParamsError as error:
+        node = make_node()
+        _spin(node, stopped)
+    except Exception as error:
+        how = _told(error)
+    try:
+        _end(node)
+    except Exception as error:
+        how = how if how[1] else _told(error)  # the first error is the cause
+    return how
+
+
+def _told(error: Exception) -> tuple[ExitCode, str]:
+    """Return the exit code after an error, and what to say of it in one line."""
+    if isinstance(error, EulerParamsError):
         return error.exit_code, str(error)
-    except Exception as error:  # a defect: said in one line, after the arm was brought to rest
-        return ExitCode.ERROR, f"{defect(error)}; please report it"
-    return ExitCode.OK, ""
+    return ExitCode.ERROR, f"{defect(error)}; please report it"
 
 
 def _spin(node: Node, stopped: list[int]) -> None:

@@ -52,6 +52,7 @@ class Nodes:
             "ROS_DOMAIN_ID": str(self._domain.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "RCUTILS_COLORIZED_OUTPUT": "0",
+            "RCUTILS_LOGGING_USE_STDOUT": "0",  # there the events are
         }
         folder.mkdir(parents=True, exist_ok=True)
 
