@@ -578,9 +578,10 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World
     assert process.stop() == 0
 
 
-@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize(
+    ("pairing", "simulated"), [("latest", True), ("stamp", True), ("stamp", False)]
+)
 @pytest.mark.parametrize("interval", [0.001, 0.05, 1.0])
-@pytest.mark.parametrize("pairing", ["latest", "stamp"])
 def test_a_simulator_that_repeats_its_first_state_is_answered_at_any_interval(
     world: World, pairing: str, interval: float, simulated: bool
 ) -> None:
@@ -594,6 +595,35 @@ def test_a_simulator_that_repeats_its_first_state_is_answered_at_any_interval(
     assert {ns_from_ros(command.header.stamp) for command in arm.commands} == {arm.t}
     np.testing.assert_allclose(arm.frame().p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
     assert "rejected" not in process.log
+
+
+def test_in_real_time_a_driver_that_repeats_itself_is_stuck_and_activates_nothing(
+    world: World,
+) -> None:
+    arm = FeelingArm(world, UR5)
+    process = world.start(NAME, {**SIMULATED, "use_sim_time": False})
+    for _ in range(30):
+        world.advance(0.001)
+        arm.send(arm.message())
+    assert "wrench rejected: the stamp" in process.log
+    assert arm.commands == []
+
+
+def test_an_unstamped_sensor_that_measures_the_same_again_is_believed(world: World) -> None:
+    arm = FeelingArm(world, UR5)
+    world.start(NAME, SIMULATED | {"use_sim_time": False})
+    same = arm.sensor.message(arm, arm.message().header.stamp)
+    same.header.stamp.sec = same.header.stamp.nanosec = 0
+    arm.sensor.on = False
+
+    def answered() -> bool:
+        world.advance(0.001)
+        arm.sensor.wrenches.publish(same)
+        arm.send_next()
+        return bool(arm.commands)
+
+    world.until(answered, "an answer")
+    np.testing.assert_allclose(arm.frame().p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
 
 
 def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world: World) -> None:

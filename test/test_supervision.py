@@ -20,6 +20,7 @@ from eulerparams_control.errors import (
     ConfigurationError,
     InvalidMessageError,
     SimulationError,
+    SingularityError,
     UnknownNameError,
     UnsafeCommandError,
 )
@@ -703,3 +704,50 @@ def test_an_error_is_one_line_of_bounded_length_whatever_it_quotes():
 
 def test_the_last_words_of_a_node_stay_lines():
     assert str(SimulationError("died:\n  a\n  b")) == "died:\n  a\n  b"
+
+
+# --- defects at the wrong moment ----------------------------------------------------------
+
+
+def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
+    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
+    reset, moved_by_hand = running.scheme.reset, q + 0.5
+    running.scheme.reset = Broken()
+    with pytest.raises(ZeroDivisionError) as planted:
+        running.step(t + 10_000 * MS, moved_by_hand, STILL, now + 10.0)
+    running.fail_for_good(planted.value)
+    running.scheme.reset = reset
+    command = running.step(t + 10_001 * MS, moved_by_hand, STILL, now + 10.001)
+    assert running.resets == 2
+    if command is not None:
+        np.testing.assert_allclose(command.q, moved_by_hand, atol=HELD)
+    assert running.why.cause is Cause.DEFECT
+
+
+def test_a_law_that_cannot_even_hold_has_a_defect_that_no_reference_leads_out_of():
+    running, t, q, dq, _ = following(dynamic_control())
+    running.halt()
+    running.scheme.hold = Singular()
+    assert running.step(t + MS, q, dq) is not None  # gravity compensation
+    assert running.why.cause is Cause.DEFECT
+    with pytest.raises(InvalidMessageError, match="deactivate and activate"):
+        running.follow(SetPoint(running.scheme.frame_at(q), 0.1), None)
+
+
+class Singular:
+    """A method that raises an error of the laws where none is expected."""
+
+    def __call__(self, *_args, **_kwargs):
+        raise SingularityError("in the wrong place")
+
+
+def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follows_it():
+    running, t, q, _dq, now = following(dynamic_control(), now=50.0)
+    good, limits = running.scheme.last_command, running.limiter.limits
+    running.scheme.last_command = lambda *_: JointCommand(effort=np.full(6, math.nan))
+    fast = 1.6 * limits.velocity  # it runs away
+    tick = now + DT
+    assert running.step(t + MS, q, fast, tick) is None
+    assert (running.mode, running.why.cause) == (Mode.RELEASING, Cause.UNSAFE_COMMAND)
+    running.scheme.last_command = good
+    assert running.step(t + 2 * MS, q + DT * fast, fast, tick + DT) is None

@@ -61,8 +61,8 @@ class WrenchInput:
         """
         w = wrench_from_ros(msg, msg.header.frame_id)
         stamp, now = ns_from_ros(msg.header.stamp), steady()
-        last, self.repeats = self._last, 0 < stamp == self._stamp
-        if may_repeat and self.repeats and last is not None and np.array_equal(w, last.w):
+        last, self.repeats = self._last, may_repeat and 0 < stamp == self._stamp
+        if self.repeats and last is not None and np.array_equal(w, last.w):
             if waits:
                 self._received, self._is_new = now, True
             return
