@@ -1,10 +1,12 @@
 """Arms of the catalogue, frames near them, and one that moves by forward dynamics."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from samples import Array, rodrigues, unit_vectors
+from samples import Array, rodrigues, turn_of, unit_vectors
+from tolerances import BEYOND_A_STEP, NO_JUMP
 
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.catalogue import load_robot
@@ -38,6 +40,19 @@ def displaced(distance=0.03, angle=0.4, key=0, robot=UR5, q=HOME):
     along, about_axis = unit_vectors(2, key=300 + key)
     home = pose_of(robot, q)
     return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
+
+
+def assert_no_jump(frames, dt):
+    """Assert that poses go on by the velocities, and velocities by the accelerations."""
+    for before, now in pairwise(frames):
+        rates = (before.ddp_d, now.ddp_d, before.domega_d, now.domega_d)
+        most = BEYOND_A_STEP * np.abs(rates).max()
+        assert np.abs(now.dp_d - before.dp_d).max() <= most * dt + NO_JUMP
+        assert np.abs(now.omega_d - before.omega_d).max() <= most * dt + NO_JUMP
+        moved = now.p_d - before.p_d - dt * (before.dp_d + now.dp_d) / 2
+        turn = turn_of(now.R_d @ before.R_d.T) - dt * (before.omega_d + now.omega_d) / 2
+        assert np.abs(moved).max() <= most * dt**2 + NO_JUMP
+        assert np.abs(turn).max() <= most * dt**2 + NO_JUMP
 
 
 class Plant:

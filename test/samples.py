@@ -197,21 +197,6 @@ def turning(R: Array, omega: Array) -> Callable[[float], Array]:
     return lambda t: rodrigues(speed * t, axis) @ R
 
 
-def accelerating(R: Array, omega: Array, domega: Array) -> Callable[[float], Array]:
-    """Return the frame t -> R(t) that is R at t = 0 with the velocity omega, domega (3,).
-
-    It is exp(omega t + domega t^2 / 2) R: at t = 0 its angular velocity is omega [rad/s] and
-    its angular acceleration domega [rad/s^2], both exactly.
-    """
-
-    def frame(t: float) -> Array:
-        x = t * omega + t**2 / 2 * domega
-        theta = float(np.linalg.norm(x))
-        return rodrigues(theta, x / theta) @ R if theta else R
-
-    return frame
-
-
 def derivative(function: Callable[[float], Array]) -> Array:
     """Return the derivative of a function of time at t = 0, by central differences."""
     return (function(STEP) - function(-STEP)) / (2 * STEP)

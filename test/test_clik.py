@@ -111,15 +111,6 @@ def test_eta_follows_the_hyperbolic_tangent_while_the_frame_turns(angle):
     assert eta[-1] > 1 - CLOSED_FORM
 
 
-@every_orientation
-def test_the_error_that_is_reported_is_that_of_the_kinematics_of_the_command(orientation):
-    start = displaced()
-    for tick in run(clik(orientation), lambda t: moving(start, t), 5):
-        state = UR5.state(tick.command.q, STILL)
-        np.testing.assert_array_equal(tick.state.p_e, state.p_e)
-        np.testing.assert_array_equal(tick.dp_de, tick.desired.p_d - state.p_e)
-
-
 def test_q_is_the_integral_of_dq_and_dq_of_the_same_instant():
     ticks = run(clik(), lambda _: displaced(), 20)
     np.testing.assert_array_equal(ticks[0].command.q, HOME)
@@ -244,13 +235,6 @@ def test_after_a_reset_the_error_is_zero_at_the_start_frame(orientation):
     np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
     np.testing.assert_allclose(tick.x_de.error, 0, rtol=0, atol=HELD)
     np.testing.assert_allclose(tick.command.dq, 0, rtol=0, atol=HELD * 1e2)
-
-
-def test_a_reset_does_not_keep_the_array_it_was_given():
-    q = HOME.copy()
-    scheme = clik(q=q)
-    q += 1
-    np.testing.assert_array_equal(scheme.hold(0.001, HOME, STILL).q, HOME)
 
 
 def test_nothing_is_integrated_when_the_law_has_no_answer():

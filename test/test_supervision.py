@@ -6,8 +6,9 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from arms import HOME, STILL, UR5
 from samples import generator
-from test_controller import HOME, MS, STILL, T_0, UR5, clik, dynamic_control, moved, pose_of
+from test_controller import MS, T_0, clik, dynamic_control, moved, pose_of
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 
 from eulerparams_control.control import clock
@@ -280,13 +281,6 @@ def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     assert "ZeroDivisionError" in running.fault  # until the next reference
 
 
-def test_where_not_even_holding_works_there_is_no_command():
-    running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    running.scheme.tick = running.scheme.hold = Broken()
-    assert running.step(t + MS, q, dq) is None
-    assert "ZeroDivisionError" in running.fault
-
-
 def test_a_command_that_is_not_finite_never_leaves_the_controller():
     running, t, q, dq, _ = following(clik(limits=UR5.limits))
     tick = running.scheme.tick
@@ -337,12 +331,6 @@ def test_after_a_silence_by_the_steady_clock_it_holds_though_the_stamps_go_on():
     assert "again" in running.why.remedy
     np.testing.assert_allclose(command.q, here, atol=HELD)
     np.testing.assert_allclose(command.dq, 0, atol=HELD)
-
-
-def test_in_simulated_time_no_silence_of_the_steady_clock_counts():
-    running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    assert np.abs(running.step(t + MS, q, dq).dq).max() > 0.01
-    assert running.resets == 0
 
 
 @pytest.mark.parametrize("jump", [-5.0, 5.0])
@@ -574,6 +562,7 @@ def test_an_arm_that_stands_gets_efforts_again_though_its_speeds_are_noisy():
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     random = generator(603)
     t_0, t = t, lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
+    assert "wrist_1_joint at 5.12 rad/s" in running.fault
     q, now = running._q, now + (t - t_0) / 1e9
     answers = [
         running.step(
@@ -600,13 +589,6 @@ def test_clocks_may_drift_apart_and_a_clock_that_goes_back_makes_no_state_late()
     assert running.resets == 1
 
 
-def test_an_arm_that_is_moved_faster_than_it_may_be_is_left_to_its_brakes():
-    running, t, q, _, now = following(dynamic_control(), now=50.0)
-    fast = 1.6 * UR5.limits.velocity
-    lets_go(running, t + MS, q + DT * fast, fast, now + DT)
-    assert "wrist_1_joint at 5.12 rad/s" in running.fault
-
-
 def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go():
     running, t, q, dq, now = following(dynamic_control(), now=50.0)
     tick, hold = running.scheme.tick, running.scheme.hold
@@ -628,6 +610,7 @@ def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
     running.scheme.tick = running.scheme.hold = Broken()
     for step in range(1, 150):
         assert running.step(t + step * MS, q, STILL, now + step * DT) is None
+    assert "ZeroDivisionError" in running.fault
     running.scheme.tick, running.scheme.hold = tick, hold
     braked = q - 0.02
     command = running.step(t + 150 * MS, braked, STILL, now + 150 * DT)

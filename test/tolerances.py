@@ -9,9 +9,9 @@ THROUGH_A_QUATERNION = 1e-14
 # Kinematics of a chain of ten transforms with entries of order 1.
 KINEMATICS = 1e-13
 # Some ten products of numbers of order 1 leave 1e-15; three decades for ill-conditioned samples.
-# Also E5: an increase of V_1; a position that stops at its limit; a pose that is held; a wrench
+# Also a position that stops at its limit; a pose that is held; a wrench
 # [N, Nm] to the axes of the tip and back.
-ALGEBRAIC = V_INCREASE = LIMIT_ROUNDING = HELD = AT_POINT_WRENCH = 1e-12
+ALGEBRAIC = LIMIT_ROUNDING = HELD = AT_POINT_WRENCH = 1e-12
 # [rad, Nm] The guard of the commands allows this beyond a step, for the rounding of the laws.
 GUARD_ROUNDING = 2e-12
 # Efforts of up to 100 Nm from some hundred products along a chain of ten bodies; a polynomial of
@@ -90,9 +90,8 @@ LYAPUNOV_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
 ENERGY_BALANCE = 1e-7
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
 OF_ORDER_4 = (12.0, 22.0)
-# The same motion on frames that move differently; energy after 10 s without damping, relative;
-# mass, damper and spring of up to 30 1/s [m].
-RELATIVE_MOTION = ENERGY_KEPT = STEP_RESPONSE = 1e-9
+# The same motion on frames that move differently.
+RELATIVE_MOTION = 1e-9
 # Steps are divided so that a mode moves by half a time constant in each: the method leaves
 # 0.5^5 / 120, which adds up to this of the deflection.
 FAST_MODES = 1e-3
