@@ -73,6 +73,14 @@ def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
 
 
+def efforts_of(commands: Sequence[Any]) -> Array:
+    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
+    efforts = np.array([command.effort for command in commands])
+    assert np.isfinite(efforts).all()
+    assert (np.abs(efforts) <= MODEL.limits.effort).all()
+    return efforts
+
+
 def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
     """Assert that a command keeps the arm at rest at q (n,), where it is to ``within`` [rad]."""
     if command.effort:

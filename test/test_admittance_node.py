@@ -100,11 +100,8 @@ class Admittance:
     def until_active(self, process: Running) -> None:
         """Send states until a process that was started is active; clik may answer or not."""
 
-        def active() -> bool:
-            self.arm.send_next()
-            return "active with" in process.log
-
-        self.world.until(active, "the node active")
+        active = "active with"
+        self.world.until(lambda: (self.arm.send_next(), active in process.log)[1], active)
         self.arm.commands.clear()
 
 
@@ -120,7 +117,6 @@ def both(shared: Admittance) -> Iterator[Admittance]:
     arm.release()
     arm.sensor.on = True
     arm.start_afresh()
-    shared.world.until(lambda: (arm.tick(), arm.frame())[1], "a compliant frame")
     yield shared
     arm.release()
     arm.sensor.on = True
@@ -344,11 +340,9 @@ def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equ
         own = {"reference_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
         world.start("clik", {**SIMULATED, **own}, namespace=namespace, remap=FOLLOWING)
         runs.append((topics, robot, goals))
-    for _, _, goals in runs:
+    for topics, _, goals in runs:  # the robot repeats its first state
         world.until(goals.get_subscription_count, "a subscriber of reference")
-    for topics, _, _ in runs:  # the robot repeats its first state
-        for name in ("joint_states", "wrench"):
-            world.until(lambda m=topics[name]: m, name)
+        world.until(lambda t=topics: t["joint_states"] and t["wrench"], "the first state")
     found = []
     for _, _, goals in runs:
         goals.publish(goal)

@@ -1,7 +1,7 @@
 """The node ``dynamic_control`` as its users run it: what it has of its own.
 
 What it has in common with the other control nodes is in ``test_nodes.py``.  Its arm is moved
-by the test, as its dynamics say, or by ``pybullet_bridge`` in torque control.
+by the test, as its dynamics say.
 """
 
 import math
@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from in_process import World
 from ros_processes import (
     FRAMES,
@@ -19,21 +18,20 @@ from ros_processes import (
     UR5,
     Array,
     Controlled,
+    FeelingArm,
     TorqueArm,
     assert_holds,
+    efforts_of,
     pose,
     reference,
     values,
 )
 from samples import by_angles, rodrigues
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tolerances import LAW_IN_A_NODE
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Circle
@@ -60,14 +58,6 @@ def node(shared: Controlled) -> Iterator[Controlled]:
     shared.arm.start_anew()
     yield shared
     shared.restore()
-
-
-def efforts_of(commands: list[JointState]) -> Array:
-    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
-    efforts = np.array([command.effort for command in commands])
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= MODEL.limits.effort).all()
-    return efforts
 
 
 def steps_of(efforts: Array) -> Array:
@@ -173,36 +163,16 @@ def test_the_command_can_be_an_array_of_efforts(world: World) -> None:
     arm = TorqueArm(world, UR5, command=Float64MultiArray)
     world.start("dynamic_control", {**FRAMES, "command_type": "forward", "use_sim_time": True})
 
-    def answered() -> bool:
-        arm.send(arm.message())
-        return bool(arm.commands)
-
-    world.until(answered, "a command")
+    world.until(lambda: (arm.send(arm.message()), arm.commands)[1], "a command")
     gravity = MODEL.dynamic_state(HOME, np.zeros(6)).g
     assert arm.commands[0].data.tolist() == pytest.approx(gravity.tolist(), rel=1e-9)
 
 
-# --- with the simulated robot ----------------------------------------------------------------
-
-LOCKSTEP = {"mode": "lockstep", "control": "torque"}
-SIMULATED = {**FRAMES, "use_sim_time": True, "require_reference": True}
-
-
-def until_heard(world: World, node: str) -> None:
-    """Wait until no command of a node can be missed.
-
-    It is active, so it publishes; and it has answered, so it has discovered what the peer
-    subscribed to before.
-    """
-    world.until(lambda: world.peer.lifecycle_state(node) == "active", f"{node} active")
-
-
-def stamp(msg: JointState) -> int:
-    return ns_from_ros(msg.header.stamp)
+# --- changes while running -------------------------------------------------------------------
 
 
 def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(world: World) -> None:
-    peer, rate = world.peer, 500.0
+    rate = 500.0
     changes: list[dict[str, Any]] = [
         {"orientation": "euler_angles"},
         {"euler_sequence": "ZYX"},
@@ -213,42 +183,25 @@ def test_changes_of_the_law_and_its_limits_while_the_arm_moves_make_no_jump(worl
         {"velocity_scale": 0.8, "max_effort_rate": 400.0, "max_error_position": 0.08},
         {"orientation": "euler_parameters"},
     ]
-    efforts = peer.listen(JointState, "joint_effort")
-    states = peer.listen(JointState, "joint_states")
-    references = peer.publisher(MultiDOFJointTrajectory, "reference")
-    tool = {"tool_mass": 1.0, "tool_com": [0.0, 0.05, 0.1]}  # unknown: there are errors
-    bridge = world.start("pybullet_bridge", {**LOCKSTEP, **tool, "duration": 1.5})
-    parameters = {**SIMULATED, "max_effort_rate": rate}
-    node = world.start("dynamic_control", parameters)
-    world.until(lambda: references.get_subscription_count() and states, "the nodes")
-    until_heard(world, "dynamic_control")
+    node = Controlled(world, "dynamic_control", FRAMES | {"max_effort_rate": rate}, arm=FeelingArm)
+    arm = node.arm
     motion = Circle(0.05, np.array([1.0, 0.0, 0.0]), 2.0, tilt=0.3, ramp=0.5).trajectory(
         *pose(HOME)
     )
-    msg, start = motion_to_ros(motion, *FRAMES.values()), 100_000_000
-    msg.header.stamp = Time(nanosec=start)
-    due = iter(250_000_000 + 120_000_000 * i for i in range(len(changes)))
-    next_due = [next(due)]
-
-    def change(state: JointState) -> None:
-        if changes and stamp(state) > next_due[0]:
-            assert peer.set_parameters("dynamic_control", **changes.pop(0)) == []
-            next_due[0] = next(due, 0)
-
-    peer.node.create_subscription(JointState, "joint_states", change, 100)
-    references.publish(msg)
-    world.until(lambda: efforts and stamp(efforts[-1]) == 1_500_000_000, "the end")
-    assert changes == []
-    assert bridge.end() == 0
-    efforts = efforts[sum(stamp(msg) == 0 for msg in efforts) - 1 :]  # it was repeated until then
-    assert [stamp(msg) for msg in efforts] == list(range(0, 1_500_000_001, 1_000_000))
-    steps = steps_of(efforts_of(efforts))
-    assert steps.max() <= rate * DT + EFFORT_ROUNDING
-    status = peer.status("dynamic_control", lambda s: "saturated ticks" in values(s))
+    msg, start = motion_to_ros(motion, *FRAMES.values()), arm.t
+    msg.header.stamp = arm.message().header.stamp
+    node.references.publish(msg)
+    arm.carry(1.0, np.array([0.0, 0.05, 0.1]))  # it is unknown: there are errors
+    commands = []
+    for change in ({}, *changes):
+        node.change(**change)
+        for _ in range(150):
+            commands.append(arm.tick())
+            desired = motion.sample((arm.t - start) / 1e9)
+            p, R = pose(arm.q)
+            assert np.linalg.norm(p - desired.p_d) < TOOL_POSITION
+            assert angle_between(R, desired.R_d) < TOOL_ROTATION
+    assert steps_of(efforts_of(commands)).max() <= rate * DT + EFFORT_ROUNDING
+    status = node.status(lambda s: "saturated ticks" in values(s))
     assert values(status)["saturated ticks"] == "0"  # and it is not the limit that prevents it
-    for msg in states:
-        desired = motion.sample((stamp(msg) - start) / 1e9)
-        p, R = pose(msg.position[:6])
-        assert np.linalg.norm(p - desired.p_d) < TOOL_POSITION
-        assert angle_between(R, desired.R_d) < TOOL_ROTATION
-    assert node.stop() == 0
+    assert node.process.stop() == 0

@@ -1,6 +1,6 @@
 """The node ``impedance_control`` as its users run it: what it has of its own.
 
-Its arm is moved by the test, as its dynamics and what touches it say, or by ``pybullet_bridge``.
+Its arm is moved by the test, as its dynamics and what touches it say.
 What a wrench, a contact and a lost sensor do, is seen in the messages.  With ``use_sim_time``
 the age of a wrench goes by the stamps, so that nothing depends on how fast the machine is.
 """
@@ -21,13 +21,13 @@ from in_process import World
 from ros_processes import (
     FRAMES,
     HOME,
-    MODEL,
     ROOT,
     UR5,
     Array,
     Controlled,
     FeelingArm,
     assert_holds,
+    efforts_of,
     pose,
     reference,
     values,
@@ -187,14 +187,6 @@ def assert_at_rest(frames: Sequence[DesiredFrame]) -> None:
         np.testing.assert_allclose(frame.p_d, frames[0].p_d, rtol=0, atol=LAW_IN_A_NODE)
         assert angle_between(frame.R_d, frames[0].R_d) < LAW_IN_A_NODE
         np.testing.assert_allclose(frame[2:4], 0.0, atol=STOPPED)
-
-
-def efforts_of(commands: Sequence[JointState]) -> Array:
-    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
-    efforts = np.array([command.effort for command in commands])
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= MODEL.limits.effort).all()
-    return efforts
 
 
 def largest_step(commands: Sequence[JointState]) -> float:
