@@ -8,7 +8,7 @@ itself.  The columns of J are orthogonal, of norm sqrt(2) and 1: its singular va
 The sensor is 0.2 m before the tip, turned by 90 deg about the rod: its y is the tip's z.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from eulerparams_control.bags import BagWriter
+from eulerparams_control.analysis.metrics import METRICS, measure
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
@@ -126,6 +129,44 @@ def write_run(
                 answered = stamp + _LATENCY_NS
                 bag.write("/joint_effort", _joint_effort(stamp, efforts[index]), answered, answered)
     return folder
+
+
+def rewritten(
+    source: Path,
+    folder: Path,
+    change: Callable[[RawMessage, int], RawMessage | None],
+    parameters: str = "",
+) -> Path:
+    """Write a bag again, each message as ``change`` returns it of its number in its topic.
+
+    None leaves it out.  The bag has no other parameters than those given, in YAML.
+    """
+    bag = Bag(source)
+    with BagWriter(folder) as writer:
+        if parameters:
+            writer.attach("parameters.yaml", parameters)
+        for name, info in bag.topics.items():
+            writer.add_topic(Topic(name, info.type))
+        counts: dict[str, int] = {}
+        for message in bag.read_raw():
+            counts[message.topic] = counts.get(message.topic, -1) + 1
+            changed = change(message, counts[message.topic])
+            if changed is not None:
+                topic, log_time, publish_time, data = changed
+                writer.write(topic, data, log_time, publish_time)
+    return folder
+
+
+def all_numbers(run: Recording) -> dict[str, float]:
+    """Return every metric of a run; those that need options have some."""
+    options: dict[str, dict[str, Any]] = {
+        "period_growth": {"period": 0.01},
+        "growth_rate": {"low": 7.0, "high": 10.0},
+        "posture_cost": {"posture": [0.0, 0.0]},
+        "force_ripple": {"window": 1.0},
+        "escape_rate": {"low": 1.0, "high": 2.0},
+    }
+    return {name: measure(name, run, **options.get(name, {})) for name in METRICS}
 
 
 def _joint_state(stamp: int, q: float, dq: float) -> bytes:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
+from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, rewritten, write_run
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
@@ -25,8 +25,9 @@ from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, q
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.scale import axis, symmetric_axis
 from eulerparams_control.analysis.series import Series
-from eulerparams_control.bags import Bag, BagWriter
+from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
+from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.laws.rotations import exp
@@ -75,7 +76,6 @@ def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
     [
         ("peak_orientation_error", {}, math.degrees(0.4)),
         ("peak_orientation_error", {"of": "measured"}, math.degrees(0.5)),
-        ("peak_orientation_error", {"of": "leading"}, math.degrees(0.4)),
         ("final_orientation_error", {}, math.degrees(0.1)),
         ("final_orientation_error", {"of": "measured"}, math.degrees(0.2)),
         ("peak_position_error", {}, 2e3 * math.sin(0.2)),
@@ -232,14 +232,9 @@ def test_topics_of_another_type_are_not_taken(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("parameters", ["- 1", "/clik: 3", "/clik: {ros__parameters: [1]}"])
 def test_parameters_of_another_form_are_left_out(tmp_path: Path, parameters: str) -> None:
-    source = Bag(write_run(tmp_path / "source", MEASURED))
-    with BagWriter(tmp_path / "run") as bag:
-        bag.attach("parameters.yaml", parameters)
-        for name, info in source.topics.items():
-            bag.add_topic(Topic(name, info.type))
-        for message in source.read_raw():
-            bag.write(message.topic, message.data, message.log_time, message.publish_time)
-    assert load(tmp_path / "run").parameters == {}
+    source = write_run(tmp_path / "source", MEASURED)
+    run = rewritten(source, tmp_path / "run", lambda message, _k: message, parameters)
+    assert load(run).parameters == {}
 
 
 def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
@@ -274,14 +269,13 @@ def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None
 def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
     tmp_path: Path, published: bool, known: int
 ) -> None:
-    source = Bag(write_run(tmp_path / "source", MEASURED, efforts=EFFORTS))
-    with BagWriter(tmp_path / "run") as bag:
-        for name, info in source.topics.items():
-            bag.add_topic(Topic(name, info.type))
-        for topic, log_time, publish_time, data in source.read_raw():
-            late = log_time + (25_000_000 if topic == "/reference" else 0)
-            bag.write(topic, data, late, publish_time if published else 0)
-    error = load(tmp_path / "run").measured.orientation_error
+    def late(message: RawMessage, _k: int) -> RawMessage:
+        log_time = message.log_time + (25_000_000 if message.topic == "/reference" else 0)
+        sent = message.publish_time if published else 0
+        return message._replace(log_time=log_time, publish_time=sent)
+
+    source = write_run(tmp_path / "source", MEASURED, efforts=EFFORTS)
+    error = load(rewritten(source, tmp_path / "run", late)).measured.orientation_error
     assert np.count_nonzero(np.isfinite(error)) == known
 
 
@@ -306,6 +300,7 @@ def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic: Recording) -> No
     expected = 100.0 * 2 * (1 - np.cos(q / 2)) + dq**2 / 2  # eq. (42)
     np.testing.assert_allclose(V.V, expected, rtol=EXACT)
     np.testing.assert_allclose(V.dV, -15.0 * dq**2, rtol=EXACT)  # eq. (43)
+    assert dynamic.why_no_lyapunov == ""
 
 
 @pytest.mark.parametrize(
@@ -378,10 +373,6 @@ def test_without_a_lyapunov_function_the_recording_says_why(
         measure("lyapunov_increase", run)
 
 
-def test_with_a_lyapunov_function_there_is_no_reason_why_not(dynamic: Recording) -> None:
-    assert dynamic.why_no_lyapunov == ""
-
-
 # --- runs beyond all numbers ---------------------------------------------------------
 
 
@@ -393,14 +384,7 @@ def test_every_number_of_a_run_that_diverged_is_computed_without_a_warning(
     q, dq, tau = [0.1, 0.2, size, -size], [0.0, 1.0, size, -size], [1.0, 2.0, size, -size]
     folder = write_run(tmp_path / "run", q, speeds=dq, efforts=tau, parameters=GAINS)
     run = replace(load(folder), diverged=0.03)
-    options = {
-        "period_growth": {"period": 0.01},
-        "growth_rate": {"low": 7.0, "high": 10.0},
-        "posture_cost": {"posture": [0.0, 0.0]},
-        "force_ripple": {"window": 1.0},
-        "escape_rate": {"low": 1.0, "high": 2.0},
-    }
-    found = {name: measure(name, run, **options.get(name, {})) for name in METRICS}
+    found = all_numbers(run)
     assert found["peak_joint_speed"] == found["peak_effort"] == size
     assert 0 < found["peak_orientation_error"] <= 180
     assert found["lyapunov_increase"] > 1e30
@@ -434,10 +418,8 @@ def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers() 
         (1.9138, "1.91"),
         (41.08, "41.1"),
         (175.6, "176"),
-        (0.00775, "0.00775"),
         (1.44e-4, "1.44e-4"),
         (4.652e8, "4.65e8"),
-        (-2e-13, "-2.00e-13"),
         (3e120, "3.00e120"),
         (math.nan, "nan"),
         (math.inf, "inf"),

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from synthetic_runs import URDF, write_run
+from synthetic_runs import URDF, rewritten, write_run
 from test_loading import _two_arms
 
 from eulerparams_control import analysis
@@ -19,8 +19,6 @@ from eulerparams_control.analysis import Digest
 from eulerparams_control.analysis.export import Export, file_name
 from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.main import main
-from eulerparams_control.bags import Bag, BagWriter
-from eulerparams_control.bags.format import Topic
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -85,16 +83,9 @@ def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path
 
 def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) -> None:
     """The first 100 samples have no wrench."""
-    late = tmp_path / "late"
-    with BagWriter(late) as writer:
-        source = Bag(bag)
-        for name, info in source.topics.items():
-            writer.add_topic(Topic(name, info.type))
-        count = 0
-        for topic, log_time, publish_time, data in source.read_raw():
-            count += topic == "/joint_states"
-            if topic != "/wrench" or count > 100:
-                writer.write(topic, data, log_time, publish_time)
+    late = rewritten(
+        bag, tmp_path / "late", lambda m, k: None if m.topic == "/wrench" and k <= 100 else m
+    )
     with closing(Export(tmp_path / "late.parquet")) as export:
         for part in blocks(late, size=60):
             export.add(part)

@@ -6,10 +6,8 @@ from typing import Any
 
 import pytest
 import synthetic_runs
-from synthetic_runs import write_run
+from synthetic_runs import rewritten, write_run
 
-from eulerparams_control.bags import Bag, BagWriter
-from eulerparams_control.bags.format import Topic
 from eulerparams_control.lab.experiments.runner import IncompleteBagError, _check_complete
 
 RATE, COUNT = 100.0, 30
@@ -23,14 +21,9 @@ def write_without(folder: Path, topic: str, lost: int) -> Path:
     q = [0.0] * COUNT
     whole = write_run(folder / "whole", q, q, wrenches=[[0.0] * 6] * COUNT)
     left = COUNT - lost
-    with BagWriter(folder / "run") as bag:
-        for name, info in Bag(whole).topics.items():
-            bag.add_topic(Topic(name, info.type))
-        for m in Bag(whole).read_raw():
-            left -= m.topic == topic
-            if m.topic != topic or left >= 0:
-                bag.write(m.topic, m.data, m.log_time, m.publish_time)
-    return folder / "run"
+    return rewritten(
+        whole, folder / "run", lambda m, k: None if m.topic == topic and k >= left else m
+    )
 
 
 def test_a_whole_run_counts_up_to_its_end(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,6 @@ from test_simulator import (
 from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
 from sim_bridge.environment import Thing, read_environment
 from sim_bridge.environment.push import Push
-from sim_bridge.environment.solids import Box
 from sim_bridge.environment.springs import Spring, TorsionSpring
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
@@ -245,15 +245,6 @@ def test_a_thing_that_is_impossible_is_refused_with_what_was_expected(
         read_environment({"odd": keys})
     with pytest.raises(ConfigurationError, match=pattern):
         SimulatorParameters(environment={"odd": keys})
-
-
-def test_things_and_their_keys_make_the_same_simulator_parameters() -> None:
-    box = {"shape": "box", "size": [1, 1, 1], "position": [0, 0, 0]}
-    shape = {"tool_shape": "sphere", "tool_size": 0.02}
-    things = {"a": Box(size=(1, 1, 1), position=(0, 0, 0))}
-    assert SimulatorParameters(environment={"a": box}, **shape) == SimulatorParameters(
-        environment=things, **shape
-    )
 
 
 # --- springs and pushes --------------------------------------------------------------
@@ -901,19 +892,18 @@ def busy() -> Simulator:
     )  # fmt: skip
 
 
-def test_a_reset_repeats_the_bits_of_a_run_with_contact() -> None:
-    sim = busy()
-    first = contact_run(sim)
-    sim.reset()
-    assert contact_run(sim) == first
-    sim.close()
+def rolling() -> Simulator:
+    """Return a robot whose cylinder, whose points PyBullet remembers, touches a plane."""
+    plane = {
+        "shape": "plane", "position": [0, 0, lowest("ur5", "cylinder") + 1e-3], "stiffness": 2e4,
+    }  # fmt: skip
+    tool = upright_tool("ur5", "cylinder")
+    return simulated(control="torque", environment={"plane": plane}, **tool)
 
 
-def test_a_reset_forgets_the_points_that_touched_before() -> None:
-    top = lowest("ur5", "cylinder") + 1e-3
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4}
-    tool = upright_tool("ur5", "cylinder")  # whose points PyBullet remembers
-    sim = simulated(control="torque", environment={"plane": plane}, **tool)
+@pytest.mark.parametrize("made", [busy, rolling])
+def test_a_reset_repeats_the_bits_of_a_run_with_contact(made: Callable[[], Simulator]) -> None:
+    sim = made()
     first = contact_run(sim)
     sim.reset()
     assert contact_run(sim) == first

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_runs import write_run
+from synthetic_runs import all_numbers, write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, STEP
 
 from eulerparams_control.analysis.compliant import (
@@ -25,7 +25,7 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.main import main
-from eulerparams_control.analysis.metrics import METRICS, measure
+from eulerparams_control.analysis.metrics import measure
 from eulerparams_control.analysis.metrics.contact import desired_rotations
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
@@ -156,10 +156,8 @@ WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), st
         ("final_force", {}, math.hypot(2, 4.5)),
         ("final_force", {"window": 0.01}, 4.25),  # of the mean, not the mean of the lengths
         ("final_force", {"axis": [0, -3, 0]}, 2.0),
-        ("final_force", {"axis": [0, 0, 1], "window": 0.02}, 4.5),
         ("final_force", {"before": 0.025}, 5.0),
         ("peak_force", {}, 5.0),
-        ("peak_force", {"axis": [0, 0, 1]}, 5.0),
         ("peak_force", {"axis": [0, 0, -1]}, 5.0),  # without its sign
         ("peak_force", {"axis": [0, 1, 1]}, 6 / math.sqrt(2)),
         ("peak_force", {"after": 0.03, "before": 0.03}, math.hypot(2, 4)),
@@ -169,7 +167,6 @@ WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), st
         ("final_moment", {}, 7.0),
         ("final_moment", {"window": 0.02}, 16 / 3),
         ("peak_moment", {}, 9.0),
-        ("peak_moment", {"axis": [0, 0, 1]}, 9.0),
         ("peak_moment", {"after": 0.015, "axis": [0, 0, 2]}, 7.0),
         ("force_ripple", {"window": 0.01}, 4.0),
         ("force_ripple", {"window": 0.01, "axis": [0, 0, 1]}, 0.5),
@@ -276,7 +273,6 @@ def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves() -> None:
     ("name", "options", "expected"),
     [
         ("final_turn", {}, math.degrees(math.hypot(0.1, 0.2))),
-        ("final_turn", {"axis": [0, 1, 0]}, math.degrees(0.2)),
         ("final_turn", {"axis": [0, 1, 0], "window": 0.01}, math.degrees(-0.1)),
         ("final_turn", {"before": 0.01}, math.degrees(0.4)),
         ("peak_turn", {}, math.degrees(0.4)),
@@ -613,14 +609,7 @@ def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path: Pat
     )
     run = replace(run, diverged=0.01)
     assert {*CONTACT_PLOTS, *CONTACT_GRIDS} < set(titles(run, tmp_path))
-    options = {
-        "period_growth": {"period": 0.01},
-        "growth_rate": {"low": 7.0, "high": 10.0},
-        "posture_cost": {"posture": [0.0, 0.0]},
-        "force_ripple": {"window": 1.0},
-        "escape_rate": {"low": 1.0, "high": 2.0},
-    }
-    found = {name: measure(name, run, **options.get(name, {})) for name in METRICS}
+    found = all_numbers(run)
     for name in ("peak_displacement", "peak_force", "peak_moment", "force_residual"):
         assert found[name] > 1e200
 
@@ -681,7 +670,6 @@ def test_the_centre_of_compliance_can_be_in_another_link(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("told", "weight"),
     [
-        ({"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}, 20.0),
         ({"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0.0, 0.0]}, 5.0),
         ({"tool_mass": 2.0, "compensate_tool_weight": False}, 0.0),
     ],

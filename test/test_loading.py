@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from synthetic_runs import _START as START
-from synthetic_runs import DISTANCE, PERIOD_NS, URDF, write_run
+from synthetic_runs import DISTANCE, PERIOD_NS, URDF, rewritten, write_run
 
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
@@ -233,30 +233,12 @@ def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path: Path) ->
 # --- what is wrong with a bag is said -----------------------------------------------------
 
 
-def _rewritten(source: Path, folder: Path, change: Any) -> Path:
-    """Write a bag again, each message as ``change`` returns it; None leaves it out."""
-    bag = Bag(source)
-    with BagWriter(folder) as writer:
-        for name, info in bag.topics.items():
-            writer.add_topic(Topic(name, info.type))
-        counts: dict[str, int] = {}
-        for message in bag.read_raw():
-            counts[message.topic] = counts.get(message.topic, -1) + 1
-            changed = change(message, counts[message.topic])
-            if changed is not None:
-                topic, log_time, publish_time, data = changed
-                writer.write(topic, data, log_time, publish_time)
-    return folder
-
-
-def _shifted(message: RawMessage, dt: int) -> tuple[str, int, int, bytes]:
+def _shifted(message: RawMessage, dt: int) -> RawMessage:
     """Return a message with a header, its stamp moved by dt [ns]."""
     sec, nanosec = struct.unpack_from("<iI", message.data, 4)
     stamp = max(0, sec * 10**9 + nanosec + dt)
     head = struct.pack("<iI", *divmod(stamp, 10**9))
-    return message.topic, message.log_time, message.publish_time, (
-        message.data[:4] + head + message.data[12:]
-    )
+    return message._replace(data=message.data[:4] + head + message.data[12:])
 
 
 @pytest.mark.parametrize("size", [0, 30])
@@ -266,11 +248,11 @@ def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(
     """A simulator that restarts after 1 s sends the same stamps again."""
     source = write_run(tmp_path / "source", [0.1] * 100 + [1.0] * 100)
 
-    def restart(message: RawMessage, k: int) -> tuple[str, int, int, bytes]:
+    def restart(message: RawMessage, k: int) -> RawMessage:
         late = message.topic == "/joint_states" and k >= 100
-        return _shifted(message, -1_000_000_000) if late else message_of(message)
+        return _shifted(message, -1_000_000_000) if late else message
 
-    run = _rewritten(source, tmp_path / "run", restart)
+    run = rewritten(source, tmp_path / "run", restart)
     parts = list(blocks(run, size=size))
     assert sum(len(part.measured.t) - 1 for part in parts) + 1 == 100
     assert max(part.leading.orientation_error.max() for part in parts) == pytest.approx(0.1)
@@ -279,15 +261,11 @@ def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(
     )
 
 
-def message_of(message: RawMessage) -> tuple[str, int, int, bytes]:
-    return message.topic, message.log_time, message.publish_time, message.data
-
-
 def test_samples_without_stamps_are_counted(tmp_path: Path) -> None:
     source = write_run(tmp_path / "source", [0.01 * k for k in range(50)])
     never = -1_800_000_000_000_000_000
-    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
-        _shifted(message, never) if message.topic == "/joint_states" else message_of(message)
+    run = rewritten(source, tmp_path / "run", lambda message, _k: (
+        _shifted(message, never) if message.topic == "/joint_states" else message
     ))  # fmt: skip
     assert "49 messages of joint_states have the stamp of another" in load(run).warning
 
@@ -306,8 +284,8 @@ def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
 def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path: Path) -> None:
     q = [0.0] * 100 + [0.02 * k for k in range(100)]
     source = write_run(tmp_path / "source", q, [0.0] * 200)
-    run = load(_rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/joint_reference" and k >= 100 else message_of(message)
+    run = load(rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/joint_reference" and k >= 100 else message
     )))  # fmt: skip
     assert run.measured.orientation_error[-1] == pytest.approx(q[-1])
     assert run.command is not None
@@ -377,8 +355,8 @@ def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
     source = write_run(tmp_path / "source", [0.1] * 30, began=0)
     values = [KeyValue(key=BEGAN, value=text)]
     data = bytes(serialize_message(DiagnosticArray(status=[DiagnosticStatus(values=values)])))
-    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
-        (*message_of(message)[:3], data) if message.topic == "/diagnostics" else message_of(message)
+    run = rewritten(source, tmp_path / "run", lambda message, _k: (
+        message._replace(data=data) if message.topic == "/diagnostics" else message
     ))  # fmt: skip
     assert len(load(run).measured.t) == 30
 
@@ -386,9 +364,9 @@ def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
 def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
     source = write_run(tmp_path / "source", [0.1] * 30, began=0)
-    run = _rewritten(source, tmp_path / "run", lambda message, _k: (
-        (*message_of(message)[:3], message.data[:20]) if message.topic == topic
-        else message_of(message)
+    run = rewritten(source, tmp_path / "run", lambda message, _k: (
+        message._replace(data=message.data[:20]) if message.topic == topic
+        else message
     ))  # fmt: skip
     found = load(run, tip_frame="tip")
     assert f"1 messages of {topic[1:]} are not valid" in found.warning
@@ -422,8 +400,8 @@ def test_an_impossible_timeout_of_the_parameters_is_the_default(
 def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
     """One joint_states a second, and 200 wrenches between two."""
     source = write_run(tmp_path / "source", [0.1] * 4000, wrenches=[[1.0, 0, 0, 0, 0, 0]] * 4000)
-    run = _rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/joint_states" and k % 200 else message_of(message)
+    run = rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/joint_states" and k % 200 else message
     ))  # fmt: skip
     parts = list(blocks(run, size=50))
     assert len(parts) > 4
@@ -433,8 +411,8 @@ def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
 def test_before_the_first_wrench_there_is_none(tmp_path: Path) -> None:
     wrenches = [[50.0, 0, 0, 0, 0, 0]] * 30
     source = write_run(tmp_path / "source", [0.1] * 30, wrenches=wrenches)
-    run = load(_rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/wrench" and k < 10 else message_of(message)
+    run = load(rewritten(source, tmp_path / "run", lambda message, k: (
+        None if message.topic == "/wrench" and k < 10 else message
     )))  # fmt: skip
     assert run.wrench is not None
     f, _ = run.wrench.at(run.measured.t)

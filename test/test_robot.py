@@ -414,30 +414,24 @@ def test_a_base_that_is_not_the_root_moves_and_turns_pose_and_jacobian():
             np.testing.assert_allclose(of_a, R_mount @ of_b, rtol=0, atol=KINEMATICS)
 
 
-def test_joints_below_the_base_do_not_count():
-    robot = Robot(ARM, "column", "hand")
-    assert robot.joints == ("lift", "bend")
-    p, R = arm_pose(0.0, 0.3, -0.4)
-    state = robot.state(np.array([0.3, -0.4]), np.zeros(2))
-    np.testing.assert_allclose(state.p_e, p - [0, 0, 0.2], rtol=0, atol=KINEMATICS)
-    np.testing.assert_allclose(state.R_e, R, rtol=0, atol=KINEMATICS)
-
-
-def test_joints_given_in_another_order_are_taken_from_base_to_tip():
-    robot = Robot(ARM, "base", "hand", ("bend", "turn", "lift"))
-    assert robot.joints == ("turn", "lift", "bend")
-    p, _ = arm_pose(0.5, 0.1, -0.7)
-    state = robot.state(np.array([0.5, 0.1, -0.7]), np.zeros(3))
-    np.testing.assert_allclose(state.p_e, p, rtol=0, atol=KINEMATICS)
-
-
-def test_a_joint_that_is_not_named_is_held_still():
-    robot = Robot(ARM, "base", "hand", ("bend", "turn"))
-    assert robot.joints == ("turn", "bend")
-    assert robot.n == 2
-    p, R = arm_pose(turn=0.5, bend=-0.7)
-    state = robot.state(np.array([0.5, -0.7]), np.zeros(2))
-    np.testing.assert_allclose(state.p_e, p, rtol=0, atol=KINEMATICS)
+@pytest.mark.parametrize(
+    ("base", "given", "active"),
+    [
+        ("base", (), {"turn": 0.5, "lift": 0.1, "bend": -0.7}),
+        ("base", ("bend", "turn", "lift"), {"turn": 0.5, "lift": 0.1, "bend": -0.7}),
+        ("base", ("bend", "turn"), {"turn": 0.5, "bend": -0.7}),
+        ("column", (), {"lift": 0.3, "bend": -0.4}),
+    ],
+    ids=["all", "another order", "one is held still", "one is below the base"],
+)
+def test_joints_are_those_that_are_named_from_base_to_tip(base, given, active):
+    robot = Robot(ARM, base, "hand", given)
+    assert robot.joints == tuple(active)
+    assert robot.n == len(active)
+    p, R = arm_pose(**active)
+    state = robot.state(np.array(list(active.values())), np.zeros(robot.n))
+    origin = [0, 0, 0.2] if base == "column" else [0, 0, 0]
+    np.testing.assert_allclose(state.p_e, p - origin, rtol=0, atol=KINEMATICS)
     np.testing.assert_allclose(state.R_e, R, rtol=0, atol=KINEMATICS)
 
 
