@@ -107,6 +107,11 @@ def frames(data: bytes) -> Iterator[tuple[int, int, int]]:
         at += 9 + length
 
 
+def chunks_of(path: Path) -> list[Chunk]:
+    with open(path, "rb") as file:
+        return [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+
+
 # --- what is written -----------------------------------------------------------------
 
 
@@ -238,8 +243,7 @@ def test_chunks_hold_64_kib(tmp_path: Path) -> None:
         bag.add_topic(STATES)
         for number in range(3000):
             bag.write(STATES.name, joint_state(number), START, START)
-    with open(mcap_of(tmp_path / "big"), "rb") as file:
-        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    chunks = chunks_of(mcap_of(tmp_path / "big"))
     assert len(chunks) > 4
     assert max(len(chunk.data) for chunk in chunks) < 64 * 1024 + 1000
 
@@ -518,9 +522,7 @@ def test_recovery_keeps_the_compression(tmp_path: Path) -> None:
             writer.add_message(channel, START, bytes(100), START)
         writer.flush()
     assert recover(tmp_path).messages == 1000
-    with open(path, "rb") as file:
-        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
-    assert {chunk.compression for chunk in chunks} == {"zstd"}
+    assert {chunk.compression for chunk in chunks_of(path)} == {"zstd"}
 
 
 def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(

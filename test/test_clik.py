@@ -228,8 +228,9 @@ def test_hold_commands_the_position_commanded_last_without_velocity():
 def test_after_a_reset_the_error_is_zero_at_the_start_frame(orientation):
     scheme = clik(orientation)
     run(scheme, lambda _: displaced(), 50)
-    q = HOME + 0.1
-    scheme.reset(q)
+    q, given = np.tile(HOME + 0.1, (2, 1))
+    scheme.reset(given)
+    given += 1  # it is not kept
     tick = scheme.tick(0.0, q, STILL, scheme.start_frame())
     np.testing.assert_array_equal(tick.command.q, q)
     np.testing.assert_array_equal(tick.dp_de, np.zeros(3))

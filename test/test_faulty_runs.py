@@ -72,7 +72,6 @@ def faulty(**changes: Any) -> dict[str, Any]:
     ("content", "words"),
     [
         (changed(faults=DROP), "the experiment: faults: expected a list"),
-        (changed(faults="drop"), "the experiment: faults: expected a list"),
         (changed(variants={"a": {"faults": {}}}), "variant a: faults: expected a list"),
         (faulty(fault="dorp"), "faults: entry 2: unknown fault 'dorp' (did you mean 'drop'?)"),
         (faulty(topic="wrench"), "entry 2: unknown topic with clik 'wrench'; known: joint_ref"),

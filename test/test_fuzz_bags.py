@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import lz4.frame
+import numpy as np
 import pytest
 import yaml
 import zstandard
@@ -443,7 +444,7 @@ Build = Callable[[Callable[[str, bytes], bytes]], bytes]
 @pytest.fixture(scope="module")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     """Makes the MCAP file of a run without checksums, each of its messages changed."""
-    frames = [DesiredFrame(*_pose()) for _ in range(15)]
+    frames = [DesiredFrame(np.array([1.0, 0.0, 0.0]), np.eye(3))] * 15
     q = [0.01 * i for i in range(15)]
     folder = write_run(
         tmp_path_factory.mktemp("run") / "run",
@@ -473,12 +474,6 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
         return stream.getvalue()
 
     return make
-
-
-def _pose() -> tuple[Any, Any]:
-    import numpy as np
-
-    return np.array([1.0, 0.0, 0.0]), np.eye(3)
 
 
 def analysed(data: bytes, folder: Path) -> int:

@@ -224,6 +224,18 @@ def test_all_representations_meet_the_same_errors_and_noise() -> None:
     assert not np.array_equal(table["final_deg"], other["final_deg"])
 
 
+class Counting:
+    """An engine that keeps which batches it simulated."""
+
+    def __init__(self) -> None:
+        self.simulated: list[int] = []
+
+    def __call__(self, kind: MapKind, batches: Batches) -> Iterator[object]:
+        self.simulated.extend(batches)
+        for number, cells in batches.items():
+            yield number, run_batch(kind, cells)
+
+
 def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
     definition = replace(load_map("failure"), kind=SMALL)
 
@@ -232,37 +244,30 @@ def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
             yield number, run_batch(kind, batches[number])
         raise KeyboardInterrupt
 
-    def counting(kind: MapKind, batches: Batches) -> Iterator[object]:
-        simulated.extend(batches)
-        for number, cells in batches.items():
-            yield number, run_batch(kind, cells)
-
-    simulated: list[int] = []
+    counting = Counting()
     shown: list[tuple[int, int]] = []
     with pytest.raises(KeyboardInterrupt):
         sweep(definition, tmp_path / "a", interrupted, lambda *_: None)
     resumed = sweep(definition, tmp_path / "a", counting, lambda *s: shown.append(s))
-    assert simulated == [0, 1]
+    assert counting.simulated == [0, 1]
     assert shown == [(6, 12), (9, 12), (12, 12)]
     at_once = sweep(definition, tmp_path / "b", counting, lambda *_: None)
     assert all(np.array_equal(resumed[name], at_once[name]) for name in at_once)
     stored = pq.read_table(tmp_path / "a" / "map.parquet").to_pydict()
     assert stored["speed_ratio"] == list(resumed["speed_ratio"])
     other = replace(definition, kind=replace(SMALL, seed=9))
-    simulated.clear()
-    sweep(other, tmp_path / "a", counting, lambda *_: None)
-    assert simulated == [0, 1, 2, 3]  # other options: nothing of it was finished
-
-
-def _fails(kind: MapKind, batches: Batches) -> Iterator[object]:
-    raise AssertionError(f"simulated again: {sorted(batches)}")
+    again = Counting()
+    sweep(other, tmp_path / "a", again, lambda *_: None)
+    assert again.simulated == [0, 1, 2, 3]  # other options: nothing of it was finished
 
 
 @pytest.mark.parametrize("damage", ["empty", "truncated", "garbage", "flipped", "other", "rows"])
 def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, damage: str) -> None:
     definition = replace(load_map("failure"), kind=SMALL)
-    expected = sweep(definition, tmp_path, engine_here, lambda *_: None)
-    sweep(definition, tmp_path, _fails, lambda *_: None)  # all is finished
+    expected = sweep(definition, tmp_path, Counting(), lambda *_: None)
+    counting = Counting()
+    sweep(definition, tmp_path, counting, lambda *_: None)
+    assert counting.simulated == []  # all is finished
     (folder,) = (tmp_path / "parts").iterdir()
     part, other = folder / "000001.parquet", folder / "000002.parquet"
     whole = part.read_bytes()
@@ -284,20 +289,9 @@ def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, da
         )
     for stray in ("x.parquet", "-1.parquet", "000099.parquet"):
         (folder / stray).write_bytes(b"stray")
-    simulated: list[int] = []
-
-    def counting(kind: MapKind, batches: Batches) -> Iterator[object]:
-        simulated.extend(batches)
-        yield from engine_here(kind, batches)
-
     again = sweep(definition, tmp_path, counting, lambda *_: None)
-    assert simulated == [1]
+    assert counting.simulated == [1]
     assert all(np.array_equal(again[name], expected[name]) for name in expected)
-
-
-def engine_here(kind: MapKind, batches: Batches) -> Iterator[object]:
-    for number, cells in batches.items():
-        yield number, run_batch(kind, cells)
 
 
 @pytest.mark.parametrize(
