@@ -261,21 +261,15 @@ class Peer:
     def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
         return self.node.create_publisher(kind, topic, _qos(100, latched))
 
-    def listen(
-        self, kind: Any, topic: str, *, latched: bool = False, info: bool = False
-    ) -> list[Any]:
-        """Return a list to which each message is appended, with its info if asked for."""
+    def listen(self, kind: Any, topic: str, *, latched: bool = False) -> list[Any]:
+        """Return a list to which each message is appended."""
         messages: list[Any] = []
 
         def keep(msg: Any) -> None:
             self.received += 1
             messages.append(msg)
 
-        def keep_with_info(msg: Any, received: Any) -> None:
-            keep((msg, received))
-
-        callback = keep_with_info if info else keep
-        self.node.create_subscription(kind, topic, callback, _qos(5000, latched))
+        self.node.create_subscription(kind, topic, keep, _qos(5000, latched))
         return messages
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
@@ -378,12 +372,6 @@ class SpunPeer(Peer):
             before = self.received
             self._executor.spin_once(timeout_sec=0)
             in_vain = in_vain + 1 if self.received == before else 0
-
-    def another_node(self, name: str) -> Any:
-        """Return one more node of the test."""
-        import rclpy
-
-        return rclpy.create_node(name, context=self._context)
 
 
 def _qos(depth: int, latched: bool) -> Any:
@@ -567,10 +555,11 @@ class Arm:
             self.send(self.message())
 
     def connect(self) -> None:
-        """Repeat the state until a controller answers it."""
+        """Send the state, 20 ms apart, until a controller answers it."""
 
         def answered() -> bool:
             if not self.commands:
+                self.t += 20_000_000
                 self.send(self.message())
             return bool(self.commands)
 

@@ -275,7 +275,6 @@ def test_two_publishers_on_reference_are_refused_and_both_named(node: Controlled
         publisher = rival.create_publisher(MultiDOFJointTrajectory, "reference", 10)
         p, R = pose(HOME)
         moved = DesiredFrame(p + [0.0, 0.0, 0.01], R)
-
         before = node.peer.counter(node.name, "reference rejected")
         node.references.publish(reference(moved))
         assert words in node.process.log
@@ -311,7 +310,7 @@ def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
         msg.header.stamp = Time(sec=arm.t // 10**9, nanosec=arm.t % 10**9)
         arm.send(msg)
     words = "joint_states has a non-finite position: {'shoulder_pan_joint': -0.21662, 'should"
-    node.graph.until_said(node.process, words)
+    assert words in node.process.log
     arm.t += 1_000_000
     good = arm.message()
     arm.send(good)
@@ -917,7 +916,7 @@ def test_a_target_pose_becomes_a_motion_and_one_in_another_frame_is_refused(worl
         (nan, "the pose has a non-finite position"),
     ):
         targets.publish(msg)
-        world.until_said(process, words)
+        assert words in process.log
     assert peer.counter("reference", "target_pose rejected", before + 3) == before + 3
 
 
@@ -1010,30 +1009,24 @@ def test_the_robot_publishes_its_state_wrench_clock_and_description(
     shared_world: World, bridge: Running
 ) -> None:
     peer = shared_world.peer
-    states = peer.listen(JointState, "/robot/joint_states", info=True)
-    wrenches = peer.listen(WrenchStamped, "/robot/wrench", info=True)
+    heard: list[Any] = []  # in the order in which it was published
+    for kind, topic in ((JointState, "joint_states"), (WrenchStamped, "wrench")):
+        peer.node.create_subscription(kind, f"/robot/{topic}", heard.append, 100)
     clocks = peer.listen(Clock, "/clock")
     descriptions = peer.listen(String, "/robot/robot_description", latched=True)
-    shared_world.until(
-        lambda: len(states) > 20 and len(wrenches) > 20 and clocks and descriptions, "20 of each"
-    )
+    shared_world.until(lambda: len(heard) > 40 and clocks and descriptions, "20 of each")
     assert descriptions[0].data == UR5.urdf
-    state = states[-1][0]
+    wrenches, states = heard[0::2], heard[1::2]
+    assert {type(msg) for msg in wrenches} == {WrenchStamped}
+    state = states[-1]
     assert set(UR5.joints) <= set(state.name)
     assert len(state.name) == len(state.position) == len(state.velocity) == len(state.effort)
     np.testing.assert_allclose(state.position[:6], HOME, atol=SIMULATED_POSE)
-    stamps = [ns_from_ros(msg.header.stamp) for msg, _ in states]
+    stamps = [ns_from_ros(msg.header.stamp) for msg in states]
     assert set(np.diff(stamps)) == {10_000_000}
     assert {ns_from_ros(clock.clock) % 10_000_000 for clock in clocks} == {0}
-    assert {msg.header.frame_id for msg, _ in wrenches} == {"tool0"}
-    sent = {ns_from_ros(msg.header.stamp): info["source_timestamp"] for msg, info in wrenches}
-    both = [
-        (sent[stamp], info["source_timestamp"])
-        for stamp, (_, info) in zip(stamps, states, strict=True)
-        if stamp in sent
-    ]
-    assert len(both) > 10
-    assert all(wrench <= state for wrench, state in both)
+    assert {msg.header.frame_id for msg in wrenches} == {"tool0"}
+    assert [ns_from_ros(msg.header.stamp) for msg in wrenches] == stamps  # each before its state
 
 
 def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_until_silence(
@@ -1094,9 +1087,8 @@ def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
     assert {ns_from_ros(command.header.stamp) for command in commands} == {0}
     assert not progress()
     states = peer.listen(JointState, "joint_states")
-    world.until(lambda: bridge.exit_code is not None, "the end")
+    assert bridge.end() == 0
     stamps = [round(step * 1e6) for step in range(51)]
-    world.until(lambda: ns_from_ros(states[-1].header.stamp) == stamps[-1], "the last state")
     assert sorted({ns_from_ros(state.header.stamp) for state in states}) == stamps
     assert sorted({ns_from_ros(command.header.stamp) for command in commands}) == stamps
     assert progress() == pytest.approx([0.005 * k for k in range(1, 11)])
@@ -1112,7 +1104,6 @@ def test_a_robot_a_controller_and_a_reference_together_reach_a_target_pose(world
     ]
     states = peer.listen(JointState, "/left/joint_states")
     targets = peer.publisher(PoseStamped, "/left/target_pose")
-    world.until(lambda: targets.get_subscription_count() and states, "the nodes")
     world.until_said(nodes[1], "holding the measured pose")
     p_0, R_0 = pose(HOME)
     p, R = p_0 + [0.0, 0.1, 0.05], rodrigues(0.3, np.array([0.0, 1.0, 0.0])) @ R_0

@@ -42,18 +42,10 @@ from tolerances import SIMULATED_POSE
 from eulerparams_control.bags import Bag
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
-from eulerparams_control.laws.clik import Clik
-from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.motion.frames import DesiredFrame
 
 ALL = ("clik", "dynamic_control", "impedance_control")
-EFFORTS = ALL[1:]
-
-LAWS = {"clik": Clik, "dynamic_control": DynamicControl}
-
-# When the desired frame is faster than this [m/s] a law that raves begins to.
-RAVES = 0.02
 
 MS = 1_000_000  # [ns]
 DT = 0.001  # [s] of a tick
@@ -61,17 +53,8 @@ DT = 0.001  # [s] of a tick
 # The latency that a real-time node of the tests does not mind, however busy the machine is [s].
 ANY_LATENCY = 60.0
 
-# A node in real time that no stall of a busy machine disturbs.
-UNHURRIED = {"use_sim_time": False, "max_latency": ANY_LATENCY, "state_timeout": 5.0}
-
-# Efforts [Nm] that bear the weight: rounding of 100 Nm.
-GRAVITY = 1e-9
-
 # A fault that a busy machine may add to those of a test.
 SILENT = "no valid joint_states within 0.5 s: no commands; is the robot running?"
-
-# Every effort changes by no more than this [Nm/s] by default.
-EFFORT_RATE = 1e4
 
 # An arm that moves is faster than this [rad/s].
 MOVES = 1e-3
@@ -83,10 +66,9 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str],
     with ExitStack() as stack:
 
         @cache
-        def start(executable: str, is_real: bool = False) -> Controlled:
+        def start(executable: str) -> Controlled:
             world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
             own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
-            own |= UNHURRIED if is_real else {}
             return Controlled(world, executable, {**FRAMES, **own, "state_rate": 1000.0})
 
         yield start
