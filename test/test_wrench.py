@@ -148,22 +148,6 @@ def test_the_weight_of_the_tool_is_no_contact_in_any_orientation(gravity):
         assert_is(left_in, weight, 10 * ALGEBRAIC)
 
 
-def test_the_inertia_of_a_moving_tool_is_no_contact_if_it_is_taken_out():
-    cases = zip(truths(), tools(key=1), range(COUNT), strict=True)
-    for (truth, _), tool, key in cases:
-        motion = moving(key)
-        p, R, dp, omega, ddp, domega = motion(0.3)
-        arm = arm_at(R, p, dp, omega)
-        true = truth.contact
-        said = said_of(true + felt_of(tool, motion, 0.3), arm, truth.sensor)
-        moved = truth._replace(arm=arm)
-        options = WrenchOptions(tool=tool, inertial=True)
-        acceleration = np.concatenate((ddp, domega))
-        assert_is(contact(options, said, moved, acceleration), true, MOMENTUM)
-        still = contact(replace(options, inertial=False), said, moved, acceleration)
-        assert np.abs(still - true).max() > DISTINCT  # it matters
-
-
 @pytest.mark.parametrize("inertial", [True, False])
 def test_weight_and_inertia_are_taken_out_each_by_its_own_switch(inertial):
     (tool,), motion = tools(1, key=2), moving(5)
