@@ -247,7 +247,7 @@ def test_a_robot_reports_mode_cause_and_remedy_and_what_became_of_its_commands(
     assert float(found["worst gap between commands [ms]"]) > 1000.0
     assert {"commands per second", "worst command age [ms]"} <= found.keys()
     assert robot.stop() == 0
-    assert modes()[-1] == ("ended", "finished")
+    assert modes()[-1] == ("ended", "silence")  # why it was braked
 
 
 def test_the_node_gives_the_simulator_its_drives() -> None:
