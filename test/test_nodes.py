@@ -652,7 +652,8 @@ def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and
 
 
 def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> None:
-    node = Controlled(graph, "dynamic_control", FRAMES)
+    patient = {"state_timeout": 5.0}  # where the machine is slow
+    node = Controlled(graph, "dynamic_control", FRAMES | patient)
     arm = node.arm
     arm.dq = np.full(6, 0.1)
     arm.tick(arm.q)
