@@ -10,7 +10,7 @@ JOBS ?=
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test test-long bench paper map faults soak two-hosts lint clean
+.PHONY: setup demo test test-long bench bench-motion paper map faults soak two-hosts lint clean
 
 setup: $(READY)
 
@@ -32,6 +32,10 @@ test-long: $(READY)
 bench: $(READY)
 	@$(PYTHON) benchmarks/run.py
 
+# Some minutes: what is commanded when references leap, stall or come with noise.
+bench-motion: $(READY)
+	@$(PYTHON) benchmarks/bench_motion.py $(ARGS)
+
 paper: $(READY)
 	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper $(ARGS)
 
@@ -43,7 +47,7 @@ faults: $(READY)
 
 soak: $(READY)
 	@rm -rf $(OUT)/soak
-	@$(PYTHON) -m eulerparams_control.lab.soak.main --out $(OUT)/soak $(ARGS)
+	@$(PYTHON) -m eulerparams_control.lab.experiments.soak --out $(OUT)/soak $(ARGS)
 
 two-hosts: $(READY)
 	@tools/two_hosts --out $(OUT)/two_hosts $(ARGS)

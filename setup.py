@@ -64,6 +64,7 @@ setup(
         "mcap>=1.6",
         "mcap-ros2-support>=0.5",
         "lz4",
+        "ruckig>=0.12",
         "zstandard",
         "PyYAML",
     ],

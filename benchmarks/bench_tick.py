@@ -7,7 +7,7 @@ from timing import side_by_side
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.wrench import SensedWrench
-from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Circle
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import SchemeInfo, schemes

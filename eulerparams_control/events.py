@@ -29,6 +29,7 @@ class Event(StrEnum):
     SENT = "sent"  # a motion has left
     COMMANDED = "commanded"  # the robot has found its controller
     PROGRESS = "progress"  # ``t`` [s] of the simulation or of the work
+    MODE = "mode"  # a controller has another ``mode``, for a ``cause``
     FAULT = "fault"  # something is wrong; ``text`` says what
     ENDED = "ended"  # it ends; ``exit_code``, and ``text`` if it failed
 

@@ -4,10 +4,12 @@ In ``realtime`` the wall clock drives; in ``lockstep`` the step to t_k+1 is made
 command stamped t_k arrives, so that runs repeat to the bit.
 """
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
@@ -16,6 +18,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import (
@@ -34,8 +37,9 @@ from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STR
 from eulerparams_control.ros.runtime import run
 from sim_bridge.bridge_parameters import LOCKSTEP, BridgeParameters
 from sim_bridge.commands import push_from_ros
-from sim_bridge.drive import Drive, DriveMode, DriveReply, DriveStatus
-from sim_bridge.drive_words import DriveWords
+from sim_bridge.drive import Drive
+from sim_bridge.drive_modes import DriveMode, DriveReply, DriveStatus
+from sim_bridge.drive_words import UNLOCK, DriveWords
 from sim_bridge.environment import Environment, nest, read_environment
 from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.pacing import LockStep, WallClock
@@ -46,6 +50,9 @@ _ENVIRONMENT = "environment."
 
 # Until the first command arrives in lock-step, the first state is repeated at this period [s].
 _REPEAT_PERIOD = 0.05
+
+# In real time the sensor is as restless as real ones [N, Nm]: one that repeats itself is stuck.
+_DITHER = 1e-9
 
 # The last messages are given this long to reach their readers at the end.
 _LINGER = Duration(seconds=1.0)
@@ -105,9 +112,11 @@ class BridgeNode(Node):
 
     def _make_messages(self, names: Sequence[str]) -> None:
         p = self._params
-        self._still = [0.0] * (len(names) - len(self._robot.joints))  # grippers are locked at 0
+        locked = len(names) - len(self._robot.joints)  # grippers, at 0
+        self._still = [0.0] * locked
+        self._still_speed = self._still if p.velocities else [math.nan] * locked
         self._joint_states = JointState(name=list(names))
-        self._wrench = WrenchStamped()
+        self._wrench, self._random = WrenchStamped(), np.random.default_rng(0)
         self._wrench.header.frame_id = self._robot.sensor_frame
         self._clock_message = ClockMessage()
         self._clock_every = max(1, round(p.rate / p.clock_rate))
@@ -128,6 +137,7 @@ class BridgeNode(Node):
             qos_overriding_options=QOS_OVERRIDES,
         )
         self.create_subscription(WrenchStamped, "external_wrench", self._on_external_wrench, QOS)
+        self.create_service(Trigger, UNLOCK, self._on_unlock)
         self._description_publisher.publish(String(data=self._robot.urdf))
 
     # --- what :func:`run` asks for -----------------------------------------------------
@@ -159,12 +169,15 @@ class BridgeNode(Node):
         if state.step % self._clock_every == 0:
             self._clock_message.clock = stamp
             self._clock_publisher.publish(self._clock_message)
-        wrench_to_ros(state.wrench, stamp, self._wrench)
+        w = state.wrench
+        if self._params.mode != LOCKSTEP:
+            w = w + self._random.uniform(-_DITHER, _DITHER, 6)
+        wrench_to_ros(w, stamp, self._wrench)
         self._wrench_publisher.publish(self._wrench)
         msg = self._joint_states
         msg.header.stamp = stamp
         msg.position = state.q.tolist() + self._still
-        msg.velocity = state.dq.tolist() + self._still
+        msg.velocity = state.dq.tolist() + self._still_speed
         msg.effort = state.tau.tolist() + self._still
         self._state_publisher.publish(msg)
         if self._progress_every and state.step and state.step % self._progress_every == 0:
@@ -184,6 +197,11 @@ class BridgeNode(Node):
             self._health.reject("external_wrench", error)
         else:
             self._pacing.push(wrench, ns_from_ros(msg.header.stamp))
+
+    def _on_unlock(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._drive.unlock(self._pacing.now)
+        response.message = self._words.describe(self._drive.status)[1]
+        return response
 
     def _is_watched(self) -> bool:
         """Whether all who are to see the first state are there."""

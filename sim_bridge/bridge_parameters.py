@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.parameters.fields import parameter
-from sim_bridge.drive import DrivePolicy
+from sim_bridge.drive_modes import DrivePolicy, OnSilence
 from sim_bridge.environment import Environment
 from sim_bridge.parameters import SimulatedParameters, SimulatorParameters
 
@@ -26,6 +26,19 @@ class BridgeParameters(SimulatedParameters):
     command_delay: int = parameter(0, "steps until a command acts", bounds=(0, 1000))
     command_timeout: float = parameter(
         0.1, "without commands the robot brakes after", unit="s", bounds=(0.001, 60.0)
+    )
+    on_silence: str = parameter(
+        OnSilence.BRAKE.value,
+        "brake after command_timeout, or hold_last: the last command acts for ever, as with "
+        "forward_command_controller",
+        choices=[choice.value for choice in OnSilence],
+    )
+    max_joint_acceleration: tuple[float, ...] = parameter(
+        (),
+        "that positions and speeds of commands may ask for, else a protective stop until "
+        "~/unlock; one, or one a joint; 0 or empty: any",
+        unit="rad/s^2",
+        bounds=(0.0, 1e6),
     )
     external_wrench_timeout: float = parameter(
         0.0, "a push that is not repeated ends after; 0: never", unit="s", bounds=(0.0, 3600.0)
@@ -49,6 +62,8 @@ class BridgeParameters(SimulatedParameters):
             self.command_delay,
             self.external_wrench_timeout or math.inf,
             changes_at_once=self.mode == LOCKSTEP,
+            on_silence=OnSilence(self.on_silence),
+            max_joint_acceleration=self.max_joint_acceleration,
         )
 
     def first_positions(self, joints: Sequence[str]) -> tuple[float, ...] | None:

@@ -8,16 +8,28 @@ given: of the steady clock in real time, of the simulation in lock-step.
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
+from sim_bridge.acceleration import CommandAcceleration
 from sim_bridge.command_source import Senders, StampOrder
 from sim_bridge.commands import Command, CommandInput
+from sim_bridge.drive_modes import (
+    TRANSITIONS,
+    DriveCause,
+    DriveEvent,
+    DriveMode,
+    DrivePolicy,
+    DriveReply,
+    DriveStatus,
+    OnSilence,
+)
+from sim_bridge.parameters import each_joint
 from sim_bridge.simulator import Simulator, SimulatorState
 
 # Stamps older than this [s] are forgotten, so that a restarted clock is soon accepted.
@@ -32,115 +44,8 @@ _LONGEST_REASON = 300
 # Of sums of times [s].
 _ROUNDING = 1e-9
 
-
-class DriveMode(StrEnum):
-    """What the robot does."""
-
-    STANDBY = "standby"  # braked, until the first command
-    OBEYING = "obeying"
-    BRAKED = "braked"  # until the next command
-    STOPPING = "stopping"  # braked, and refuses commands until it is at rest
-    CONTESTED = "contested"  # braked, and refuses the commands of several controllers
-    ENDED = "ended"  # braked for good
-
-
-class DriveCause(StrEnum):
-    """Why it does that."""
-
-    NONE = ""
-    CLIPPED = "clipped"
-    REJECTED = "rejected"
-    SILENCE = "silence"
-    PROTECTIVE_STOP = "protective_stop"
-    CONTESTED = "contested"
-    CONTEST_OVER = "contest_over"
-    SHUTDOWN = "shutdown"
-    FINISHED = "finished"
-    DIVERGED = "diverged"
-    STALLED = "stalled"
-
-
-class DriveEvent(StrEnum):
-    """What changes the mode."""
-
-    COMMAND = "command"
-    SILENCE = "silence"
-    VIOLATION = "violation"
-    STANDSTILL = "standstill"
-    CONTEST = "contest"
-    SETTLED = "settled"
-    END = "end"
-
-
-class DriveReply(StrEnum):
-    """What becomes of a command."""
-
-    TAKEN = "taken"
-    REFUSED = "refused"  # it is good, but must not act now
-    REJECTED = "rejected"  # it cannot be used
-    UNASKED = "unasked"  # in lock-step: it does not answer the present state
-
-
-_M, _E = DriveMode, DriveEvent
-_FROM_ANY = {_E.VIOLATION: _M.STOPPING, _E.CONTEST: _M.CONTESTED, _E.END: _M.ENDED}
-TRANSITIONS: dict[DriveMode, dict[DriveEvent, DriveMode]] = {
-    _M.STANDBY: {_E.COMMAND: _M.OBEYING, **_FROM_ANY},
-    _M.OBEYING: {_E.SILENCE: _M.BRAKED, **_FROM_ANY},
-    _M.BRAKED: {_E.COMMAND: _M.OBEYING, **_FROM_ANY},
-    # who sends is judged again when it is at rest
-    _M.STOPPING: {_E.STANDSTILL: _M.BRAKED, _E.VIOLATION: _M.STOPPING, _E.END: _M.ENDED},
-    _M.CONTESTED: {_E.SETTLED: _M.BRAKED, **_FROM_ANY},
-    _M.ENDED: {},
-}
-"""The mode after each event that matters in a mode; the others change nothing."""
-
 # These events find the robot braked already, and what was rejected is still worth knowing.
-_RELEASES = (_E.STANDSTILL, _E.SETTLED)
-
-
-@dataclass(frozen=True)
-class DriveStatus:
-    """What the robot does, why, and since when.
-
-    Attributes:
-        mode, cause: for programs.
-        since: when it began to obey, or ceased to [s].
-        violation: which joint made it stop.
-        clipped: the first command of several that were cut to a limit.
-        rejected: why commands cannot be used that come while it is braked.
-        names: of the nodes that publish commands, where they are several.
-        text: why it ended.
-    """
-
-    mode: DriveMode
-    cause: DriveCause = DriveCause.NONE
-    since: float = 0.0
-    violation: str = ""
-    clipped: str = ""
-    rejected: str = ""
-    names: tuple[str, ...] = ()
-    text: str = ""
-
-
-@dataclass(frozen=True)
-class DrivePolicy:
-    """How patient the robot is.
-
-    Attributes:
-        command_timeout: it brakes when it has had no command for longer [s].
-        command_delay: steps until a command acts.
-        push_timeout: how long a push lasts that is not repeated [s].
-        changes_at_once: whether a new controller is obeyed without waiting for the silence of
-            the one before.
-        takes_late: whether a command may take the place of one with a later stamp.
-    """
-
-    command_timeout: float = 0.1
-    command_delay: int = 0
-    push_timeout: float = math.inf
-    changes_at_once: bool = False
-    takes_late: bool = False
-
+_RELEASES = (DriveEvent.STANDSTILL, DriveEvent.SETTLED)
 
 COUNTED = REJECTED, CLIPPED, LATE, OTHER, IN_STOP, STOPS, GIVEN_UP = (
     *("commands rejected", "commands clipped", "commands out of order"),
@@ -167,6 +72,9 @@ class Drive:
         values: counters and texts, by their keys on /diagnostics.
         rejection: why the last command was rejected, if none was taken after it.
         topic: of the commands.
+
+    Raises:
+        ConfigurationError: if max_joint_acceleration is neither empty, nor one number, nor n.
     """
 
     def __init__(
@@ -183,6 +91,7 @@ class Drive:
         self._act: Callable[..., None] = (
             simulator.command_position if position else simulator.command_effort
         )
+        self._acceleration = _acceleration(simulator, policy) if position else None
         self.topic = self._reader.topic
         self.values: dict[str, str | int | float] = dict.fromkeys(COUNTED, 0)
         self._begin(0.0)
@@ -197,13 +106,20 @@ class Drive:
         timeout = self._policy.command_timeout
         self._senders = Senders(timeout, _QUIET, at_once=self._policy.changes_at_once)
         self._order = StampOrder(min(timeout, _LONGEST_MEMORY))
-        self._delayed: deque[Command] = deque()
+        self._forget_commands()
         self._heard = now  # when the last command was taken
         self._push_end = math.inf
         self._clipped = ""  # the last command clipped since the last review
         self.rejection: InvalidMessageError | None = None
         self.status = DriveStatus(DriveMode.STANDBY, since=now)
         self.state = self._simulator.read()
+
+    def _forget_commands(self) -> None:
+        """Let the next command be the first one."""
+        self._delayed: deque[tuple[Command, int]] = deque()  # with their stamps [ns]
+        self._acting: tuple[Command, int] | None = None  # since the last step
+        if self._acceleration is not None:
+            self._acceleration.rest()
 
     # --- commands ----------------------------------------------------------------------
 
@@ -230,13 +146,15 @@ class Drive:
             self.values["last command rejected"] = self._reason()
             self.count(REJECTED)
             return DriveReply.REJECTED
-        if not self._may_take(ns_from_ros(msg.header.stamp), now, heeded=heeded):
+        stamp = ns_from_ros(msg.header.stamp)
+        if not self._may_take(stamp, now, heeded=heeded):
             return DriveReply.REFUSED
         self._heard, self.rejection = now, None
         self._go(DriveEvent.COMMAND, now)
-        self._delayed.append(command)
+        self._delayed.append((command, stamp))
         if len(self._delayed) > self._policy.command_delay:
-            self._act(*self._delayed.popleft())
+            self._acting = acting, _ = self._delayed.popleft()
+            self._act(*acting)
             if self._simulator.clipped is not None:
                 self._clip(str(self._simulator.clipped))
         return DriveReply.TAKEN
@@ -274,8 +192,10 @@ class Drive:
         Raises:
             SimulationError: if the state is not finite any more.
         """
-        if now - self._heard > self._policy.command_timeout:
+        is_silent = now - self._heard > self._policy.command_timeout
+        if is_silent and self._policy.on_silence is OnSilence.BRAKE:
             self._go(DriveEvent.SILENCE, now, DriveCause.SILENCE)
+        self._judge_acceleration(now)
         if now >= self._push_end - _ROUNDING:
             self.push(None)
             self.count(PUSHES_OVER)
@@ -287,13 +207,40 @@ class Drive:
         self.state = self._simulator.read()
         if violation := self._simulator.violation:
             self.count(STOPS)
-            self._go(DriveEvent.VIOLATION, now, DriveCause.PROTECTIVE_STOP, violation=violation)
+            if not self._is_locked:
+                cause = DriveCause.PROTECTIVE_STOP
+                self._go(DriveEvent.VIOLATION, now, cause, violation=violation)
             if not self._simulator.is_pushed:
                 self._push_end = math.inf
-        elif self.status.mode is DriveMode.STOPPING and self.is_standing:
-            cause, violation = DriveCause.PROTECTIVE_STOP, self.status.violation
-            self._go(DriveEvent.STANDSTILL, now, cause, violation=violation)
+        elif self.status.mode is DriveMode.STOPPING and self.is_standing and not self._is_locked:
+            self._release(now)
         return self.state
+
+    def _judge_acceleration(self, now: float) -> None:
+        """Stop if the command that acts in this step asks for too much after that of the last."""
+        if self._acceleration is None or self._acting is None:
+            return
+        ((q, dq), stamp), self._acting = self._acting, None
+        if sudden := self._acceleration.judge(q, dq, stamp, now, self.state.q):
+            self.count(STOPS)
+            self._go(DriveEvent.VIOLATION, now, DriveCause.ACCELERATION, violation=sudden)
+
+    @property
+    def _is_locked(self) -> bool:
+        """Whether it does not leave a stop by itself."""
+        status = self.status
+        return status.mode is DriveMode.STOPPING and status.cause is DriveCause.ACCELERATION
+
+    def unlock(self, now: float) -> bool:
+        """Leave a protective stop at rest; return whether the next command may be taken now."""
+        if self.is_standing:
+            self._release(now)
+        return self.status.mode in (DriveMode.STANDBY, DriveMode.OBEYING, DriveMode.BRAKED)
+
+    def _release(self, now: float) -> None:
+        """Be at rest: a stop is over."""
+        cause, violation = self.status.cause, self.status.violation
+        self._go(DriveEvent.STANDSTILL, now, cause, violation=violation)
 
     def review(self, now: float) -> None:
         """Bring the status up to date, once a second."""
@@ -353,7 +300,7 @@ class Drive:
             self.rejection = None
             if mode is not DriveMode.OBEYING:
                 self._simulator.brake()
-                self._delayed.clear()
+                self._forget_commands()
         since = now if DriveMode.OBEYING in (mode, before.mode) else before.since
         self._set(DriveStatus(mode, cause, since, **about))
 
@@ -361,3 +308,16 @@ class Drive:
         if status != self.status:
             self.status = status
             self._on_change(status)
+
+
+def _acceleration(simulator: Simulator, policy: DrivePolicy) -> CommandAcceleration | None:
+    """Return what judges the position commands; None if all may be asked for."""
+    names = simulator.robot.joints
+    given = each_joint(
+        "max_joint_acceleration", policy.max_joint_acceleration, np.zeros(len(names))
+    )
+    if not given.any():
+        return None
+    limit = np.where(given > 0.0, given, np.inf)
+    dt = 1.0 / simulator.parameters.rate
+    return CommandAcceleration(names, limit, simulator.turning, simulator.prismatic, dt)

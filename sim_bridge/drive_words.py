@@ -2,10 +2,13 @@
 
 from dataclasses import dataclass
 
-from sim_bridge.drive import DriveCause, DriveMode, DriveStatus
+from sim_bridge.drive_modes import DriveCause, DriveMode, DriveStatus
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """Levels of /diagnostics."""
+
+UNLOCK = "~/unlock"
+"""The service by which a robot leaves a stop that does not end by itself."""
 
 _FIND_OUT = "find out what made it do this: the controller, a push or a contact"
 
@@ -44,10 +47,13 @@ class DriveWords:
             case DriveMode.BRAKED, DriveCause.SILENCE:
                 remedy = "see whether the controller is alive and active; the next command is taken"
                 return ERROR, f"no command for {self.timeout:g} s: braked", remedy
+            case DriveMode.STOPPING, DriveCause.ACCELERATION:
+                words = f"protective stop: {status.violation}; commands are refused"
+                return ERROR, words, f"let the controller ask for less, then call {UNLOCK}"
             case DriveMode.STOPPING, _:
                 rest = "braked, commands are refused until it stands"
                 return ERROR, f"protective stop: {status.violation}; {rest}", _FIND_OUT
-            case DriveMode.BRAKED, DriveCause.PROTECTIVE_STOP:
+            case DriveMode.BRAKED, DriveCause.PROTECTIVE_STOP | DriveCause.ACCELERATION:
                 remedy = f"{_FIND_OUT}; the next command is taken"
                 return ERROR, f"stands after a protective stop: {status.violation}", remedy
             case DriveMode.CONTESTED, _:

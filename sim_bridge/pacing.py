@@ -10,7 +10,8 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import SimulationError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.messages.from_ros import ns_from_ros
-from sim_bridge.drive import GIVEN_UP, Drive, DriveCause, DriveMode, DriveReply
+from sim_bridge.drive import GIVEN_UP, Drive
+from sim_bridge.drive_modes import DriveCause, DriveMode, DriveReply
 from sim_bridge.simulator import SimulatorState
 
 # In real time, more steps than this behind the wall clock are given up, not caught up.

@@ -1,6 +1,6 @@
 """What is simulated besides the robot: rate, control, tool, surroundings, friction, noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +25,7 @@ TOOL_SHAPES = (NO_SHAPE, *SIZES)
 _SIZES = {"gravity": 3, "tool_com": 3, "tool_inertia": 6, "tool_position": 3, "wrench_bias": 6}
 _NOT_NEGATIVE = ("tool_mass", "friction_viscous", "friction_coulomb", "noise_position",
                  "noise_velocity", "noise_force", "noise_torque", "encoder_resolution",
-                 "velocity_cutoff")  # fmt: skip
+                 "velocity_cutoff", "servo_lag", "rotor_inertia")  # fmt: skip
 
 _ROUNDING = 1e-12  # of a principal moment that is zero, relative to the largest
 
@@ -41,6 +41,13 @@ class SimulatedParameters:
     gui: bool = parameter(False, "open PyBullet's window")
     servo_bandwidth: float = parameter(
         100.0, "of the joint servo in position control", unit="rad/s", bounds=(0.1, 10000.0)
+    )
+    servo_lag: float = parameter(
+        0.0,
+        "of the first order, with which the joint servo follows positions; 0: none, and the "
+        "commanded speed is fed forward",
+        unit="s",
+        bounds=(0.0, 1.0),
     )
     enforce_limits: bool = parameter(True, "clip commands to the limits of the URDF")
     protective_speed: float = parameter(
@@ -72,6 +79,17 @@ class SimulatedParameters:
     )
     friction_coulomb: tuple[float, ...] = parameter(
         (), "one, or one a joint; empty: friction of the URDF", unit="Nm"
+    )
+    rotor_inertia: tuple[float, ...] = parameter(
+        (), "of the motors, at the joints; one, or one a joint; empty: none", unit="kg m^2"
+    )
+    wrap_continuous: bool = parameter(
+        False,
+        "report positions of continuous joints in (-pi, pi], as ros2_kortex, and take those of "
+        "commands modulo a turn",
+    )
+    velocities: bool = parameter(
+        True, "report the velocities of the joints; false: NaN, as joint_state_broadcaster"
     )
     noise_position: float = parameter(0.0, "standard deviation", unit="rad", bounds=(0.0, 1.0))
     noise_velocity: float = parameter(0.0, "standard deviation", unit="rad/s", bounds=(0.0, 10.0))
@@ -194,3 +212,15 @@ class SimulatorParameters(SimulatedParameters):
 def _require(condition: bool, message: str) -> None:
     if not condition:
         raise ConfigurationError(f"simulator: {message}")
+
+
+def each_joint(name: str, value: float | Sequence[float], stated: Array) -> Array:
+    """Return the value (n,) of a parameter for each joint; empty is as stated (n,).
+
+    Raises:
+        ConfigurationError: if it is neither one number nor n.
+    """
+    n = len(stated)
+    if np.shape(value) not in ((), (0,), (1,), (n,)):
+        raise ConfigurationError(f"simulator: {name} must be empty, one number or {n}, got {value}")
+    return np.broadcast_to(np.asarray(value, dtype=float), n) if np.size(value) else stated

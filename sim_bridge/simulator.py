@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eulerparams_control.errors import ConfigurationError, SimulationError
+from eulerparams_control.errors import SimulationError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
@@ -28,9 +28,11 @@ from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
 from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
-from sim_bridge.parameters import NO_SHAPE, SimulatorParameters
+from sim_bridge.parameters import NO_SHAPE, SimulatorParameters, each_joint
 from sim_bridge.protection import STANDSTILL, Protection
+from sim_bridge.rotors import with_rotors
 from sim_bridge.saturation import Clipped, are_same, clip, find_clipped
+from sim_bridge.servo import PositionServo, wrapped
 from sim_bridge.tool_load import Load
 from sim_bridge.urdf import NO_LIMIT
 
@@ -47,7 +49,8 @@ class SimulatorState:
     Attributes:
         step: number of steps since the reset.
         t: ``step / rate``, s.
-        q, dq: (n,) measured.
+        q: (n,) measured.
+        dq: (n,) measured; NaN where the drivers report none.
         tau: (n,) effort of the motors during the last step.
         wrench: (6,) measured.
     """
@@ -74,6 +77,8 @@ class Simulator:
     Attributes:
         robot, parameters: as given.
         joint_names: all moving joints, those of the arm first.
+        prismatic: whether each joint of the arm slides.
+        turning: (n,) whether its position counts modulo a turn.
         engine: what moves the robot; where there are solids, another one after each reset.
         contacts: the solids.
         clipped: what of the last command had to be cut to a limit; None if nothing.
@@ -94,13 +99,20 @@ class Simulator:
         self.joint_names = tuple(dict.fromkeys([*robot.joints, *moving]))
         arm = [joints[name] for name in robot.joints]
         self._limits = _limits(arm, parameters.enforce_limits)
-        self._prismatic = [joint.get("type") == "prismatic" for joint in arm]
+        self.prismatic = [joint.get("type") == "prismatic" for joint in arm]
+        self.turning = np.array(
+            [parameters.wrap_continuous and joint.get("type") == "continuous" for joint in arm]
+        )
+        self._wraps = bool(self.turning.any())
         self._protection = Protection(robot.joints, self._limits, parameters.protective_speed)
         self._is_protected = parameters.enforce_limits and parameters.control == "torque"
         self._friction = _friction(arm, parameters)
         self._has_friction = not self._friction.is_none
-        self._disturbance = _each("disturbance_effort", parameters.disturbance_effort, np.zeros(n))
+        zero = self._zero = np.zeros(n)
+        self._disturbance = each_joint("disturbance_effort", parameters.disturbance_effort, zero)
         self._is_disturbed = bool(self._disturbance.any())
+        self._rotors = each_joint("rotor_inertia", parameters.rotor_inertia, zero)
+        self._has_rotors = bool(self._rotors.any())
         things = read_environment(parameters.environment)
         self._forces = [thing for thing in things.values() if isinstance(thing, Force)]
         self._solids = {name: thing for name, thing in things.items() if isinstance(thing, Solid)}
@@ -111,8 +123,9 @@ class Simulator:
         self._bias = np.array(parameters.wrench_bias, dtype=float)
         self._noise = parameters.noise(n)
         self._is_noisy = bool(np.any(self._noise))
-        self._zero = np.zeros(n)
-        self._reference: tuple[Array, Array] | None = None  # q_ref, dq_ref: the servo is on
+        self._servo = PositionServo(
+            parameters.servo_bandwidth, parameters.servo_lag, self.turning, self._dt
+        )
         self._effort: Array | None = None  # torque control is on
         self._external: list[float] | None = None
         self._start_engine()
@@ -120,7 +133,7 @@ class Simulator:
         self._load = Load(self.engine.load, gravity, self._dt)
         self._needs_motion = self.engine.load.mass > 0.0 or bool(self._forces)
         self._is_stiff = self._has_friction and is_stiff(
-            self._friction, map(self.engine.inertia, self._configurations()), self._dt
+            self._friction, map(self._inertia, self._configurations()), self._dt
         )
         self.reset()
 
@@ -169,8 +182,9 @@ class Simulator:
         """Let the servo follow ``q_ref`` (n,) moving at ``dq_ref`` (n,), clipped to the limits.
 
         The servo sets dq = dq_ref + servo_bandwidth (q_ref - q), with at most the effort
-        limit: an error decays as (1 - servo_bandwidth dt)^steps.  What is ``clipped`` is the
-        command; that the joints cannot follow it at once is not.
+        limit: an error decays as (1 - servo_bandwidth dt)^steps.  With a ``servo_lag`` see
+        :class:`sim_bridge.servo.PositionServo`.  What is ``clipped`` is the command; that the
+        joints cannot follow it at once is not.
 
         Raises:
             SimulationError: if one is not n finite numbers; then nothing changes.
@@ -179,7 +193,8 @@ class Simulator:
         q, dq = self._vector("q_ref", q_ref), self._vector("dq_ref", dq_ref)
         self.contacts.rub(True)
         within, limit = clip(q, self._limits.lower, self._limits.upper), self._limits.velocity
-        self._reference, self.clipped = (within, dq), None
+        self._servo.follow(within, dq, self._q)
+        self.clipped = None
         if not are_same(q, within):
             self.clipped = self._find_clipped("position", q, within)
         if self.clipped is None and not are_same(dq, slow := clip(dq, -limit, limit)):
@@ -203,7 +218,12 @@ class Simulator:
             self.clipped = self._find_clipped("effort", effort, self._effort)
 
     def _find_clipped(self, quantity: str, asked: Array, given: Array) -> Clipped | None:
-        return find_clipped(self.robot.joints, self._prismatic, quantity, asked, given)
+        return find_clipped(self.robot.joints, self.prismatic, quantity, asked, given)
+
+    @property
+    def motion(self) -> tuple[Array, Array]:
+        """The true q and dq (n,), whatever the drivers report."""
+        return self._q, self._dq
 
     @property
     def is_pushed(self) -> bool:
@@ -218,7 +238,8 @@ class Simulator:
     def brake(self) -> None:
         """Stop the joints with their full effort, until the next command."""
         self.clipped, self.violation = None, ""
-        self._reference = self._effort = None
+        self._servo.release()
+        self._effort = None
         self.contacts.rub(False)
         self.engine.drive(self._zero, self._limits.effort)
 
@@ -237,22 +258,20 @@ class Simulator:
             SimulationError: if the state is not finite any more; ``reset`` mends it.
         """
         self.violation = ""
-        if self._reference is not None:
-            self._servo(*self._reference)
+        if self._servo.is_on:
+            limit = self._limits.velocity
+            self.engine.drive(
+                clip(self._servo.speed(self._q), -limit, limit), self._limits.effort
+            )
         self._advance()
         self._count += 1
-        if self._is_stiff and self._effort is not None:
-            self._soften()
+        if (self._is_stiff or self._has_rotors) and self._effort is not None:
+            self._correct()
         self._sense()
 
     def close(self) -> None:
         """End the simulation."""
         self.engine.close()
-
-    def _servo(self, q_ref: Array, dq_ref: Array) -> None:
-        dq = dq_ref + self.parameters.servo_bandwidth * (q_ref - self._q)
-        limit = self._limits.velocity
-        self.engine.drive(clip(dq, -limit, limit), self._limits.effort)
 
     def _start_engine(self) -> None:
         self._is_broken = self._is_used = False
@@ -293,12 +312,20 @@ class Simulator:
         shape = _CONFIGURATIONS, len(lower)
         return np.random.default_rng(0).uniform(lower, upper, shape)
 
-    def _soften(self) -> None:
-        """Correct the last step for a friction that is too stiff for it."""
+    def _inertia(self, q: Array) -> Array:
+        """Return the inertia M (n, n) at q (n,) that the motors feel."""
+        return self.engine.inertia(q) + np.diag(self._rotors)
+
+    def _correct(self) -> None:
+        """Correct the last step for rotors, and for a friction that is too stiff for it."""
         sample = self.engine.sample()
         q, dq = np.array(sample.q), np.array(sample.dq)
-        M = self.engine.inertia(self._q)
-        dq_after = soften(self._friction, M, self._dt, self._dq, dq)
+        dq_after, M = dq, self.engine.inertia(self._q)
+        if self._has_rotors:
+            dq_after = with_rotors(M, self._rotors, self._dq, dq)
+            M = M + np.diag(self._rotors)
+        if self._is_stiff:
+            dq_after = soften(self._friction, M, self._dt, self._dq, dq_after)
         self.engine.place(q + self._dt * (dq_after - dq), dq_after)
 
     def _lock(self, dq: Sequence[float]) -> str:
@@ -328,11 +355,15 @@ class Simulator:
         if locked:
             sample = self.engine.sample()
         self._check(sample)
-        self._q, self._dq = np.array(sample.q), np.array(sample.dq)
+        dq_before, self._q, self._dq = self._dq, np.array(sample.q), np.array(sample.dq)
         if self._is_protected and self._effort is not None:
             self.violation = self._protection.violation(sample.q, sample.dq)
         self.violation = locked or self.violation
-        tau = np.array(sample.motors) if self._effort is None else self._effort
+        tau = self._effort
+        if tau is None:
+            tau = np.array(sample.motors)
+            if self._has_rotors:
+                tau += self._rotors * (self._dq - dq_before) / self._dt
         wrench = self._bias - np.array(sample.reaction)
         if self._needs_motion:
             self._motion = self.engine.sensor_motion()
@@ -344,6 +375,10 @@ class Simulator:
             q, dq, wrench = self._disturb(q, dq, wrench)
         if not self._encoders.are_exact:
             q, dq = self._encoders.measure(q, dq)
+        if self._wraps:
+            q = wrapped(q, self.turning)
+        if not self.parameters.velocities:
+            dq = np.full_like(dq, np.nan)
         measured = q, dq, tau, wrench
         self._state = SimulatorState(self._count, self._count / self.parameters.rate, *measured)
 
@@ -385,17 +420,9 @@ def _friction(joints: list[ET.Element], parameters: SimulatorParameters) -> Join
     """Return the friction of the joints."""
     viscous, coulomb = np.array([joint_friction(joint) for joint in joints]).T
     return JointFriction(
-        _each("friction_viscous", parameters.friction_viscous, viscous),
-        _each("friction_coulomb", parameters.friction_coulomb, coulomb),
+        each_joint("friction_viscous", parameters.friction_viscous, viscous),
+        each_joint("friction_coulomb", parameters.friction_coulomb, coulomb),
     )
-
-
-def _each(name: str, value: float | Sequence[float], stated: Array) -> Array:
-    """Return the value (n,) of each joint; empty is as stated (n,)."""
-    n = len(stated)
-    if np.shape(value) not in ((), (0,), (1,), (n,)):
-        raise ConfigurationError(f"simulator: {name} must be empty, one number or {n}, got {value}")
-    return np.broadcast_to(np.asarray(value, dtype=float), n) if np.size(value) else stated
 
 
 def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:

@@ -14,7 +14,6 @@ from eulerparams_control.robot.robot import Robot, Tool
 
 
 def robot_of(name, **options):
-    """Return a robot of the catalogue."""
     about = load_robot(name)
     return Robot(about.urdf, about.base_frame, about.tip_frame, about.joints, **options)
 

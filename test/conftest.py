@@ -12,10 +12,9 @@ from hypothesis import settings
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-from ros_processes import Graph
-
 if TYPE_CHECKING:
     from in_process import World
+    from ros_processes import Graph
 
 # The same examples in every run, however slow the machine is; `make test` takes the first few.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -24,8 +23,10 @@ settings.load_profile("repeatable")
 
 
 @pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
-    """A ROS domain of its own, for one test."""
+def graph(tmp_path: Path) -> "Iterator[Graph]":
+    """A ROS domain of its own, with processes, for one test."""
+    from ros_processes import Graph  # only where it is used: it needs ROS
+
     with Graph(tmp_path / "nodes") as own:
         yield own
 

@@ -18,12 +18,11 @@ from typing import Any
 from unittest.mock import patch
 
 import rclpy
-import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from ros_processes import MODULES, Peer
+from ros_processes import MODULES, Peer, ros_arguments
 
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.errors import EulerParamsError
@@ -39,17 +38,7 @@ _AT_ONCE, _LONGEST = 1000, 100.0
 STEP, PATIENCE = 0.02, 200.0
 
 # How long [s] a node may take to bring its arm to rest, as the executables have it.
-_STOP_SECONDS = 1.0
-
-CLASSES = {
-    "clik": "ClikNode",
-    "dynamic_control": "DynamicControlNode",
-    "impedance_control": "ImpedanceControlNode",
-    "reference": "ReferenceNode",
-    "identify_tool": "IdentifyToolNode",
-    "fault_injector": "FaultInjectorNode",
-    "pybullet_bridge": "BridgeNode",
-}
+_STOP_SECONDS = 3.0
 
 
 def module_of(executable: str) -> Any:
@@ -57,17 +46,11 @@ def module_of(executable: str) -> Any:
     return importlib.import_module(MODULES[executable])
 
 
-def ros_arguments(
-    folder: Path, parameters: dict[str, Any] | None, files: Sequence[Path], rules: Sequence[str]
-) -> list[str]:
-    """Return the arguments of a command line, with a file of the parameters as the last one."""
-    if parameters:
-        folder.mkdir(parents=True, exist_ok=True)
-        own = folder / f"{len(list(folder.iterdir()))}.yaml"
-        own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
-        files = [*files, own]
-    words = [word for file in files for word in ("--params-file", str(file))]
-    return ["--ros-args", *words, *(word for rule in rules for word in ("-r", rule))]
+def class_of(executable: str) -> type[Node]:
+    """Return the class of the node of an executable, which its module defines."""
+    module = module_of(executable)
+    kinds = (each for each in vars(module).values() if isinstance(each, type))
+    return next(k for k in kinds if issubclass(k, Node) and k.__module__ == module.__name__)
 
 
 @dataclass
@@ -233,6 +216,8 @@ class World:
         timers: of all nodes.
     """
 
+    step = STEP
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._domain = Domain()
@@ -281,9 +266,8 @@ class World:
         arguments = ros_arguments(self.folder, parameters, files, rules)
         running = Running(self, executable)
         self.running.append(running)
-        kind = getattr(module_of(executable), CLASSES[executable])
         try:
-            running.node = self.make(kind, running.lines, cli_args=arguments)
+            running.node = self.make(class_of(executable), running.lines, cli_args=arguments)
         except EulerParamsError as error:
             running.stderr += f"error: {error}\n"
             running.exit_code = error.exit_code

@@ -15,13 +15,28 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3, WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from numpy.typing import NDArray
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from tolerances import HELD, LAW_IN_A_NODE
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.command_line import executables
 from eulerparams_control.lab.experiments.domains import Domain
 from eulerparams_control.laws.rotations import cross
+from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
@@ -51,7 +66,17 @@ MODULES = executables() | {
 # The arm of the tests.
 UR5 = load_robot("ur5")
 HOME = np.array(UR5.home)
+# Limits of the tip and the joints so wide that references are followed nearly as they are.
+UNSHAPED = {
+    **{"max_linear_speed": 100.0, "max_linear_acceleration": 1e4, "max_linear_jerk": 1e6},
+    **{"max_angular_speed": 100.0, "max_angular_acceleration": 1e4, "max_angular_jerk": 1e6},
+    "max_joint_acceleration": [1e6],
+}
+
 FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
+
+# For a controller that is asked for what begins at once, so that the law alone is seen.
+AT_ONCE = {**FRAMES, "max_joint_acceleration": [1e4]}
 MODEL = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
 
 # Efforts [Nm] that hold a pose: the rounding of its error, 1e-15, times gains and inertia.
@@ -68,8 +93,6 @@ def pose(q: Any) -> tuple[Array, Array]:
 
 def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
     """Return a reference to the tip of the arm."""
-    from eulerparams_control.messages.to_ros import motion_to_ros
-
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
 
 
@@ -101,6 +124,19 @@ def assert_may_stay(command: Any, arm: "Arm", within: float = HELD) -> None:
         np.testing.assert_allclose(command.effort, state.g, atol=HOLDING_EFFORT)
     else:
         assert_holds(command, arm.q, within)
+
+
+def ros_arguments(
+    folder: Path, parameters: dict[str, Any] | None, files: Sequence[Path], rules: Sequence[str]
+) -> list[str]:
+    """Return the arguments of a command line, with a file of the parameters as the last one."""
+    if parameters:
+        folder.mkdir(parents=True, exist_ok=True)
+        own = folder / f"{len(list(folder.iterdir()))}.yaml"
+        own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+        files = [*files, own]
+    words = [word for file in files for word in ("--params-file", str(file))]
+    return ["--ros-args", *words, *(word for rule in rules for word in ("-r", rule))]
 
 
 def free_domain() -> int:
@@ -182,7 +218,7 @@ class Graph:
         self._domain = Domain(DOMAINS)
         self.domain = self._domain.number
         self.processes: list[Process] = []
-        self._peer: SpunPeer | None = None
+        self.peer = SpunPeer(self)
 
     def __enter__(self) -> "Graph":
         return self
@@ -190,15 +226,8 @@ class Graph:
     def __exit__(self, *_: object) -> None:
         for process in self.processes:
             process.kill()
-        if self._peer is not None:
-            self._peer.close()
+        self.peer.close()
         self._domain.release()
-
-    @property
-    def peer(self) -> "SpunPeer":
-        if self._peer is None:
-            self._peer = SpunPeer(self)
-        return self._peer
 
     def start(
         self,
@@ -212,14 +241,9 @@ class Graph:
         """Start a node; ``files`` of parameters come before ``parameters``."""
         module, *words = MODULES[executable].split()
         name = f"{executable.replace(' ', '_')}_{len(self.processes)}"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        own = self.folder / f"{name}.yaml"
-        own.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
-        given = [*files, own] if parameters else files
-        options = [word for file in given for word in ("--params-file", str(file))]
-        remap = [f"__ns:={namespace}", *remap] if namespace else remap
-        options += [word for rule in remap for word in ("-r", rule)]
-        command = [sys.executable, "-m", module, *words, "--ros-args", *options]
+        rules = [f"__ns:={namespace}", *remap] if namespace else remap
+        arguments = ros_arguments(self.folder / "parameters", parameters, files, rules)
+        command = [sys.executable, "-m", module, *words, *arguments]
         env = environment(self.folder, self.domain)
         self.processes.append(Process(command, self.folder, name, env))
         return self.processes[-1]
@@ -233,10 +257,7 @@ class Graph:
         while not (result := condition()):
             if time.monotonic() > deadline:
                 raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
-            if self._peer is None:
-                time.sleep(0.01)
-            else:
-                self._peer.spin_once()
+            self.peer.spin_once()
         return result
 
     def advance(self, seconds: float) -> None:
@@ -278,34 +299,23 @@ class Peer:
 
     def set_parameters(self, node: str, **wanted: Any) -> list[str]:
         """Set parameters of a node, each for itself; return the reasons of refusals."""
-        from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
-
         parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in wanted.items()]
         request = SetParameters.Request(parameters=parameters)
         results = self.call(SetParameters, f"{node}/set_parameters", request).results
         return [result.reason for result in results if not result.successful]
 
     def get_parameters(self, node: str, *names: str) -> list[Any]:
-        from rcl_interfaces.srv import GetParameters
-        from rclpy.parameter import parameter_value_to_python
-
         request = GetParameters.Request(names=list(names))
         found = self.call(GetParameters, f"{node}/get_parameters", request).values
         return [parameter_value_to_python(value) for value in found]
 
     def change_state(self, node: str, transition: str) -> bool:
         """Ask for a transition of a lifecycle node by its label; return whether it was made."""
-        from lifecycle_msgs.msg import Transition
-        from lifecycle_msgs.srv import ChangeState
-
         number = getattr(Transition, f"TRANSITION_{transition.upper()}")
         request = ChangeState.Request(transition=Transition(id=number))
         return bool(self.call(ChangeState, f"{node}/change_state", request).success)
 
     def lifecycle_state(self, node: str) -> str:
-        from lifecycle_msgs.srv import GetState
-
         request = GetState.Request()
         return str(self.call(GetState, f"{node}/get_state", request).current_state.label)
 
@@ -316,8 +326,6 @@ class Peer:
         meanwhile: Callable[[], Any] = lambda: None,
     ) -> Any:
         """Return the next status of a node on /diagnostics that meets a condition."""
-        from diagnostic_msgs.msg import DiagnosticArray
-
         if self._statuses is None:
             self._statuses = {}
 
@@ -346,10 +354,6 @@ class SpunPeer(Peer):
     """A node that talks to processes; spun only while something is waited for."""
 
     def __init__(self, graph: Graph) -> None:
-        import rclpy
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-
         super().__init__(graph)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=graph.domain)
@@ -375,8 +379,6 @@ class SpunPeer(Peer):
 
 
 def _qos(depth: int, latched: bool) -> Any:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-
     if latched:
         return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     return QoSProfile(depth=depth)
@@ -397,13 +399,12 @@ class WristSensor:
         mass, com: [kg], (3,) [m] in the tip frame, of the tool whose weight and inertia it feels.
         bias: (6,) [N, Nm] that it adds, in its frame.
         sign: -1 reports what the tool exerts on the environment.
+        noise: [Nm] of its last value; without any it repeats itself, as no real one does.
     """
 
     def __init__(self, graph: Any, robot: Any, namespace: str = "") -> None:
-        from geometry_msgs.msg import WrenchStamped
-
         self._robot = robot
-        self.on, self.late = True, False
+        self.on, self.late, self.noise = True, False, 0.0
         self.frame, self.sign = str(robot.tip_frame), 1.0
         self.mass, self.com, self.bias = 0.0, np.zeros(3), np.zeros(6)
         self.wrenches = graph.peer.publisher(WrenchStamped, f"{namespace}/wrench")
@@ -415,8 +416,6 @@ class WristSensor:
 
     def message(self, arm: "Arm", stamp: Any) -> Any:
         """Return what it says of the contact of an arm, and of the tool."""
-        from geometry_msgs.msg import Vector3, WrenchStamped
-
         contact = arm.contact()
         tip, sensor = (self._state(link, arm) for link in (self._robot.tip_frame, self.frame))
         r, omega = tip.arm.R_e @ self.com, tip.arm.omega_e
@@ -428,6 +427,7 @@ class WristSensor:
         moment = moment + cross(tip.arm.p_e - sensor.arm.p_e, force)
         R_s = sensor.arm.R_e
         measured = np.concatenate((R_s.T @ force, R_s.T @ moment)) + self.bias
+        measured[5] += self.noise * (stamp.nanosec // 1_000_000 % 7)
         x, y, z, *rest = (self.sign * measured).tolist()
         msg = WrenchStamped()
         msg.header.frame_id, msg.header.stamp = self.frame, stamp
@@ -460,9 +460,6 @@ class Arm:
     topic = "joint_reference"
 
     def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import String
-
         self.graph, self.robot = graph, robot
         self.joints = list(robot.joints)
         self.q = np.array(robot.home)
@@ -481,8 +478,6 @@ class Arm:
 
     def wear_sensor(self) -> None:
         """Put on a force/torque sensor, and listen to what becomes of its wrench."""
-        from trajectory_msgs.msg import MultiDOFJointTrajectory
-
         self.sensor = WristSensor(self.graph, self.robot, self._namespace)
         topic = f"{self._namespace}/compliant_frame"
         self.frames = self.graph.peer.listen(MultiDOFJointTrajectory, topic)
@@ -510,33 +505,24 @@ class Arm:
 
     def frame(self) -> DesiredFrame:
         """Return the compliant frame that answers the present state."""
-        from eulerparams_control.messages.from_ros import ns_from_ros
-
         assert ns_from_ros(self.frames[-1].header.stamp) == self.t
         return self._frame(self.frames[-1])
 
     def frames_of(self, stamps: Sequence[int]) -> list[DesiredFrame]:
         """Return the compliant frames that answer the states stamped so [ns]."""
-        from eulerparams_control.messages.from_ros import ns_from_ros
-
         by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
         return [self._frame(by_stamp[stamp]) for stamp in stamps]
 
     def _frame(self, msg: Any) -> DesiredFrame:
-        from eulerparams_control.messages.from_ros import motion_from_ros
-
         point, _ = motion_from_ros(msg, self.robot.base_frame, self.robot.tip_frame, 0.0)
         (frame,) = point.frames
         return frame
 
     def message(self, q: Array | None = None) -> Any:
         """Return joint_states for q, or for where the joints are, at the present stamp."""
-        from builtin_interfaces.msg import Time
-        from sensor_msgs.msg import JointState
-
         position = (self.q if q is None else q).tolist()
         msg = JointState(name=self.joints, position=position, velocity=self.dq.tolist())
-        msg.header.stamp = Time(sec=self.t // 10**9, nanosec=self.t % 10**9)
+        msg.header.stamp = stamp_to_ros(self.t)
         return msg
 
     def send(self, msg: Any) -> None:
@@ -555,11 +541,12 @@ class Arm:
             self.send(self.message())
 
     def connect(self) -> None:
-        """Send the state, 20 ms apart, until a controller answers it."""
+        """Send the state, 5 ms apart or as time passes, until a controller answers it."""
+        step = round(1e9 * getattr(self.graph, "step", 0.005))
 
         def answered() -> bool:
             if not self.commands:
-                self.t += 20_000_000
+                self.t += step
                 self.send(self.message())
             return bool(self.commands)
 
@@ -694,13 +681,13 @@ class Controlled:
         namespace: str = "",
         arm: type[Arm] | None = None,
     ) -> None:
-        from trajectory_msgs.msg import MultiDOFJointTrajectory
-
         self.graph, self.peer = graph, graph.peer
         self.name = f"{namespace}/{executable.split()[0]}".lstrip("/")  # as on /diagnostics
         self.arm = (arm or self.ARMS[executable.split()[0]])(graph, UR5, namespace)
         # ages by the stamps, as the arm is played by hand: a busy machine makes no silence
         parameters = {"use_sim_time": True} | parameters
+        if self.arm.sensor is not None and not parameters["use_sim_time"]:
+            self.arm.sensor.noise = 1e-12
         self.process = graph.start(executable, parameters, namespace=namespace)
         self.arm.connect()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")

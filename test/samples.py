@@ -202,9 +202,7 @@ def derivative(function: Callable[[float], Array]) -> Array:
     return (function(STEP) - function(-STEP)) / (2 * STEP)
 
 
-def positive_definite(
-    count: int, key: int = 0, least: float = 0.5, most: float = 5.0
-) -> list[Array]:
+def positive_definite(count: int, key: int = 0, least: float = 0.5, most: float = 5) -> list[Array]:
     """Return symmetric matrices (3, 3) with eigenvalues between two numbers, along any axes."""
     values = generator(5, key).uniform(least, most, size=(count, 3))
     return [(U * v) @ U.T for U, v in zip(uniform(count, 500 + key), values, strict=True)]

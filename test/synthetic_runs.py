@@ -8,7 +8,7 @@ itself.  The columns of J are orthogonal, of norm sqrt(2) and 1: its singular va
 The sensor is 0.2 m before the tip, turned by 90 deg about the rod: its y is the tip's z.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.metrics import METRICS, measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
@@ -118,7 +119,7 @@ def write_run(
                 reference = serialize_message(_reference(lasting))
                 bag.write("/reference", reference, referred, referred)
             if began is not None and index == 20:
-                bag.write("/diagnostics", _diagnostics(_START + began), stamp, stamp)
+                bag.write("/diagnostics", _diagnostics(node, _START + began), stamp, stamp)
             if compliant is not None:
                 data = _compliant(stamp, compliant[index])
                 bag.write("/compliant_frame", data, stamp, stamp)
@@ -131,30 +132,61 @@ def write_run(
     return folder
 
 
+def recorded(folder: Path, *args: Any, **options: Any) -> Recording:
+    """Return the recording of a run, see ``write_run``."""
+    return load(write_run(folder, *args, **options))
+
+
+def write_messages(
+    folder: Path, topics: Mapping[str, str], messages: Iterable[RawMessage], parameters: str = ""
+) -> Path:
+    """Write a bag of these topics and their types, with no parameters but those given, in YAML."""
+    with BagWriter(folder) as writer:
+        if parameters:
+            writer.attach("parameters.yaml", parameters)
+        for name, kind in topics.items():
+            writer.add_topic(Topic(name, kind))
+        for topic, log_time, publish_time, data in messages:
+            writer.write(topic, data, log_time, publish_time)
+    return folder
+
+
 def rewritten(
     source: Path,
     folder: Path,
     change: Callable[[RawMessage, int], RawMessage | None],
     parameters: str = "",
+    topic: str = "",
 ) -> Path:
     """Write a bag again, each message as ``change`` returns it of its number in its topic.
 
-    None leaves it out.  The bag has no other parameters than those given, in YAML.
+    None leaves it out.  Those of other topics stay as they are if a topic is given.
     """
-    bag = Bag(source)
-    with BagWriter(folder) as writer:
-        if parameters:
-            writer.attach("parameters.yaml", parameters)
-        for name, info in bag.topics.items():
-            writer.add_topic(Topic(name, info.type))
-        counts: dict[str, int] = {}
-        for message in bag.read_raw():
-            counts[message.topic] = counts.get(message.topic, -1) + 1
+    counts: dict[str, int] = {}
+    messages = []
+    for message in Bag(source).read_raw():
+        counts[message.topic] = counts.get(message.topic, -1) + 1
+        if topic in ("", message.topic):
             changed = change(message, counts[message.topic])
-            if changed is not None:
-                topic, log_time, publish_time, data = changed
-                writer.write(topic, data, log_time, publish_time)
-    return folder
+            messages += [changed] if changed else []
+        else:
+            messages.append(message)
+    return write_messages(folder, topics_of(source), messages, parameters)
+
+
+def topics_of(source: Path) -> dict[str, str]:
+    return {name: info.type for name, info in Bag(source).topics.items()}
+
+
+def arms_together(folder: Path, arms: Mapping[str, Path], said: Sequence[RawMessage] = ()) -> Path:
+    """Write the bags of arms into one, each below its namespace but for what nodes say."""
+    topics, messages = {"/diagnostics": _TYPES["/diagnostics"]}, list(said)
+    for side, source in arms.items():
+        for message in Bag(source).read_raw():
+            below = "" if message.topic == "/diagnostics" else side
+            messages.append(message._replace(topic=below + message.topic))
+        topics |= {side + name: kind for name, kind in topics_of(source).items()}
+    return write_messages(folder, topics, sorted(messages, key=lambda m: m.log_time))
 
 
 def all_numbers(run: Recording) -> dict[str, float]:
@@ -165,6 +197,7 @@ def all_numbers(run: Recording) -> dict[str, float]:
         "posture_cost": {"posture": [0.0, 0.0]},
         "force_ripple": {"window": 1.0},
         "escape_rate": {"low": 1.0, "high": 2.0},
+        "memory_growth": {"node": "controller"},
     }
     return {name: measure(name, run, **options.get(name, {})) for name in METRICS}
 
@@ -210,6 +243,7 @@ def _reference(lasting: float) -> MultiDOFJointTrajectory:
     return message
 
 
-def _diagnostics(began: int) -> bytes:
-    status = DiagnosticStatus(values=[KeyValue(key=BEGAN, value=str(began))])
+def _diagnostics(node: str, began: int) -> bytes:
+    values = [KeyValue(key=BEGAN, value=str(began))]
+    status = DiagnosticStatus(name=node.removeprefix("/"), values=values)
     return bytes(serialize_message(DiagnosticArray(status=[status])))

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from in_process import Running, World
-from ros_processes import FRAMES, HOME, MODEL, UR5, Arm, Array, pose, reference
+from ros_processes import AT_ONCE, HOME, MODEL, UNSHAPED, UR5, Arm, Array, pose, reference
 from samples import rodrigues
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -30,7 +29,7 @@ NAME = "impedance_control"
 K_P, K_E, DEPTH = 2000.0, 2000.0, 0.01  # [N/m], [N/m], [m]
 FORCE = K_P * K_E / (K_P + K_E) * DEPTH  # [N] of two springs in a row: 10
 
-SIMULATED = {**FRAMES, "use_sim_time": True}
+SIMULATED = {**AT_ONCE, "use_sim_time": True}
 COMPLIANT = {
     **{**SIMULATED, "command_type": "none", "tare_samples": 20},
     **{"M_p": [1.0] * 3, "K_p": [K_P] * 3, "damping_ratio_p": 1.0},  # 45 rad/s
@@ -47,7 +46,7 @@ FOLLOWED = 1e-5
 
 def settle(arm: Arm) -> None:
     """Tick until what moves has come to rest, e^-20 of it."""
-    arm.ticks(50, dt=0.01)
+    arm.ticks(100, dt=0.01)  # slowed down at first, as after a gap
 
 
 class CompliantArm(Arm):
@@ -82,7 +81,7 @@ class Admittance:
         return self.world.start(NAME, COMPLIANT)
 
     def start_clik(self) -> Running:
-        parameters = SIMULATED | {"reference_timeout": 0.02}  # a blow does not last
+        parameters = SIMULATED | UNSHAPED | {"reference_timeout": 0.02}  # a blow does not last
         return self.world.start("clik", parameters, remap=FOLLOWING)
 
     def ready(self) -> None:
@@ -204,7 +203,7 @@ def test_when_clik_dies_the_one_that_is_started_anew_takes_over(both: Admittance
     np.testing.assert_allclose(pose(arm.q)[0], p + [8.0 / K_P, 0, 0], rtol=0, atol=FOLLOWED)
 
 
-def test_an_impedance_control_that_is_started_anew_begins_where_the_arm_is(
+def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_where_the_arm_is(
     both: Admittance,
 ) -> None:
     arm = both.arm
@@ -212,11 +211,14 @@ def test_an_impedance_control_that_is_started_anew_begins_where_the_arm_is(
     arm.ticks(20)
     assert np.abs(arm.dq).max() > 0.05
     arm.alive = False
-    assert both.impedance.stop(arm.tick) == 0
+    both.impedance.kill()
     arm.ticks(110)  # a set-point lasts 0.1 s
     settle(arm)
-    q = arm.q
+    q, count = arm.q, len(arm.frames)
+    arm.ticks(20)
+    np.testing.assert_allclose(arm.q, q, rtol=0, atol=LAW_IN_A_NODE)
     assert np.abs(arm.dq).max() < AT_REST
+    assert len(arm.frames) == count
     arm.release()
     both.impedance = both.start_impedance()
     both.until_active(both.impedance)
@@ -229,23 +231,6 @@ def test_an_impedance_control_that_is_started_anew_begins_where_the_arm_is(
     settle(arm)
     moved = pose(arm.q)[0] - pose(q)[0]
     np.testing.assert_allclose(moved, [0.0, 5.0 / K_P, 0.0], rtol=0, atol=FOLLOWED)
-
-
-def test_when_impedance_control_is_killed_clik_holds(both: Admittance) -> None:
-    """The last of those who share the nodes: its publisher is gone for the others 20 s later."""
-    arm = both.arm
-    arm.push(8.0, 0.0, 0.0)
-    arm.ticks(20)
-    assert np.abs(arm.dq).max() > 0.05
-    arm.alive = False
-    both.impedance.kill()
-    arm.ticks(110)  # a set-point lasts 0.1 s
-    settle(arm)
-    q, count = arm.q, len(arm.frames)
-    assert np.abs(arm.dq).max() < AT_REST
-    arm.ticks(20)
-    np.testing.assert_allclose(arm.q, q, rtol=0, atol=LAW_IN_A_NODE)
-    assert len(arm.frames) == count
 
 
 # --- an arm that says less -------------------------------------------------------------------
@@ -266,98 +251,80 @@ class PositionArm(Arm):
         self.q = inverse_kinematics(MODEL, frame, self.q)
 
 
-@pytest.fixture(scope="module")
-def silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PositionArm]:
-    """An arm without velocities and inertias, with impedance_control."""
+def test_an_arm_without_velocities_and_inertias_is_compliant_too(world: World) -> None:
     urdf = re.sub(r"<inertial>.*?</inertial>", "", UR5.urdf, flags=re.DOTALL)
     assert urdf.count("<inertial>") == 0 < UR5.urdf.count("<inertial>")
-    with World(tmp_path_factory.mktemp("silent")) as world:
-        arm = PositionArm(world, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
-        arm.wear_sensor()
-        process = world.start(NAME, {**COMPLIANT, "wrench_pairing": "stamp"})
-        arm.connect()
-        yield arm
-        assert process.stop() == 0
-        assert "error" not in process.stderr
-
-
-def test_an_arm_without_velocities_and_inertias_is_compliant_too(silent: PositionArm) -> None:
-    arm, (p, R) = silent, pose(HOME)
+    arm = PositionArm(world, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
+    arm.wear_sensor()
+    process = world.start(NAME, {**COMPLIANT, "wrench_pairing": "stamp"})
+    arm.connect()
     arm.start_afresh()
+    p, R = pose(HOME)
     arm.environment = spring(p - [DEPTH, 0.0, 0.0])
     arm.ticks(80, dt=0.005)
     moved = arm.frame().p_d - p
     np.testing.assert_allclose(moved, [-FORCE / K_P, 0.0, 0.0], rtol=0, atol=0.01 * FORCE / K_P)
     assert angle_between(arm.frame().R_d, R) < LAW_IN_A_NODE
-    topics = {name for name, _ in arm.graph.peer.node.get_topic_names_and_types()}
+    topics = {name for name, _ in world.peer.node.get_topic_names_and_types()}
     assert not topics & {"/joint_effort", "/joint_reference"}
-
-
-def test_a_tare_is_refused_while_an_arm_without_velocities_moves(silent: PositionArm) -> None:
-    arm = silent
-    arm.release()
-    arm.start_afresh()
-    arm.push(20.0, 0.0, 0.0)
-    before = arm.ticks(60)[0]
-    assert np.linalg.norm(arm.frame().p_d - arm._frame(before).p_d) > 1e-3
-    response = arm.graph.peer.call(Trigger, f"/{NAME}/tare", Trigger.Request())
-    assert not response.success
-    assert response.message == "not tared: the arm moves; hold it still"
+    assert process.stop() == 0
+    assert "error" not in process.stderr
 
 
 # --- with the simulated robot ----------------------------------------------------------------
+
+
+END, STEP = 400_000_000, 2_000_000  # [ns]
+KINDS = {
+    "joint_reference": JointState,
+    "joint_states": JointState,
+    "compliant_frame": MultiDOFJointTrajectory,
+    "wrench": WrenchStamped,
+}
 
 
 def stamp(msg: Any) -> int:
     return ns_from_ros(msg.header.stamp)
 
 
-def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equal_to_the_bit(
-    world: World,
-) -> None:
+def pressed(world: World, namespace: str) -> dict[str, list[Any]]:
+    """Return what is said by topic while the arm is led into a spring, in lock-step."""
     peer, (p, R) = world.peer, pose(HOME)
-    end, step = 400_000_000, 2_000_000
     bridge = {
-        **{"mode": "lockstep", "control": "position", "rate": 500.0, "duration": end / 1e9},
+        **{"mode": "lockstep", "control": "position", "rate": 1e9 / STEP, "duration": END / 1e9},
         "environment.wall.shape": "spring",
         "environment.wall.position": p.tolist(),
         "environment.wall.stiffness": K_E,
     }
-    goal = reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,))
-    namespaces, runs = ("/first", "/second"), []
-    for namespace in namespaces:
-        kinds = {
-            "joint_reference": JointState,
-            "joint_states": JointState,
-            "compliant_frame": MultiDOFJointTrajectory,
-            "wrench": WrenchStamped,
-        }
-        topics = {name: peer.listen(kind, f"{namespace}/{name}") for name, kind in kinds.items()}
-        goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        robot = world.start("pybullet_bridge", bridge, namespace=namespace)
-        own = {"wrench_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        world.start(NAME, {**COMPLIANT, **own}, namespace=namespace)
-        own = {"reference_pairing": "stamp", "require_reference": True, "wait_for_subscribers": 2}
-        world.start("clik", {**SIMULATED, **own}, namespace=namespace, remap=FOLLOWING)
-        runs.append((topics, robot, goals))
-    for topics, _, goals in runs:  # the robot repeats its first state
-        world.until(goals.get_subscription_count, "a subscriber of reference")
-        world.until(lambda t=topics: t["joint_states"] and t["wrench"], "the first state")
+    said = {name: peer.listen(kind, f"{namespace}/{name}") for name, kind in KINDS.items()}
+    goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
+    robot = world.start("pybullet_bridge", bridge, namespace=namespace)
+    waits = {"require_reference": True, "wait_for_subscribers": 2}
+    world.start(NAME, {**COMPLIANT, **waits, "wrench_pairing": "stamp"}, namespace=namespace)
+    clik = {**SIMULATED, **waits, "reference_pairing": "stamp"}
+    world.start("clik", clik, namespace=namespace, remap=FOLLOWING)
+    world.until(goals.get_subscription_count, "a subscriber of reference")
+    world.until(lambda: said["joint_states"] and said["wrench"], "the first state")  # repeated
+    goals.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
+    world.until(lambda: all(m and stamp(m[-1]) == END for m in said.values()), "the end")
+    assert robot.end() == 0
+    return said
+
+
+def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equal_to_the_bit(
+    world: World,
+) -> None:
     found = []
-    for _, _, goals in runs:
-        goals.publish(goal)
-    for topics, robot, _ in runs:
-        for messages in topics.values():
-            world.until(lambda m=messages: m and stamp(m[-1]) == end, "the end")
-        assert robot.end() == 0
-        by_stamp = {
-            name: {stamp(msg): str(msg) for msg in messages} for name, messages in topics.items()
-        }
-        for texts in by_stamp.values():
-            assert list(texts) == list(range(0, end + 1, step))
-        found.append(by_stamp)
-        contact = topics["wrench"][-1].wrench.force
-        w = pose(topics["joint_states"][-1].position[:6])[1] @ [contact.x, contact.y, contact.z]
+    for namespace in ("/first", "/second"):
+        said = pressed(world, namespace)
+        found.append(
+            {name: {stamp(m): str(m) for m in messages} for name, messages in said.items()}
+        )
+        contact, q = said["wrench"][-1].wrench.force, said["joint_states"][-1].position[:6]
+        w = pose(q)[1] @ [contact.x, contact.y, contact.z]
         np.testing.assert_allclose(w, [-FORCE, 0.0, 0.0], rtol=0, atol=0.01 * FORCE)
+    for texts in found[0].values():
+        assert list(texts) == list(range(0, END + 1, STEP))
     assert found[0] == found[1]
-    assert len(set(found[0]["joint_reference"].values())) == len(range(0, end + 1, step))
+    commands = found[0]["joint_reference"]
+    assert len(set(commands.values())) == len(commands)

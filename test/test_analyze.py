@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,8 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from synthetic_runs import URDF, rewritten, write_run
-from test_loading import _two_arms
+from synthetic_runs import URDF, arms_together, recorded, rewritten, write_run
+from tolerances import assert_close
 
 from eulerparams_control import analysis
 from eulerparams_control.analysis import Digest
@@ -20,6 +21,7 @@ from eulerparams_control.analysis.export import Export, file_name
 from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.main import main
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
 
 Q = [0.8 * math.sin(0.03 * k) for k in range(500)]
@@ -35,16 +37,18 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_run(folder, Q, command, wrenches=wrenches, compliant=frames, parameters=NODE)
 
 
-def analyze(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str]:
-    code = main(list(map(str, args)))
-    return code, capsys.readouterr().out
+type Analyze = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def analyze(capsys: pytest.CaptureFixture[str]) -> Analyze:
+    """The executable: its exit code and what it printed."""
+    return lambda *args: (main(list(map(str, args))), capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_the_export_is_the_table_of_the_library(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
-) -> None:
-    code, out = analyze(capsys, bag, "--no-page", "--export", suffix, "--out", tmp_path / "p.html")
+def test_the_export_is_the_table(bag: Path, tmp_path: Path, analyze: Analyze, suffix: str) -> None:
+    code, out = analyze(bag, "--no-page", "--export", suffix, "--out", tmp_path / "p.html")
     assert code == 0
     assert f"The table: {tmp_path / f'swing.{suffix}'}" in out
     read = pyarrow.csv.read_csv if suffix == "csv" else pyarrow.parquet.read_table
@@ -59,7 +63,7 @@ def test_the_export_is_the_table_of_the_library(
         column = np.array(found.column(name).to_pylist(), dtype=float)
         np.testing.assert_array_equal(column, values, err_msg=name)
     angles = np.degrees(np.abs([1.01 * q for q in Q]))
-    np.testing.assert_allclose(expected["orientation_error [deg]"], angles, atol=1e-9)
+    assert_close(expected["orientation_error [deg]"], angles, 1e-9)
     assert expected["q.hinge [rad]"].tolist() == Q
     for name in ("error_rotation_vector.y [deg]", "lyapunov", "force [N]", "p_cd_d.z [mm]"):
         assert np.isfinite(expected[name]).any()
@@ -83,9 +87,7 @@ def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path
 
 def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) -> None:
     """The first 100 samples have no wrench."""
-    late = rewritten(
-        bag, tmp_path / "late", lambda m, k: None if m.topic == "/wrench" and k <= 100 else m
-    )
+    late = rewritten(bag, tmp_path / "late", lambda m, k: m if k > 100 else None, topic="/wrench")
     with closing(Export(tmp_path / "late.parquet")) as export:
         for part in blocks(late, size=60):
             export.add(part)
@@ -132,26 +134,34 @@ def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path: Pa
         assert Digest.of(analysis.load(path)).near_singular == near
 
 
-def test_only_a_part_of_the_time_is_analysed(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out = analyze(capsys, bag, "--no-page", "--from", 0.2, "--to", 0.3)
+def test_only_a_part_of_the_time_is_analysed(bag: Path, analyze: Analyze) -> None:
+    code, out = analyze(bag, "--no-page", "--from", 0.2, "--to", 0.3)
     peak = math.degrees(1.01 * max(map(abs, Q[20:31])))
     assert code == 0
     assert re.search(rf"orientation error, peak \[deg\] *│ *{peak:.1f} │", out)
-    code, out = analyze(capsys, bag, "--no-page", "--from", 3, "--to", 2)
-    assert (code, out) == (2, "error: --from 3 --to 2: expected a time before the end\n")
-    code, out = analyze(capsys, bag, "--no-page", "--from", 90)
-    assert code == 2
-    assert "no joint_states from 90 to inf s" in out
 
 
-def test_between_two_samples_there_is_nothing(
-    bag: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("missing",), "missing"),
+        (("swing", "--tip-frame", "tpi"), "unknown frame 'tpi' (did you mean 'tip'?)"),
+        (("swing", "--urdf", "missing.urdf"), "cannot read the URDF missing.urdf"),
+        (("swing", "--out", "swing"), "cannot write the page swing"),
+        (("swing", "--from", "3", "--to", "2"), "--from 3 --to 2: expected a time before the end"),
+        (("swing", "--from", "90"), "no joint_states from 90 to inf s"),
+        (("swing", "--from", "0.501", "--to", "0.509"), "no joint_states from 0.501 to 0.509 s"),
+    ],
+)
+def test_an_error_is_one_line_at_the_end_and_code_2(
+    bag: Path, monkeypatch: pytest.MonkeyPatch, analyze: Analyze, args: Any, message: str
 ) -> None:
-    code, out = analyze(capsys, bag, "--no-page", "--from", 0.501, "--to", 0.509)
+    monkeypatch.chdir(bag.parent)
+    code, out = analyze(*args)
     assert code == 2
-    assert "no joint_states from 0.501 to 0.509 s" in out
+    (error,) = [line for line in out.splitlines() if line.startswith("error: ")]
+    assert out.splitlines()[-1] == error
+    assert message in error
 
 
 @pytest.mark.parametrize("args", [("--from", "-1"), ("--to", "nan"), ("--topic", "joint_states")])
@@ -164,55 +174,122 @@ def test_impossible_options_are_refused(
     assert "expected" in capsys.readouterr().err
 
 
-def test_all_arms_of_a_bag_are_shown_or_the_one_that_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    both = _two_arms(tmp_path / "both", tmp_path)
-    code, out = analyze(capsys, both, "--out", tmp_path / "page.html", "--export", "csv")
+def test_all_arms_of_a_bag_are_shown_or_the_one_named(tmp_path: Path, analyze: Analyze) -> None:
+    arms = {f"/{s}": write_run(tmp_path / s, [q] * 5) for s, q in (("left", 0.1), ("right", 0.2))}
+    both = arms_together(tmp_path / "both", arms)
+    code, out = analyze(both, "--out", tmp_path / "page.html", "--export", "csv")
     assert code == 0
     assert re.search(r"orientation error, peak \[deg\] *│ *5\.73 │ *11\.5 │", out)
     assert {f.name for f in tmp_path.glob("*.csv")} == {"both_left.csv", "both_right.csv"}
-    code, out = analyze(capsys, both, "--no-page", "--namespace", "right")
+    code, out = analyze(both, "--no-page", "--namespace", "right")
     assert re.search(r"orientation error, peak \[deg\] *│ *11\.5 │", out)
-    code, out = analyze(capsys, both, "--no-page", "--namespace", "/middle")
+    code, out = analyze(both, "--no-page", "--namespace", "/middle")
     assert code == 2
     assert "has the arms /left, /right" in out
 
 
-def test_a_bag_that_cannot_be_read_does_not_hide_the_others(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_broken_bag_does_not_hide_the_others(bag: Path, tmp_path: Path, analyze: Analyze) -> None:
     (tmp_path / "broken.mcap").write_bytes(b"no bag at all")
-    code, out = analyze(capsys, tmp_path / "broken.mcap", bag, "--no-page")
+    code, out = analyze(tmp_path / "broken.mcap", bag, "--no-page")
     assert code == 2
     assert "expected an MCAP file" in out
     assert re.search(r"orientation error, peak \[deg\] *│ *46\.", out)
 
 
-def test_figures_are_written_for_each_quantity(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figures_are_written_for_each_quantity(bag: Path, tmp_path: Path, analyze: Analyze) -> None:
     args = ("--no-page", "--figures", tmp_path / "f", "--figure-format", "svg")
-    code, _ = analyze(capsys, bag, *args)
+    code, _ = analyze(bag, *args)
     assert code == 0
     names = {path.name for path in (tmp_path / "f").iterdir()}
     assert {"orientation_error.svg", "error_angle_axis.svg", "force.svg"} <= names
 
 
-def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(
+    tmp_path: Path, analyze: Analyze
 ) -> None:
-    bag = write_run(tmp_path / "run", [0.1, 0.2], desired=False, urdf="")
+    bag = write_run(tmp_path / "run", [0.1, 0.2], speeds=[2.0, 1.0], desired=False, urdf="")
     (tmp_path / "arm.urdf").write_text(URDF)
-    code, out = analyze(capsys, bag, "--no-page")
+    code, _ = analyze(bag, "--no-page")
     assert code == 2
     urdf = ("--urdf", tmp_path / "arm.urdf")
-    code, out = analyze(capsys, bag, "--no-page", *urdf)
+    code, out = analyze(bag, "--no-page", *urdf)
     assert code == 2
     assert "give it with --tip-frame" in out
-    code, out = analyze(capsys, bag, "--no-page", *urdf, "--tip-frame", "tip")
+    code, out = analyze(bag, "--no-page", *urdf, "--tip-frame", "tip")
     assert code == 0
-    assert "joint speed, peak" in out
+    assert re.search(r"joint speed, peak \[rad/s\] *│ *2\.00 │", out)
+    for title in ("orientation error", "measured", "effort", "servo lag", "diverged", "The page"):
+        assert title not in out
+
+
+def test_the_numbers_of_runs_of_each_kind_are_shown_and_the_path_of_the_page(
+    tmp_path: Path, analyze: Analyze
+) -> None:
+    q, speeds, page = [0.0, 0.3, -0.5, 0.2], [0.0, -2.0, 1.0, 0.5], tmp_path / "new" / "page.html"
+    efforts = [3.0, -10.0, 10.0, 7.0]  # the limit is 10 Nm
+    clik = write_run(tmp_path / "clik", q, [0.0, 0.1, -0.4, 0.1], speeds=speeds)
+    dynamic = write_run(tmp_path / "dynamic", q, speeds=speeds, efforts=efforts)
+    code, out = analyze(clik, dynamic, "--out", page)
+    assert code == 0
+    for row in (
+        r"orientation error, peak \[deg\] *│ *22\.9 │ *28\.6 │",
+        r"  measured, peak \[deg\] *│ *28\.6 │ *- │",
+        r"servo lag, largest \[deg\] *│ *11\.5 ",
+        r"closest to pole of XYZ \[deg\] *│ *67\.1 ",
+        r"effort, peak \[Nm\] *│ *- │ *10\.0 │",
+        r"time at an effort limit \[s\] *│ *- │ *0\.0200 │",
+    ):
+        assert re.search(row, out), row
+    assert out.rstrip().endswith(f"The page: {page}")
+    assert page.is_file()
+
+
+def test_contact_and_motion_loop_are_shown_where_they_are(tmp_path: Path, analyze: Analyze) -> None:
+    felt = [[0, 0, 20, 0, 0, 0], [3, 4, 0, 0, 0, 2]]
+    frames = [
+        DesiredFrame(np.array([1.0 + x, 0.0, 0.0]), exp(np.array([0.0, turn, 0.0])))
+        for x, turn in ((0.0, 0.0), (0.01, -0.4))
+    ]
+    contact = write_run(tmp_path / "contact", [0.0, -0.3], compliant=frames, wrenches=felt)
+    free = write_run(tmp_path / "free", [0.1, 0.2], wrenches=[[0.0] * 6] * 2)
+    code, out = analyze(contact, free, "--no-page")
+    assert code == 0
+    for row, value in {
+        r"force, peak \[N\]": "20.0",
+        r"force, end \[N\]": "5.00",
+        r"moment, end \[Nm\]": "2.00",
+        r"compliant frame, end \[mm\]": "10.0",
+        r"compliant frame, end \[deg\]": "22.9",
+        r"motion loop, peak \[deg\]": "5.73",
+    }.items():
+        assert re.search(rf"{row} *│ *{value} │ *- │", out), row
+    code, out = analyze(free, "--no-page")
+    assert code == 0
+    assert not re.search("force|compliant", out)
+
+
+def test_the_table_of_many_bags_is_split(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, analyze: Analyze
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    bags = [write_run(tmp_path / f"run_of_a_long_name_{i}", [0.1 * i]) for i in range(5)]
+    _, out = analyze(*bags, "--no-page")
+    assert max(map(len, out.splitlines())) <= 80
+    assert "…" not in out
+    for angle in ("5.73", "11.5", "17.2", "22.9"):
+        assert angle in out
+
+
+def test_the_warning_of_a_truncated_bag_is_shown(tmp_path: Path, analyze: Analyze) -> None:
+    bag = write_run(tmp_path / "run", [0.1] * 4000)
+    file = bag / "run_0.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    page = tmp_path / "page.html"
+    code, out = analyze(bag, "--out", page)
+    assert code == 0
+    assert re.search(r"warning: .*run_0.mcap: was not finished", out)
+    assert "run_0.mcap: was not finished" in page.read_text()
+    assert "5.73" in out
 
 
 @pytest.mark.parametrize(
@@ -235,7 +312,7 @@ def test_the_library_draws_a_figure_by_name(bag: Path) -> None:
 def test_joints_that_slide_have_units_of_their_own(tmp_path: Path) -> None:
     """The roll of the rod slides at 0.5 m/s here, 20 mm from its command; the hinge turns."""
     urdf = URDF.replace('name="roll" type="revolute"', 'name="roll" type="prismatic"')
-    run = analysis.load(write_run(tmp_path / "run", [0.1] * 5, [0.1] * 5, urdf=urdf))
+    run = recorded(tmp_path / "run", [0.1] * 5, [0.1] * 5, urdf=urdf)
     slides = np.arange(5) * 0.005
     moved = replace(run.measured, q=np.column_stack([run.measured.q[:, 0], slides + 0.02]))
     speeds = np.column_stack([np.full(5, 0.1), np.full(5, 0.5)])

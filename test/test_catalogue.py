@@ -1,6 +1,5 @@
 """The catalogue of robots: what it holds, and what it refuses."""
 
-import dataclasses
 import re
 import subprocess
 import sys
@@ -83,6 +82,7 @@ def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name: st
     assert tuple(model.names)[1:] == robot.joints
     for frame in (robot.base_frame, robot.tip_frame, robot.sensor_frame):
         assert model.existFrame(frame), frame
+    assert load_robot(str(robot.urdf_path)).joints == robot.joints
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -96,34 +96,22 @@ def test_a_home_is_away_from_singularities_and_limits(name: str) -> None:
     assert np.all(model.upperPositionLimit - q > ROOM_TO_LIMITS)
 
 
-def test_the_ur5_ends_at_tool0_and_starts_where_the_experiments_do() -> None:
-    robot = load_robot("ur5")
-    assert (robot.base_frame, robot.tip_frame) == ("base_link", "tool0")
-    assert robot.home == (-0.21662, -1.1967, 1.83698, 1.78954, -1.39217, -2.98951)
-
-
-def test_the_fingers_of_the_panda_are_not_part_of_its_arm() -> None:
-    robot = load_robot("panda")
-    assert robot.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
-    assert robot.tip_frame == "panda_hand_tcp"
-
-
-def test_a_robot_is_frozen() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        load_robot("ur5").name = "ur6"  # type: ignore[misc]
+def test_the_arms_end_where_the_experiments_take_them_to_end() -> None:
+    ur5, panda = load_robot("ur5"), load_robot("panda")
+    assert (ur5.base_frame, ur5.tip_frame) == ("base_link", "tool0")
+    assert ur5.home == (-0.21662, -1.1967, 1.83698, 1.78954, -1.39217, -2.98951)
+    assert panda.joints == tuple(f"panda_joint{i}" for i in range(1, 8))  # no fingers
+    assert panda.tip_frame == "panda_hand_tcp"
 
 
 def test_an_unknown_robot_is_refused_with_the_names_that_exist() -> None:
     with pytest.raises(UnknownNameError) as caught:
         load_robot("ur55")
-    assert str(caught.value) == (
-        "unknown robot 'ur55' (did you mean 'ur5'?); known: kuka_iiwa, panda, ur10, ur5"
-    )
+    known = "kuka_iiwa, panda, ur10, ur5"
+    assert str(caught.value) == f"unknown robot 'ur55' (did you mean 'ur5'?); known: {known}"
 
 
-def test_a_path_takes_the_root_link_the_longest_chain_and_a_home_within_limits(
-    tmp_path: Path,
-) -> None:
+def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_path: Path) -> None:
     robot = load_urdf(TWO_LINKS, tmp_path)
     assert robot == RobotDescription(
         name="my",
@@ -137,15 +125,7 @@ def test_a_path_takes_the_root_link_the_longest_chain_and_a_home_within_limits(
     )
 
 
-def test_a_path_to_a_robot_of_the_catalogue_finds_the_same_joints() -> None:
-    for name in ROBOTS:
-        robot = load_robot(name)
-        assert load_robot(str(robot.urdf_path)).joints == robot.joints
-
-
-def test_an_entry_is_read_with_its_urdf_relative_to_the_file(
-    entry: dict[str, Any], tmp_path: Path
-) -> None:
+def test_an_entry_is_read_with_its_urdf_beside_it(entry: dict[str, Any], tmp_path: Path) -> None:
     robot = load_entry(entry, tmp_path)
     assert robot.urdf_path == tmp_path / "two.urdf"
     assert robot.joints == ("swing", "slide")
@@ -155,13 +135,9 @@ def test_an_entry_is_read_with_its_urdf_relative_to_the_file(
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("</robot>", "", "not valid XML: no element found"),
         ("robot", "sdf", "the root element is <sdf>, expected <robot>"),
         ('<link name="finger"/>', "", "no link 'finger' as child"),
         ('<child link="finger"/>', "", "joint 'slide' has no <child>"),
-        ('<child link="finger"/>', '<child link="arm"/>', "link 'arm' has two parents"),
-        ('<parent link="base"/>', '<parent link="finger"/>', "is not carried by link 'base'"),
-        ('<link name="base"/>', '<link name="base"/><link name="b2"/>', "one root link, found 2"),
         ('<link name="base"/>', "<link/>", "a <link> has no attribute 'name'"),
         ('lower="0.5"', 'lower="2"', "impossible limits of joint 'swing'"),
         ('lower="0.5"', 'lower="half"', "limits of joint 'swing': could not convert"),
@@ -169,9 +145,7 @@ def test_an_entry_is_read_with_its_urdf_relative_to_the_file(
         ('"revolute"', '"fixed"', "joints must be some of"),
     ],
 )
-def test_a_broken_urdf_is_refused_with_the_reason(
-    old: str, new: str, reason: str, tmp_path: Path
-) -> None:
+def test_a_broken_urdf_is_refused(old: str, new: str, reason: str, tmp_path: Path) -> None:
     assert old in TWO_LINKS
     with pytest.raises(RobotError, match=re.escape(reason)) as caught:
         load_urdf(TWO_LINKS.replace(old, new), tmp_path)

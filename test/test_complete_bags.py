@@ -8,43 +8,52 @@ import pytest
 import synthetic_runs
 from synthetic_runs import rewritten, write_run
 
+from eulerparams_control.errors import BagError
 from eulerparams_control.lab.experiments.runner import IncompleteBagError, _check_complete
 
 RATE, COUNT = 100.0, 30
 END = (COUNT - 1) / RATE
-SETTINGS: Any = SimpleNamespace(controller="clik", duration=END)
-TOPICS = ("/joint_states", "/wrench", "/joint_reference")
 
 
-def write_without(folder: Path, topic: str, lost: int) -> Path:
-    """Write a run whose last messages of a topic are lost; return its folder."""
+def checked(
+    folder: Path, topic: str = "", lost: int = 0, diverged: bool = False, end: float = END
+) -> float:
+    """Check a run, planned until ``end`` [s], whose last messages of a topic are lost."""
     q = [0.0] * COUNT
     whole = write_run(folder / "whole", q, q, wrenches=[[0.0] * 6] * COUNT)
     left = COUNT - lost
-    return rewritten(
+    run = rewritten(
         whole, folder / "run", lambda m, k: None if m.topic == topic and k >= left else m
     )
+    settings: Any = SimpleNamespace(controller="clik", duration=end)
+    return _check_complete(run, settings, RATE, diverged)
 
 
 def test_a_whole_run_counts_up_to_its_end(tmp_path: Path) -> None:
-    assert _check_complete(write_without(tmp_path, "", 0), SETTINGS, RATE, diverged=False) == END
+    assert checked(tmp_path) == END
 
 
-@pytest.mark.parametrize("topic", TOPICS)
+@pytest.mark.parametrize("topic", ["/joint_states", "/wrench", "/joint_reference"])
 @pytest.mark.parametrize("lost", [1, 20])
 def test_a_run_of_which_messages_are_lost_is_incomplete(
     tmp_path: Path, topic: str, lost: int
 ) -> None:
-    run = write_without(tmp_path, topic, lost)
     with pytest.raises(IncompleteBagError, match=f"{topic} has {COUNT - lost} stamps; expected"):
-        _check_complete(run, SETTINGS, RATE, diverged=False)
+        checked(tmp_path, topic, lost)
+
+
+def test_a_run_with_more_messages_than_it_can_have_is_not_incomplete_but_wrong(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(BagError, match="has 30 stamps; expected 29") as error:
+        checked(tmp_path, end=END - 1 / RATE)
+    assert error.type is BagError
 
 
 def test_a_run_that_diverged_may_lack_the_last_answer_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(synthetic_runs, "_START", 0)  # as in simulated time
-    run = write_without(tmp_path / "1", "/joint_reference", 1)
-    assert _check_complete(run, SETTINGS, RATE, diverged=True) == END
+    assert checked(tmp_path / "1", "/joint_reference", 1, diverged=True) == END
     with pytest.raises(IncompleteBagError, match="/wrench has 29 stamps; expected 30"):
-        _check_complete(write_without(tmp_path / "2", "/wrench", 1), SETTINGS, RATE, diverged=True)
+        checked(tmp_path / "2", "/wrench", 1, diverged=True)

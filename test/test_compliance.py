@@ -9,11 +9,13 @@ frame at rest.  They are compared with the formulas of this file, in angle and a
 """
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from arms import assert_no_jump
+from representations import DEPENDS_ON_THE_BASE, every_representation, make
 from samples import (
     K_STAR,
     T_of,
@@ -47,6 +49,7 @@ from tolerances import (
     SMALL_TURN,
     STIFFNESS,
     UNBOUNDED,
+    assert_close,
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
@@ -56,17 +59,8 @@ from eulerparams_control.laws.compliant_frame import (
     ComplianceLaw,
     CompliantFrame,
 )
-from eulerparams_control.laws.impedance_matrices import (
-    Impedance,
-    damping_of_ratio,
-)
-from eulerparams_control.laws.orientation import (
-    ORIENTATIONS,
-    SEQUENCES,
-    EulerSequence,
-    OrientationOptions,
-    representation,
-)
+from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
+from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, EulerSequence
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
 )
@@ -83,23 +77,14 @@ RIGHT = math.pi / 2
 U_STAR = k_star_axes()
 STAR = (U_STAR * K_STAR) @ U_STAR.T  # K*
 
-# Those whose impedance depends on the desired orientation.
-DEPENDS_ON_THE_BASE = {"euler_angles"}
-
 # Those that have V_3.
 HAVE_V_3 = {"angle_axis", "euler_parameters", "rotation_vector"}
 
 three_axes = [s for s in SEQUENCES if s[0] != s[2]]
 proper = [s for s in SEQUENCES if s[0] == s[2]]
-every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
-every_relative = pytest.mark.parametrize("name", sorted(set(ORIENTATIONS) - DEPENDS_ON_THE_BASE))
+RELATIVE = sorted(set(ORIENTATIONS) - DEPENDS_ON_THE_BASE)
 of_the_quaternion = pytest.mark.parametrize("name", sorted(HAVE_V_3))
 every_frame = pytest.mark.parametrize("frame", TRANSLATIONAL_FRAMES)
-
-
-def make(name, sequence="XYZ"):
-    """Return the representation of that name."""
-    return representation(name, OrientationOptions(EulerSequence(sequence)))
 
 
 def damped(M, K, ratio=1.0):
@@ -149,7 +134,6 @@ def times(duration, dt=DT):
 
 
 def turned(x):
-    """Return the rotation by the vector x = theta r."""
     theta = float(np.linalg.norm(x))
     return rodrigues(theta, x / theta) if theta else I
 
@@ -186,17 +170,17 @@ def relative_motion(d, c):
     return R.T @ c.R_d, x, R.T @ in_base
 
 
-def residual_of_eq_55(Z, d, c, mu):
+def residual_of_eq_55(Z, d, c, mu, sequence):
     """Return M_o Delta ddphi + D_o Delta dphi + K_o Delta phi - T'(phi_c) mu."""
-    phi_d, phi_c = angles_of("XYZ", d.R_d), angles_of("XYZ", c.R_d)
-    dphi_d, ddphi_d = angle_rates("XYZ", phi_d, d.omega_d, d.domega_d)
-    dphi_c, ddphi_c = angle_rates("XYZ", phi_c, c.omega_d, c.domega_d)
+    phi_d, phi_c = angles_of(sequence, d.R_d), angles_of(sequence, c.R_d)
+    dphi_d, ddphi_d = angle_rates(sequence, phi_d, d.omega_d, d.domega_d)
+    dphi_c, ddphi_c = angle_rates(sequence, phi_c, c.omega_d, c.domega_d)
     phi_cd = np.angle(np.exp(1j * (phi_c - phi_d)))
     left = Z.M @ (ddphi_c - ddphi_d) + Z.D @ (dphi_c - dphi_d) + Z.K @ phi_cd
-    return left - T_of("XYZ", phi_c).T @ mu
+    return left - T_of(sequence, phi_c).T @ mu
 
 
-def residual_of_relative_angles(Z, d, c, mu, sequence="XYZ"):
+def residual_of_relative_angles(Z, d, c, mu, sequence):
     """Return M ddphi + D dphi + K phi - T'(phi) mu^d, with T(0)' M_o T(0) for M and so on."""
     R_cd, x, dx = relative_motion(d, c)
     phi, T_0 = angles_of(sequence, R_cd), T_of(sequence, O)
@@ -208,7 +192,7 @@ def residual_of_relative_angles(Z, d, c, mu, sequence="XYZ"):
 def residual_of_eq_59(name):
     """Return the function M_o dx + D_o x + mu_E - mu^d."""
 
-    def residual(Z, d, c, mu):
+    def residual(Z, d, c, mu, _):
         R_cd, x, dx = relative_motion(d, c)
         rho = turn_of(R_cd)
         theta = float(np.linalg.norm(rho))
@@ -251,12 +235,11 @@ def elastic_moment(law, R_d, R_cd):
 
 def stiffness(law, R_d):
     """Return d mu_E / (Delta omega dt) (3, 3) at R_c = R_d, axes of the desired frame."""
-    columns = [
-        elastic_moment(law, R_d, turned(SMALL_TURN * e))
-        - elastic_moment(law, R_d, turned(-SMALL_TURN * e))
-        for e in I
-    ]
-    return np.column_stack(columns) / (2 * SMALL_TURN)
+    ahead, back = (
+        [elastic_moment(law, R_d, turned(turn * e)) for e in I]
+        for turn in (SMALL_TURN, -SMALL_TURN)
+    )
+    return np.subtract(ahead, back).T / (2 * SMALL_TURN)
 
 
 @of_the_quaternion
@@ -266,9 +249,7 @@ def test_the_elastic_moment_is_that_of_its_function_of_the_angle(name, theta):
     for r, K, R_d in zip(axes, stiff, uniform(COUNT, 4), strict=True):
         own = law(name, Impedance(I, I, K))
         expected = printed_moment(name, theta, r, K)
-        np.testing.assert_allclose(
-            elastic_moment(own, R_d, rodrigues(theta, r)), expected, rtol=0, atol=STIFFNESS
-        )
+        assert_close(elastic_moment(own, R_d, rodrigues(theta, r)), expected, STIFFNESS)
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
@@ -279,8 +260,7 @@ def test_the_elastic_moment_of_euler_angles_is_eq_56(sequence):
         own = law("euler_angles", Impedance(I, I, K), sequence=sequence)
         R_d, R_c = by_angles(sequence, *phi_d), by_angles(sequence, *phi_c)
         expected = np.linalg.solve(T_of(sequence, phi_c).T, K @ (phi_c - phi_d))
-        found = R_d @ elastic_moment(own, R_d, R_d.T @ R_c)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=STIFFNESS)
+        assert_close(R_d @ elastic_moment(own, R_d, R_d.T @ R_c), expected, STIFFNESS)
 
 
 @of_the_quaternion
@@ -292,33 +272,24 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
         rates = [
             own.compliance_rate(np.array([s * Q.eta, *(s * Q.eps), *x]), mu, Z) for s in (1, -1)
         ]
-        np.testing.assert_allclose(rates[1][:4], -rates[0][:4], rtol=0, atol=ALGEBRAIC)
-        np.testing.assert_allclose(rates[1][4:], rates[0][4:], rtol=0, atol=1e2 * ALGEBRAIC)
+        assert_close(rates[1][:4], -rates[0][:4])
+        assert_close(rates[1][4:], rates[0][4:], 1e2 * ALGEBRAIC)
 
 
 # --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
 
 
 def assert_stiffness(own, R_d, K):
-    found = stiffness(own, R_d)
-    np.testing.assert_allclose(found, K, rtol=0, atol=STIFFNESS * np.abs(K).max())
+    assert_close(stiffness(own, R_d), K, STIFFNESS * np.abs(K).max())
 
 
-@every_relative
-def test_small_turns_have_the_stiffness_wherever_the_desired_frame_is(name):  # (62)
+@pytest.mark.parametrize(
+    ("name", "sequence"),
+    [*((name, "XYZ") for name in RELATIVE), *(("relative_euler_angles", s) for s in three_axes)],
+)
+def test_small_turns_have_the_stiffness_wherever_the_desired_frame_is(name, sequence):  # (62)
     for R_d, K in zip(uniform(5), positive_definite(5, 5, 10, 100), strict=True):
-        assert_stiffness(law(name, damped(1.0, K)), R_d, K)
-
-
-@pytest.mark.parametrize("sequence", three_axes)
-def test_relative_angles_of_every_sequence_have_the_stiffness_about_the_desired_axes(sequence):
-    for R_d, K in zip(uniform(3, 1), positive_definite(3, 6, 10, 100), strict=True):
-        own = law("relative_euler_angles", damped(1.0, K), sequence=sequence)
-        assert_stiffness(own, R_d, K)
-        Z = own.Z_o  # its inertia and damping are turned alike
-        T_0 = T_of(sequence, O)
-        np.testing.assert_allclose(Z.D, T_0.T @ own.rotation.D @ T_0, atol=1e2 * ALGEBRAIC)
-        np.testing.assert_allclose(Z.M, T_0.T @ own.rotation.M @ T_0, atol=1e2 * ALGEBRAIC)
+        assert_stiffness(law(name, damped(1.0, K), sequence=sequence), R_d, K)
 
 
 @pytest.mark.parametrize("sequence", proper)
@@ -371,24 +342,18 @@ def running(name, frame, motion, key, dt, duration, sequence="XYZ"):
 
 
 @every_frame
-@pytest.mark.parametrize("name", sorted(RESIDUALS))
-def test_the_impedance_equations_hold_at_each_sample(name, frame):  # (52), (55), (59)
+@pytest.mark.parametrize(
+    ("name", "sequence"),
+    [*((name, "XYZ") for name in RESIDUALS), *(("relative_euler_angles", s) for s in three_axes)],
+)
+def test_the_impedance_equations_hold_at_each_sample(name, sequence, frame):  # (52), (55), (59)
     for key, motion in enumerate(clear_motions(2)):
-        own, samples = running(name, frame, motion, key, 5e-3, 0.1)
+        own, samples = running(name, frame, motion, key, 5e-3, 0.1, sequence)
         for _, d, c, w in samples:
-            moments = RESIDUALS[name](own.rotation, d, c, w[3:])
-            np.testing.assert_allclose(moments, 0, rtol=0, atol=IMPEDANCE_EQUATION)
+            moments = RESIDUALS[name](own.rotation, d, c, w[3:], sequence)
+            assert_close(moments, 0, IMPEDANCE_EQUATION)
             forces = residual_of_eq_52(own.translation, frame, d, c, w[:3])
-            np.testing.assert_allclose(forces, 0, rtol=0, atol=IMPEDANCE_EQUATION)
-
-
-@pytest.mark.parametrize("sequence", three_axes)
-def test_the_equation_of_relative_angles_holds_with_every_sequence(sequence):
-    name = "relative_euler_angles"
-    own, samples = running(name, "base", clear_motions(1)[0], 7, 5e-3, 0.1, sequence)
-    for _, d, c, w in samples:
-        moments = residual_of_relative_angles(own.rotation, d, c, w[3:], sequence)
-        np.testing.assert_allclose(moments, 0, rtol=0, atol=IMPEDANCE_EQUATION)
+            assert_close(forces, 0, IMPEDANCE_EQUATION)
 
 
 @every_frame
@@ -396,34 +361,25 @@ def test_the_equation_of_relative_angles_holds_with_every_sequence(sequence):
     ("name", "sequence"),
     [*((name, "XYZ") for name in ORIENTATIONS), ("relative_euler_angles", "YZX")],
 )
-def test_velocities_and_accelerations_are_the_derivatives_of_the_compliant_frame(
-    name, frame, sequence
-):
+def test_velocities_and_accelerations_are_the_derivatives_of_the_frame(name, frame, sequence):
     dt = 2e-4
     for key, motion in enumerate(clear_motions(2)):
         _, samples = running(name, frame, motion, key, dt, 20 * dt, sequence)
-        frames = [c for _, _, c, _ in samples]
-        for far_back, back, c, ahead, far_ahead in zip(
-            *(frames[i:] for i in range(5)), strict=False
-        ):
-            dp, dR, ddp, domega = (
-                (a - 8 * b + 8 * d - e) / (12 * dt)
-                for a, b, d, e in (
-                    (getattr(f, of) for f in (far_back, back, ahead, far_ahead))
-                    for of in ("p_d", "R_d", "dp_d", "omega_d")
-                )
-            )
-            omega = axial(dR @ c.R_d.T)
-            found = np.concatenate((dp, omega, ddp, domega))
-            said = np.concatenate((c.dp_d, c.omega_d, c.ddp_d, c.domega_d))
-            np.testing.assert_allclose(found, said, rtol=0, atol=COMPLIANT_RATES)
-        assert np.abs(said).min() > 1e-4  # all of them move
+        columns = zip(*(c for _, _, c, _ in samples), strict=True)
+        p, R, v, omega, a, alpha = map(np.array, columns)
+        dp, dR, dv, domega = (
+            (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * dt) for x in (p, R, v, omega)
+        )
+        turning = [axial(dR_now @ R_now.T) for dR_now, R_now in zip(dR, R[2:-2], strict=True)]
+        found, said = (dp, turning, dv, domega), (v, omega, a, alpha)
+        assert_close(found, [x[2:-2] for x in said], COMPLIANT_RATES)
+        assert np.abs([x[-1] for x in said]).min() > 1e-4  # all of them move
 
 
 def test_the_compliant_rotation_stays_a_rotation():
     _, samples = running("euler_parameters", "base", clear_motions(1)[0], 3, 0.02, 3.0)
     R = samples[-1][2].R_d
-    np.testing.assert_allclose(R.T @ R, I, rtol=0, atol=10 * ALGEBRAIC)
+    assert_close(R.T @ R, I, 10 * ALGEBRAIC)
 
 
 # --- a desired frame that turns -----------------------------------------------------------------
@@ -458,14 +414,14 @@ def turning_at(speed, r=(0.0, 0.0, 1.0), R_0=None):
     return lambda t: at(rodrigues(speed * t, r) @ R_0, O, O, speed * r)
 
 
-@every_relative
+@pytest.mark.parametrize("name", RELATIVE)
 def test_on_a_desired_frame_that_turns_and_accelerates_the_relative_motion_is_that_at_rest(name):
     at_rest, p_rest = relative_path(name, "desired", turning_at(0.0))  # erratum of (59)
     assert angle(at_rest[0], at_rest[-1]) > 0.3  # it moves
     turning, p = relative_path(name, "desired", desired_by(moving(3)))
     for R, R_rest in zip(turning, at_rest, strict=True):
         assert angle(R, R_rest) < RELATIVE_MOTION
-    np.testing.assert_allclose(p, p_rest, rtol=0, atol=RELATIVE_MOTION)
+    assert_close(p, p_rest, RELATIVE_MOTION)
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
@@ -505,29 +461,21 @@ def test_V_3_is_kinetic_and_elastic_energy_and_its_rate_damping_and_contact_powe
         np.testing.assert_allclose(found, (energy, power), rtol=ALGEBRAIC)
 
 
-def energies(name, Z, mu_d, R_0, x_0, dt, duration):
-    """Return V_3 and dV_3 along a motion on a desired frame at rest."""
-    R_d = uniform(1, 11)[0]
-    own, desired = law(name, Z), at(R_d)
-    frames = follow(
-        begun(own, desired, at(R_d @ R_0, O, O, R_d @ x_0)),
-        constant(desired), constant(wrench(mu=R_d @ mu_d)), times(duration, dt),
-    )  # fmt: skip
-    return np.array(
-        [own.orientation.lyapunov_3(R_d.T @ c.R_d, R_d.T @ c.omega_d, Z, mu_d) for c in frames]
-    ).T
-
-
 @of_the_quaternion
 def test_along_a_motion_V_3_changes_by_damping_and_by_the_power_of_the_contact(name):  # (69)
-    dt = 2e-3
-    M, D = positive_definite(2, 70)
+    dt, R_d, (M, D) = 2e-3, uniform(1, 11)[0], positive_definite(2, 70)
+    own, desired = law(name, Impedance(M, 2 * D, STAR)), at(R_d)
+    R_c = R_d @ rodrigues(1.0, U_STAR @ [0.6, 0.0, 0.8])
     for mu_d in (O, np.array([6.0, -9.0, 4.0])):
-        Z = Impedance(M, 2 * D, STAR)
-        V, dV = energies(name, Z, mu_d, rodrigues(1.0, U_STAR @ [0.6, 0.0, 0.8]), 2 * I[0], dt, 0.5)
+        compliant = begun(own, desired, at(R_c, O, O, 2 * R_d[:, 0]))
+        push = constant(wrench(mu=R_d @ mu_d))
+        states = [
+            (R_d.T @ c.R_d, R_d.T @ c.omega_d)
+            for c in follow(compliant, constant(desired), push, times(0.5, dt))
+        ]
+        V, dV = np.array([own.orientation.lyapunov_3(*s, own.rotation, mu_d) for s in states]).T
         gained = dt / 3 * (dV[0:-2:2] + 4 * dV[1:-1:2] + dV[2::2])  # Simpson
-        balance = V[2::2] - V[0:-2:2] - gained
-        np.testing.assert_allclose(balance, 0, rtol=0, atol=ENERGY_BALANCE)
+        assert_close(V[2::2] - V[0:-2:2], gained, ENERGY_BALANCE)
         assert np.ptp(V) > 5
 
 
@@ -584,20 +532,11 @@ def test_a_fast_impedance_is_stable_and_accurate(dt):
     own = law(translation=fast, rotation=fast)
     assert 0.9 * MAX_RATE < own.rate < MAX_RATE
     t = times(0.2, dt)
-    w = wrench(f * I[1], f * I[1])
-    frames = follow(begun(own, at(), at()), constant(at()), constant(w), t)
+    frames = follow(begun(own, at(), at()), constant(at()), constant(wrench(f * I[1], f * I[1])), t)
     expected = modal(t, m, d, k, f)
-    np.testing.assert_allclose(
-        [c.p_d[1] for c in frames], expected, rtol=0, atol=FAST_MODES * f / k
-    )
+    assert_close([c.p_d[1] for c in frames], expected, FAST_MODES * f / k)
     theta = [angle(I, c.R_d) for c in frames]  # 1.1 deg: almost linear
-    np.testing.assert_allclose(theta, expected, rtol=0, atol=1e-4 * f / k + FAST_MODES * f / k)
-    velocities = np.gradient(expected, t)[1:-1]
-    if dt < 2e-3:
-        assert (
-            np.abs([c.dp_d[1] for c in frames][2:-1] - velocities[1:]).max()
-            < 0.05 * velocities.max()
-        )
+    assert_close(theta, expected, 1e-4 * f / k + FAST_MODES * f / k)
 
 
 def test_within_a_step_that_is_divided_the_wrench_goes_on_linearly():
@@ -609,18 +548,16 @@ def test_within_a_step_that_is_divided_the_wrench_goes_on_linearly():
     lag = slope * d / k**2  # m x'' + d x' + k x = slope t: x = slope t / k - lag + the modes
     expected = slope * t / k - lag + modal(t, m, d, k, 0.0, lag, -slope / k)
     size = expected.max()
-    found = [c.p_d[1] for c in frames]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=FAST_MODES * size)
+    assert_close([c.p_d[1] for c in frames], expected, FAST_MODES * size)
 
 
-@pytest.mark.parametrize("name", ORIENTATIONS)
+@every_representation
 @pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_an_undamped_fast_rotation_does_not_grow(name, dt):
     Z = Impedance(1e-3 * I, 1e-3 * I, 1e-3 * (0.95 * MAX_RATE) ** 2 * I)  # hardly damped
     own = law(name, Z)
-    frames = follow(
-        begun(own, at(), at(about(0, 0.2))), constant(at()), constant(NO_WRENCH), times(0.1, dt)
-    )
+    compliant = begun(own, at(), at(about(0, 0.2)))
+    frames = follow(compliant, constant(at()), constant(NO_WRENCH), times(0.1, dt))
     assert max(angle(I, c.R_d) for c in frames) < 0.2 * 1.001
 
 
@@ -628,17 +565,11 @@ def test_an_undamped_fast_rotation_does_not_grow(name, dt):
 @every_representation
 def test_an_impedance_that_is_too_fast_is_refused_with_the_mass_to_raise(name, which, mass):
     just, beyond = 0.999 * MAX_RATE, 1.001 * MAX_RATE
-    for fast in (
-        lambda rate: Impedance(I, rate * I, O * I),
-        lambda r: Impedance(I, 0 * I, r**2 * I),
-    ):
+    for fast in (lambda r: Impedance(I, r * I, O * I), lambda r: Impedance(I, O * I, r**2 * I)):
         law(name, **{which: fast(just)})
-        with pytest.raises(ConfigurationError) as caught:
+        with pytest.raises(ConfigurationError, match=re.escape(f"{beyond:.4g}")) as caught:
             law(name, **{which: fast(beyond)})
-        other = {"M_p": "M_o", "M_o": "M_p"}[mass]
-        assert mass in str(caught.value)
-        assert other not in str(caught.value)
-        assert f"{beyond:.4g}" in str(caught.value)
+        assert set(re.findall("M_[po]", str(caught.value))) == {mass}
 
 
 def test_an_unknown_translational_frame_is_refused_with_those_that_exist():
@@ -652,19 +583,18 @@ def test_an_unknown_translational_frame_is_refused_with_those_that_exist():
 R_AWAY = by_angles("XYZ", 0.3, 0.4, 0.2)
 
 
-def test_without_a_beginning_it_begins_at_the_desired_frame():
-    motion = clear_motions(1)[0]
-    desired = DesiredFrame(*motion(0.0))
-    compliant = CompliantFrame(law())
-    assert compliant.now is None
-    first = compliant.step(0.0, desired, NO_WRENCH)
+def assert_same_motion(found, expected):
     for of in ("p_d", "R_d", "dp_d", "omega_d"):
-        np.testing.assert_allclose(getattr(first, of), getattr(desired, of), atol=ALGEBRAIC)
-    compliant.step(DT, desired, wrench(f=1e3 * I[0]))
-    compliant.reset()
-    assert compliant.now is None
-    again = compliant.step(0.0, desired, NO_WRENCH)
-    np.testing.assert_allclose(again.dp_d, desired.dp_d, atol=ALGEBRAIC)
+        assert_close(getattr(found, of), getattr(expected, of), 1e2 * ALGEBRAIC)
+
+
+def test_without_a_beginning_and_after_a_reset_it_begins_at_the_desired_frame():
+    desired, compliant = DesiredFrame(*clear_motions(1)[0](0.0)), CompliantFrame(law())
+    for _ in range(2):
+        assert compliant.now is None
+        assert_same_motion(compliant.step(0.0, desired, NO_WRENCH), desired)
+        compliant.step(DT, desired, wrench(f=1e3 * I[0]))
+        compliant.reset()
 
 
 @every_frame
@@ -673,20 +603,15 @@ def test_it_begins_where_and_as_fast_as_it_is_told(name, frame):
     for key, motion in enumerate(clear_motions(5)):
         desired, other = DesiredFrame(*motion(0.0)), DesiredFrame(*moving(90 + key, R_AWAY)(0.0))
         start = other._replace(R_d=turned(0.3 * vectors(1, key)[0]) @ desired.R_d)
-        first = begun(law(name, frame=frame), desired, start).step(0.0, desired, contact(key)(0.3))
-        for of in ("p_d", "R_d", "dp_d", "omega_d"):
-            found, expected = getattr(first, of), getattr(start, of)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e2 * ALGEBRAIC)
+        compliant = begun(law(name, frame=frame), desired, start)
+        assert_same_motion(compliant.step(0.0, desired, contact(key)(0.3)), start)
 
 
 def test_without_time_nothing_moves():
-    compliant = begun(law(), at(), at(R_AWAY, 0.1 * I[0], I[1], I[2]))
-    frames = [compliant.step(0.0, at(), contact(1)(0.1 * k)) for k in range(5)]
-    for c in frames:
-        np.testing.assert_allclose(
-            (c.p_d, c.dp_d, c.omega_d), (0.1 * I[0], I[1], I[2]), atol=ALGEBRAIC
-        )
-        np.testing.assert_allclose(c.R_d, R_AWAY, atol=ALGEBRAIC)
+    start = at(R_AWAY, 0.1 * I[0], I[1], I[2])
+    compliant = begun(law(), at(), start)
+    for k in range(5):
+        assert_same_motion(compliant.step(0.0, at(), contact(1)(0.1 * k)), start)
 
 
 @every_frame
@@ -731,20 +656,17 @@ def test_a_frozen_frame_comes_to_rest_and_goes_on_without_a_jump(name, frame, mo
 
 def test_a_frozen_frame_stops_exponentially_however_the_time_is_divided():
     start = at(R_AWAY, [0.1, 0.2, 0.3], np.array([0.5, -1.0, 2.0]), np.array([1.0, 3.0, -2.0]))
+    left = math.exp(-0.3 / STOP_TIME)
+    way = STOP_TIME * (1 - left)
     for steps in ([0.3], [0.01] * 30, [0.0, 0.1, 0.0, 0.19, 0.01]):
         compliant = begun(law(), at(R_AWAY), start)
         for dt in steps:
             frame = compliant.freeze(dt, at())
-        left = math.exp(-0.3 / STOP_TIME)
-        way = STOP_TIME * (1 - left)
-        np.testing.assert_allclose(frame.dp_d, left * start.dp_d, rtol=0, atol=ALGEBRAIC)
-        np.testing.assert_allclose(frame.omega_d, left * start.omega_d, rtol=0, atol=ALGEBRAIC)
-        np.testing.assert_allclose(frame.ddp_d, -frame.dp_d / STOP_TIME, rtol=0, atol=ALGEBRAIC)
-        rate = -frame.omega_d / STOP_TIME
-        np.testing.assert_allclose(frame.domega_d, rate, rtol=0, atol=ALGEBRAIC)
-        p, R = start.p_d + way * start.dp_d, turned(way * start.omega_d) @ R_AWAY
-        np.testing.assert_allclose(frame.p_d, p, rtol=0, atol=ALGEBRAIC)
-        np.testing.assert_allclose(frame.R_d, R, rtol=0, atol=ALGEBRAIC)
+        v, omega = left * start.dp_d, left * start.omega_d
+        assert_close((frame.dp_d, frame.omega_d), (v, omega))
+        assert_close((frame.ddp_d, frame.domega_d), (-v / STOP_TIME, -omega / STOP_TIME))
+        assert_close(frame.p_d, start.p_d + way * start.dp_d)
+        assert_close(frame.R_d, turned(way * start.omega_d) @ R_AWAY)
 
 
 LAWS = {
@@ -766,14 +688,11 @@ def test_another_law_goes_on_from_the_same_frame_and_velocities(before, after):
     compliant.replace_law(LAWS[after])
     assert compliant.law is LAWS[after]
     here = compliant.step(0.0, desired_at(0.1), wrench_at(0.1))
-    for of in ("p_d", "R_d", "dp_d", "omega_d"):
-        np.testing.assert_allclose(
-            getattr(here, of), getattr(last, of), rtol=0, atol=1e2 * ALGEBRAIC
-        )
+    assert_same_motion(here, last)
     again = begun(LAWS[after], desired_at(0.1), last)  # as if it had begun there
     expected = again.step(0.0, desired_at(0.1), wrench_at(0.1))
-    np.testing.assert_allclose(here.ddp_d, expected.ddp_d, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(here.domega_d, expected.domega_d, rtol=0, atol=1e-8)
+    assert_close(here.ddp_d, expected.ddp_d, 1e-8)
+    assert_close(here.domega_d, expected.domega_d, 1e-8)
     compliant.replace_law(LAWS[before])
     compliant.replace_law(LAWS[after])
     frames = [here]
@@ -808,8 +727,6 @@ def test_a_wrench_beyond_all_numbers_is_told_and_no_frame_follows(name, where):
 
 
 def test_the_registry_of_quaternions_is_what_the_tables_say():
-    relatives = {
-        name for name in ORIENTATIONS if isinstance(make(name), RelativeQuaternionRepresentation)
-    }
-    assert relatives == HAVE_V_3
+    kind = RelativeQuaternionRepresentation
+    assert {name for name in ORIENTATIONS if isinstance(make(name), kind)} == HAVE_V_3
     assert set(RESIDUALS) == set(ORIENTATIONS)

@@ -2,16 +2,18 @@
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5
+from arms import HOME, STILL, UR5, Plant
 from arms import pose_of as tip_pose
 from samples import about, by_angles, generator, near_pole, poles, rodrigues, uniform
 from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.dynamic_control import (
@@ -31,8 +33,9 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
-from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory, way_points
 
 MS = 1_000_000  # [ns]
@@ -70,9 +73,9 @@ def moved(x=0.0, angle=0.0):
     return DesiredFrame(home.p_d + x * np.eye(3)[0], about(0, angle) @ home.R_d)
 
 
-def moving_controller(**options):
+def moving_controller(*chosen, **options):
     """Return a controller on its way, its last command and the stamp of it."""
-    running = controller(**options)
+    running = controller(*chosen, **options)
     goal = moved(0.1, 0.5)
     running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     for step in range(300):
@@ -80,6 +83,18 @@ def moving_controller(**options):
         command = running.step(t, HOME, STILL)
     assert np.abs(command.dq).max() > 0.05
     return running, command, t
+
+
+def goal_line(goal):
+    """Return the distance of a frame from the straight line between home and a goal."""
+    start = pose_of(HOME).p_d
+    along = (goal.p_d - start) / np.linalg.norm(goal.p_d - start)
+
+    def distance(frame):
+        away = frame.p_d - start
+        return np.linalg.norm(away - (away @ along) * along)
+
+    return distance
 
 
 def is_finite(command):
@@ -169,19 +184,68 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     assert running.resets == 1
 
 
-def test_a_stamp_ahead_by_no_more_than_the_timeout_is_integrated():
-    running, before, t = moving_controller()
-    command = running.step(t + 100 * MS, HOME, STILL)
-    assert running.resets == 0
-    np.testing.assert_allclose(command.q, before.q + 0.1 * before.dq, rtol=RELATIVE)
-
-
-def test_stop_holds_where_the_arm_was_commanded_to_be():
-    running, before, t = moving_controller()
-    command = running.stop()
+def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
+    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    running, command, t = moving_controller(ControllerOptions(motion=limits))
+    twist = running.scheme.robot.state(command.q, command.dq).J @ command.dq
+    speed, a = np.linalg.norm(twist[:3]), limits.linear_acceleration
+    path = running.guidance.motion
+    line = goal_line(moved(0.1, 0.5))
+    running.halt()
+    for step in range(1, 600):
+        before, command = command, running.step(t + step * MS, HOME, STILL)
+        frame = running.guidance.tick_now.desired
+        assert np.linalg.norm(frame.ddp_d) <= 1.05 * a
+        assert line(frame) < 1e-9
+    assert running.mode is Mode.STOPPED
+    way = np.linalg.norm(path.last.p_d - frame.p_d)
+    assert way < speed**2 / a + 0.02
+    np.testing.assert_array_equal(command.dq, 0)
     np.testing.assert_array_equal(command.q, before.q)
-    np.testing.assert_array_equal(command.dq, STILL)
-    assert_holds(running, t + MS, before.q)
+
+
+def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():
+    plant, scheme, goal = Plant(), dynamic_control(), moved(0.2)
+    running = Controller(scheme, ControllerOptions(), HOME)
+    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    speeds = []
+    for step in range(2000):
+        if step == 600:
+            low = replace(scheme.limits.joints.scaled(0.02), acceleration=np.full(6, 10.0))
+            scheme.limits = replace(scheme.limits, joints=low)
+            running.changed(running.options)
+            assert np.abs(plant.dq).max() > 2 * 1.5 * low.velocity.max()
+        plant.step(running.step(T_0 + step * MS, plant.q, plant.dq).effort)
+        speeds.append(np.abs(plant.dq))
+    assert running.fault == ""
+    assert (np.array(speeds[1600:]) <= 1.05 * low.velocity).all()
+    assert np.abs(plant.dq).max() > 0.01
+    plant.dq[0] = 1.0  # now it does
+    for step in range(2000, 2003):
+        running.step(T_0 + step * MS, plant.q, plant.dq)
+    assert "runs away" in running.fault
+
+
+@pytest.mark.parametrize("dt", [1, 2, 10])
+def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_acceleration(dt):
+    limits = replace(UR5.limits, acceleration=np.full(6, 10.0))
+    running, commands = controller(limits=limits), [JointCommand(HOME, STILL)]
+    goal = moved(0.2)
+    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    for step in range(1300 // dt):
+        if step == 600 // dt:
+            running.scheme.limits = limits.scaled(0.02)
+            running.changed(running.options)
+            assert np.abs(commands[-1].dq).max() > 0.1
+        last = commands[-1]
+        commands.append(running.step(T_0 + step * dt * MS, last.q, last.dq))
+    q, dq = (np.array([getattr(one, name) for one in commands]) for name in ("q", "dq"))
+    most = 10.0 * dt / 1000 * (1 + RELATIVE) + GUARD_ROUNDING
+    assert np.abs(np.diff(dq, axis=0)).max() <= most
+    assert np.abs(np.diff(q, 2, axis=0)).max() <= most * dt / 1000 + GUARD_ROUNDING
+    assert (np.abs(dq[-1]) <= 0.02 * UR5.limits.velocity + GUARD_ROUNDING).all()
+    assert np.abs(dq[-1]).max() > 0.01
+    assert running.fault == ""
 
 
 # --- references ---------------------------------------------------------------------------
@@ -402,13 +466,14 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     assert running.fault == "no answer"
     np.testing.assert_array_equal(command.dq, STILL)
     scheme.works = True
-    held = running.step(T_0 + 501 * MS, HOME, STILL)
-    assert running.fault == "no answer"
-    np.testing.assert_array_equal(held.dq, STILL)
+    for step in range(501, 1001):
+        held = running.step(T_0 + step * MS, HOME, STILL)
+        assert running.fault == "no answer"
+        np.testing.assert_array_equal(held.dq, STILL)
     start = pose_of(HOME)
     running.follow(way_points([1.0], [(start.p_d, start.R_d)]), None)
     assert running.fault == ""
-    running.step(T_0 + 502 * MS, HOME, STILL)
+    running.step(T_0 + 1001 * MS, HOME, STILL)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, start.p_d)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.dp_d, np.zeros(3))
 
@@ -417,9 +482,10 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
 def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
     running = Controller(scheme(), ControllerOptions(), HOME)
     running.step(T_0, HOME, STILL)
-    first = running.stop()
+    running.halt()
+    first = running.step(T_0 + MS, HOME, STILL)
     sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
-    for step in range(1, 50):
+    for step in range(2, 50):
         command = running.step(T_0 + step * MS, HOME + sag, STILL)
         with pytest.raises(InvalidMessageError):
             running.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
@@ -433,13 +499,33 @@ def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
 
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
     running, _, t = moving_controller()
-    running.stop()
-    there = HOME + 0.3  # moved by others
-    running.step(t + MS, there, STILL)
+    running.halt()
+    there, t = HOME + 0.3, t + MS  # moved by others
+    running.step(t, there, STILL)
+    while not running.is_at_rest:  # its commands brake
+        t += MS
+        running.step(t, there, STILL)
+    running.resume()
     with pytest.raises(InvalidMessageError):
         running.follow(SetPoint(pose_of(HOME), 0.1), None)
     running.follow(SetPoint(pose_of(there), 0.1), None)
-    assert_holds(running, t + 2 * MS, there)
+    assert_holds(running, t + MS, there)
+
+
+@pytest.mark.parametrize("twists", [False, True])
+@pytest.mark.parametrize("rate", [5, 10, 50])
+def test_a_stream_that_the_tip_lags_is_not_refused(rate, twists):
+    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    running, speed = controller(ControllerOptions(motion=limits)), 0.24
+    running.step(T_0, HOME, STILL)
+    for step in range(1, 1500):
+        if step % (1000 // rate) == 1:
+            frame = moved(speed * (step - 1) / 1000)
+            frame = frame._replace(dp_d=speed * np.eye(3)[0]) if twists else frame
+            running.follow(SetPoint(frame, 0.1), None)
+        running.step(T_0 + step * MS, HOME, STILL)
+    tip = running.guidance.motion.last.p_d[0] - pose_of(HOME).p_d[0]
+    assert tip > speed * (1.5 - 2 / rate - 0.15)
 
 
 # --- commands are finite whatever is desired --------------------------------------------------
@@ -466,7 +552,7 @@ def garbage(sequence, key):
     return frames
 
 
-def feed(running, motions, steps=4, dt=20 * MS):
+def feed(running, motions, steps=4, dt=8 * MS):
     """Follow each motion for some steps; return the number of faults.
 
     The arm does what it is commanded where that is a position; an arm that is commanded by
@@ -507,7 +593,7 @@ def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
     for key, feedback in enumerate(FEEDBACKS):
         scheme = clik(*family, feedback=feedback, limits=UR5.limits if limited else None)
         running = Controller(scheme, ANY_JUMP, HOME)
-        set_points = [SetPoint(frame, 0.05) for frame in garbage(family[1], key)]
+        set_points = [SetPoint(frame, 0.02) for frame in garbage(family[1], key)]
         feed(running, set_points)
 
 
@@ -516,7 +602,7 @@ def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
 @pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
 def test_no_desired_frame_makes_an_effort_that_is_not_finite(family, limited):
     running = Controller(dynamic_control(*family, limited=limited), ANY_JUMP, HOME)
-    faults = feed(running, [SetPoint(frame, 0.05) for frame in garbage(family[1], 11)])
+    faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(family[1], 11)])
     assert faults > 0
 
 
@@ -532,7 +618,7 @@ def test_no_trajectory_makes_a_command_that_is_not_finite(orientation):
         running = Controller(scheme, ANY_JUMP, HOME)
         frames = garbage("XYZ", 7)
         motions = [
-            Trajectory([0.0, 0.07], [start, end])
+            Trajectory([0.0, 0.03], [start, end])
             for start, end in zip(frames, frames[1:] + frames[:1], strict=True)
         ]
         feed(running, motions)
@@ -551,7 +637,7 @@ def test_joints_that_leave_all_bounds_lead_to_a_fault_and_not_to_infinite_positi
 def test_garbage_does_not_survive_in_the_controller(scheme):
     with np.errstate(all="ignore"):
         running = Controller(scheme("euler_angles"), ANY_JUMP, HOME)
-        feed(running, [SetPoint(frame, 0.05) for frame in garbage("XYZ", 3)])
+        feed(running, [SetPoint(frame, 0.02) for frame in garbage("XYZ", 3)])
     t = T_0 + 10**12
     g = UR5.dynamic_state(HOME, STILL).g
     for step in range(3):  # the stamp jumps: it starts anew

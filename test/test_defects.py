@@ -5,7 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 from in_process import World
-from ros_processes import FRAMES, HOME, Controlled, Graph, assert_may_stay, pose, reference, values
+from ros_processes import (
+    FRAMES,
+    HOME,
+    Controlled,
+    Graph,
+    assert_may_stay,
+    pose,
+    reference,
+    values,
+)
 
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.laws.clik import Clik
@@ -73,13 +82,14 @@ def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_lin
 
 
 def test_that_limits_change_most_commands_is_said(world: World) -> None:
-    node = Controlled(world, "clik", FRAMES)
+    slack = {"max_joint_acceleration": [0.05], "max_error_position": 10.0, "max_deviation": 10.0}
+    node = Controlled(world, "clik", FRAMES | slack | {"max_error_rotation": 3.0})
     p, R = pose(HOME)
-    sides = [0.2, -0.2]
+    sides = [0.04, -0.04]
 
     def hurries() -> bool:
         sides.reverse()
-        node.references.publish(reference(DesiredFrame(p + [0.0, sides[0], 0.0], R), times=(0.05,)))
+        node.references.publish(reference(DesiredFrame(p + [0.0, sides[0], 0.0], R), times=(0.5,)))
         node.arm.ticks(60)
         return "limits have changed" in node.process.log
 

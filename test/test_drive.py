@@ -147,9 +147,6 @@ def bench() -> Iterator[Callable[..., Bench]]:
 # --- the table of modes ----------------------------------------------------------------------
 
 
-COMMAND, SILENCE, VIOLATION, STANDSTILL, CONTEST, SETTLED, END = tuple(DriveEvent)
-
-
 @pytest.mark.parametrize(
     ("mode", "after"),
     [  # after command, silence, violation, standstill, contest, settled, end
@@ -181,26 +178,19 @@ def test_there_are_words_for_each_mode_whatever_the_cause(mode: DriveMode) -> No
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("control", "fields", "words"),  # the others: test_messages
     [
-        ({"name": NAMES[:5], "position": [0.0] * 5}, "joint_reference lacks wrist_3_joint"),
-        ({"position": [0.0] * 5}, "6 names but 5 values of position"),
-        ({"name": []}, "joint_reference lacks"),
-        ({"position": [0.0] * 6, "velocity": [0.0] * 7}, "6 names but 7 values of velocity"),
-        ({"position": [0.0, np.inf, 0.0, 0.0, 0.0, 0.0]}, "a non-finite position"),
-        ({"position": [0.0] * 6, "velocity": [np.nan] * 6}, "a non-finite velocity"),
-        ({"position": [1e300] * 6}, "a too large position"),
-        ({"position": [0.0] * 6, "velocity": [0.0, -1e300, 0.0, 0.0, 0.0, 0.0]}, "too large vel"),
-        ({"position": [1.7e308] * 6}, "a too large position"),
-        ({"name": [*NAMES, NAMES[0]], "position": [0.0] * 7}, "has shoulder_pan_joint twice"),
-        ({"effort": [1.0] * 6}, "has efforts only, but the robot is in position control"),
-        ({}, "6 names but 0 values of position"),
+        ("position", {"name": NAMES[:5], "position": [0.0] * 5}, "lacks wrist_3_joint"),
+        ("position", {"position": [np.inf, *[0.0] * 5]}, "a non-finite position"),
+        ("position", {"effort": [1.0] * 6}, "efforts only, but the robot is in position control"),
+        ("torque", {"position": [0.0] * 6}, "positions only, but the robot is in torque control"),
+        ("torque", {"effort": [1e300, *[0.0] * 5]}, "a too large effort"),
     ],
 )
 def test_a_command_that_cannot_be_used_is_rejected_with_its_reason_and_moves_nothing(
-    bench: Any, fields: dict[str, Any], words: str
+    bench: Any, control: str, fields: dict[str, Any], words: str
 ) -> None:
-    robot = bench()
+    robot = bench(control=control)
     q = robot.state.q
     assert robot.send(**fields) is DriveReply.REJECTED
     assert robot.count(REJECTED) == 1
@@ -232,15 +222,6 @@ def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench: A
     robot.review()
     assert (robot.level, robot.message) == (OK, "commanded")
     assert (robot.drive.values["braked for [s]"], robot.drive.rejection) == (0.0, None)
-
-
-def test_positions_to_a_robot_in_torque_control_are_rejected(bench: Any) -> None:
-    robot = bench(control="torque")
-    assert robot.send(**REST) is DriveReply.REJECTED
-    words = "has positions only, but the robot is in torque control"
-    assert words in robot.drive.values["last command rejected"]
-    assert robot.send(effort=[1e300, *[0.0] * 5]) is DriveReply.REJECTED
-    assert robot.count(REJECTED) == 2
 
 
 # --- silence, delay --------------------------------------------------------------------------
@@ -294,22 +275,9 @@ def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench:
 # --- clipped commands ------------------------------------------------------------------------
 
 
-FAR = {"position": [*HOME[:2], 3.5, *HOME[3:]], "velocity": [0.0] * 6}
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        (FAR, "joint 'elbow_joint' was asked for the position 3.5 rad; its limit is 3.14159 rad"),
-        (
-            {**REST, "velocity": [0.0, 0.0, 0.0, -4.0, 0.0, 0.0]},
-            "joint 'wrist_1_joint' was asked for the speed -4 rad/s; its limit is -3.2 rad/s",
-        ),
-    ],
-)
-def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(
-    bench: Any, fields: dict[str, Any], words: str
-) -> None:
+def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(bench: Any) -> None:
+    words = "joint 'wrist_1_joint' was asked for the speed -4 rad/s; its limit is -3.2 rad/s"
+    fields = {**REST, "velocity": [0.0, 0.0, 0.0, -4.0, 0.0, 0.0]}
     robot = bench()
     robot.send(**fields)
     assert robot.message == f"commanded beyond the limits: {words}"
@@ -372,19 +340,6 @@ def test_an_older_command_does_not_take_the_place_of_a_newer_one(
 
     robot.step(0.5, both)
     assert (max(strayed) < REACHED, robot.count(LATE)) == ((False, 0) if takes_late else (True, 50))
-
-
-def test_stamps_that_stay_older_are_taken_and_the_stamp_0_at_once(bench: Any) -> None:
-    robot = bench()
-    robot.step(0.1, lambda: robot.send(10**9, **REST))
-    away = at(HOME + 0.2)
-    robot.step(1.0, lambda: robot.send(5, **away))
-    assert np.abs(robot.state.q - HOME - 0.2).max() < REACHED
-    late = robot.count(LATE)
-    assert late > 0
-    robot.step(0.1, lambda: robot.send(10**9, **away))
-    robot.go(HOME)  # stamped 0
-    assert robot.count(LATE) == late
 
 
 def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken() -> None:
@@ -585,13 +540,6 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
     assert robot.message.startswith("stands after a protective stop: joint '")  # until a command
     assert robot.send(effort=[0.0] * 6) is DriveReply.TAKEN
     assert (robot.level, robot.message) == (OK, "commanded")
-
-
-def test_without_limits_there_is_no_protective_stop(bench: Any) -> None:
-    robot = bench(rate=1000.0, enforce_limits=False, **FLOATING)
-    robot.step(0.5, lambda: robot.send(**RACING))
-    assert abs(robot.state.dq[0]) > 5.0 * 3.15
-    assert robot.count(STOPS) == 0
 
 
 @pytest.mark.parametrize("control", ["position", "torque"])
@@ -833,20 +781,6 @@ def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told
         paced.turn(0.01)
     assert paced.pacing.brake()
     assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, DriveCause.SHUTDOWN)
-
-
-def test_a_review_reports_the_commands_of_the_last_second_and_the_speed_of_time(bench: Any) -> None:
-    paced = Paced(bench(), WallClock)
-    for _ in range(100):
-        paced.turn(0.010001)
-        paced.answer(paced.stamps[-1] - 3 * MS)
-    paced.pacing.review()
-    values = paced.robot.drive.values
-    assert values["commands per second"] == pytest.approx(100.0, rel=1e-3)
-    assert values["worst gap between commands [ms]"] == pytest.approx(10.0, rel=1e-3)
-    assert values["worst command age [ms]"] == pytest.approx(3.0)
-    assert values["real-time factor"] == pytest.approx(1.0, rel=1e-3)
-    assert values["braked for [s]"] == 0.0
 
 
 def test_the_report_of_a_second_has_its_rate_gap_age_and_real_time_factor() -> None:

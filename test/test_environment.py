@@ -7,7 +7,7 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from test_simulator import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
+from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import Thing, read_environment
 from sim_bridge.environment.push import Push
 from sim_bridge.environment.springs import Spring, TorsionSpring
@@ -106,8 +107,21 @@ def rotation(xyzw: Any) -> Any:
     return pin.Quaternion(np.array(xyzw, dtype=float)).matrix()
 
 
-def simulated(name: str = "ur5", **parameters: Any) -> Simulator:
-    return Simulator(robot(name), SimulatorParameters(**parameters))
+_open: list[Simulator] = []
+
+
+def simulated(name: str | RobotDescription = "ur5", **parameters: Any) -> Simulator:
+    """Return a simulator, which is closed after the test."""
+    description = robot(name) if isinstance(name, str) else name
+    _open.append(Simulator(description, SimulatorParameters(**parameters)))
+    return _open[-1]
+
+
+@pytest.fixture(autouse=True)
+def close_simulators() -> Iterator[None]:
+    yield
+    while _open:
+        _open.pop().close()
 
 
 @cache
@@ -155,17 +169,8 @@ def test_a_thing_reads_as_it_is_shown(shape: str) -> None:
         if isinstance(value, str):
             assert seen == value
         else:
+            assert np.array(seen).dtype == float  # whole numbers stand for numbers
             assert np.array(seen) == pytest.approx(np.broadcast_to(value, np.shape(seen)))
-
-
-def test_whole_numbers_stand_for_numbers_and_one_for_three() -> None:
-    thing = read_environment({"a": EXAMPLES["spring"]})["a"]
-    assert thing == Spring(
-        position=(0.5, 0.0, 0.2), orientation=(0.0, 0.6, 0.0, 0.8),
-        stiffness=(1.0, 2.0, 3.0), damping=(10.0, 10.0, 10.0), point=(0.0, 0.0, 0.1),
-    )  # fmt: skip
-    flat = [thing.keys[key] for key in ("position", "stiffness", "damping", "point")]
-    assert all(isinstance(number, float) for numbers in flat for number in numbers)
 
 
 def test_a_quaternion_of_four_digits_is_taken_and_made_a_unit() -> None:
@@ -389,7 +394,6 @@ def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness: float) 
     with pytest.raises(SimulationError, match="the state of the robot is not finite after step"):
         run(sim, 1000)
     assert np.isfinite([*sim.read().q, *sim.read().wrench]).all()
-    sim.close()
 
 
 # --- efforts that nobody reports -----------------------------------------------------
@@ -421,20 +425,13 @@ def test_brakes_and_servo_hold_against_a_disturbance_from_the_first_sample_on(co
     disturbance = np.array([3.0, -3.0, 3.0, 1.0, -1.0, 1.0])
     sim = simulated(control=control, disturbance_effort=disturbance)
     zero, home = np.zeros(6), np.array(robot("ur5").home)
-    held = model("ur5").tau(home, zero, zero) - disturbance
+    held = model("ur5").gravity(home) - disturbance
     assert sim.read().tau == pytest.approx(held, abs=HOLDING_TORQUE)
     if control == "position":
         sim.command_position(home, zero)
     state = run(sim, 100)
     assert state.tau == pytest.approx(held, abs=HOLDING_TORQUE)
     assert state.q == pytest.approx(home, abs=100 * MOTOR_SPEED)
-
-
-def test_a_disturbance_that_is_impossible_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="disturbance_effort must be finite, got nan"):
-        SimulatorParameters(disturbance_effort=math.nan)
-    with pytest.raises(ConfigurationError, match="effort must be empty, one number or 6, got"):
-        simulated(disturbance_effort=(1.0, 2.0))
 
 
 # --- solids: depth, normal, moment ---------------------------------------------------
@@ -528,7 +525,6 @@ def test_a_box_on_a_face_is_as_stiff_as_a_point_however_many_corners_touch(
     wrench = sim.read().wrench
     assert wrench[:3] == pytest.approx(R.T @ f, abs=PRESSED * 20.0)
     assert wrench[3:] == pytest.approx(R.T @ mu, abs=lever)
-    sim.close()
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.3])
@@ -551,7 +547,6 @@ def test_the_round_side_of_a_cylinder_is_met_to_a_thousandth_of_the_radius_of_th
         force = R @ sim.read().wrench[:3]
         assert np.linalg.norm(force) == pytest.approx(1e4 * depth, abs=1e4 * 0.02 * ROUND_DEPTH)
         assert force / np.linalg.norm(force) == pytest.approx(n, abs=ROUND_NORMAL)
-        sim.close()
 
 
 @pytest.mark.parametrize("rate", [100.0, 333.0, 8000.0])
@@ -561,7 +556,6 @@ def test_the_rate_does_not_change_how_stiff_a_solid_is(rate: float) -> None:
     sim = simulated(rate=rate, environment={"plane": plane}, **upright_tool("ur5", "box"))
     for state in (sim.read(), run(sim, 20)):
         assert law.R @ state.wrench[:3] == pytest.approx([0.0, 0.0, 30.0], abs=BRAKED)
-    sim.close()
 
 
 @pytest.mark.parametrize("tilt", [0.1, 1.0])
@@ -576,7 +570,6 @@ def test_a_cylinder_tool_touches_with_a_rim_that_is_rounded_by_a_millimetre(tilt
     sim = simulated(environment={"plane": plane}, **tool)
     force = R @ sim.read().wrench[:3]
     assert force == pytest.approx([0.0, 0.0, 1e5 * depth], abs=1e-3)
-    sim.close()
 
 
 # --- solids: in motion ---------------------------------------------------------------
@@ -664,7 +657,20 @@ def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_momen
         assert after.wrench == pytest.approx(expected, abs=FORMULA)
         strongest = max(strongest, float(np.linalg.norm(f)))
     assert strongest > 20.0
-    sim.close()
+
+
+def test_a_contact_of_a_link_beyond_the_sensor_is_read_too() -> None:
+    flange = dataclasses.replace(robot("panda"), sensor_frame="panda_link8")
+    own, home = Model(flange), np.array(flange.home)
+    R = own.R(home)
+    top = own.data.oMf[own.frame].translation - [0.0, 0.0, 0.11]  # between the tips of the fingers
+    box = {"shape": "box", "size": [0.1, 0.1, 0.2], "position": top - [0.0, 0.0, 0.1]}
+    sim = simulated(flange, collide_links=True, environment={"box": box | {"stiffness": 1e4}})
+    for state in (sim.read(), run(sim, 20)):
+        f, _ = touched_sum(sim, "box")
+        assert f[2] > 1.0
+        weight = 0.76 * GRAVITY  # of the hand
+        assert R @ state.wrench[:3] == pytest.approx(f + weight, abs=BRAKED)
 
 
 @pytest.mark.parametrize("damping", [0.0, 300.0])
@@ -693,7 +699,6 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping: floa
             assert force == pytest.approx(0.0, abs=FORMULA)
             bounced += 1
     assert min(pressed, bounced) > 20
-    sim.close()
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
@@ -717,7 +722,6 @@ def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(
     assert np.linalg.norm(force[:2]) == pytest.approx(friction * force[2], rel=5e-3, abs=FORMULA)
     if friction:
         assert -force[:2] @ slip[:2] > 0.95 * np.linalg.norm(force[:2]) * np.linalg.norm(slip[:2])
-    sim.close()
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
@@ -737,7 +741,6 @@ def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape: str) 
         sim.step()
     f, _ = touched_sum(sim, "plane")
     assert f[:2] == pytest.approx([-5.0, -3.0], abs=0.1)
-    sim.close()
 
 
 def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later() -> None:
@@ -755,7 +758,6 @@ def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later() -> No
     sim.brake()
     _, R = placement("ur5", run(sim, 100).q)
     assert (R @ sim.read().wrench[:3])[:2] == pytest.approx([0.0, 0.0], abs=BRAKED)
-    sim.close()
 
 
 def test_contact_spring_push_tool_and_hand_are_read_together() -> None:
@@ -778,7 +780,6 @@ def test_contact_spring_push_tool_and_hand_are_read_together() -> None:
     assert sim.read().wrench == pytest.approx(expected, abs=BRAKED)
     sim.set_external_wrench(own)
     assert run(sim, 20).wrench == pytest.approx(expected + own, abs=BRAKED)
-    sim.close()
 
 
 # --- what touches what ---------------------------------------------------------------
@@ -790,13 +791,12 @@ def test_a_shape_of_the_tool_has_no_mass() -> None:
         sim = simulated(control="torque", **tool)
         sim.command_effort(np.full(6, 3.0))
         runs.append(run(sim, 100))
-        sim.close()
     assert runs[1].q == pytest.approx(runs[0].q, abs=1e-12)
     assert runs[1].wrench == pytest.approx(np.zeros(6), abs=FORMULA)
 
 
 @pytest.mark.parametrize("collide", [False, True])
-def test_links_touch_solids_only_if_they_are_let(collide: bool) -> None:
+def test_links_touch_solids_only_if_they_are_let_and_the_brakes_feel_it(collide: bool) -> None:
     block = {"shape": "sphere", "position": [0.0, 0.0, 0.5], "radius": 0.35, "stiffness": 1e3}
     ground = {"shape": "plane", "position": [0, 0, 0.01], "stiffness": 1e6}  # through the base
     sim = simulated(
@@ -809,8 +809,9 @@ def test_links_touch_solids_only_if_they_are_let(collide: bool) -> None:
     ]
     assert bool(touched[0]) == collide
     assert not touched[1]  # what cannot move
+    free = model("ur5").gravity(np.array(robot("ur5").home))
+    assert (np.abs(sim.read().tau - free).max() > 1.0) == collide
     assert sim.read().wrench == pytest.approx(np.zeros(6), abs=FORMULA)
-    sim.close()
 
 
 def test_shapes_that_are_only_shown_touch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -821,24 +822,14 @@ def test_shapes_that_are_only_shown_touch_nothing(monkeypatch: pytest.MonkeyPatc
     block = {"shape": "sphere", "position": [0.0, 0.0, 0.5], "radius": 0.35, "stiffness": 1e3}
     sim = simulated(environment={"block": block}, **upright_tool("ur5", "sphere"))
     assert pybullet.getCollisionShapeData(sim.engine.body, 3, physicsClientId=sim.engine.client)
-    zero = np.zeros(6)
-    free = model("ur5").tau(np.array(robot("ur5").home), zero, zero)
+    free = model("ur5").gravity(np.array(robot("ur5").home))
     assert run(sim, 20).tau == pytest.approx(free, abs=HOLDING_TORQUE)
-    sim.close()
-
-
-def test_the_brakes_feel_a_solid_that_a_link_touches() -> None:
-    zero = np.zeros(6)
-    free = model("ur5").tau(np.array(robot("ur5").home), zero, zero)
-    block = {"shape": "sphere", "position": [0.0, 0.0, 0.5], "radius": 0.35, "stiffness": 1e3}
-    sim = simulated(collide_links=True, environment={"block": block})
-    assert np.abs(sim.read().tau - free).max() > 1.0
-    sim.close()
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
+        ({"disturbance_effort": math.nan}, "disturbance_effort must be finite, got nan"),
         ({"tool_shape": "spere"}, "unknown value of tool_shape: 'spere' (did you mean 'sphere'?)"),
         ({"tool_shape": "box"}, "tool_size is []; expected x, y, z of a box, above 0 [m]"),
         ({"tool_shape": "sphere", "tool_size": (0.1, 0.1)}, "expected radius of a sphere"),
@@ -852,7 +843,7 @@ def test_the_brakes_feel_a_solid_that_a_link_touches() -> None:
         ),
     ],
 )
-def test_a_tool_that_cannot_touch_is_refused_with_what_was_expected(
+def test_parameters_that_are_impossible_are_refused_with_what_was_expected(
     values: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(words)):
@@ -907,7 +898,6 @@ def test_a_reset_repeats_the_bits_of_a_run_with_contact(made: Callable[[], Simul
     first = contact_run(sim)
     sim.reset()
     assert contact_run(sim) == first
-    sim.close()
 
 
 def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise() -> None:

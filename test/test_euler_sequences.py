@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from samples import (
     uniform,
     vectors,
 )
-from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, RELATIVE, UNBOUNDED
+from tolerances import ASIN, DIFFERENCES, RELATIVE, UNBOUNDED, assert_close
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
@@ -30,7 +31,6 @@ COUNT = 50
 X, Y, Z = np.eye(3)
 
 every_sequence = pytest.mark.parametrize("name", SEQUENCES)
-two_axes = pytest.mark.parametrize("name", [n for n in SEQUENCES if n[0] == n[2]])
 
 
 def random_angles(count, key=0):
@@ -48,7 +48,7 @@ def principal_angles(name, count):
 def assert_extracts(name, R, previous=None):
     """Assert that R(extract(R)) = R, and return the angles."""
     phi = EulerSequence(name).extract(R, previous)
-    np.testing.assert_allclose(by_angles(name, *phi), R, rtol=0, atol=ALGEBRAIC)
+    assert_close(by_angles(name, *phi), R)
     return phi
 
 
@@ -61,15 +61,14 @@ def rounded(R, key):
 # --- the registry ----------------------------------------------------------------------------
 
 
-def test_there_are_the_12_sequences_whose_neighbours_differ():
+def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_kind():
     letters = itertools.product("XYZ", repeat=3)
-    expected = {i + j + k for i, j, k in letters if i != j and j != k}
-    assert set(SEQUENCES) == expected
+    assert set(SEQUENCES) == {i + j + k for i, j, k in letters if i != j and j != k}
     assert len(SEQUENCES) == 12
-
-
-def test_the_default_is_the_XYZ_of_the_paper():
-    assert EulerSequence() == EulerSequence("XYZ")
+    for name in SEQUENCES:
+        assert EulerSequence(name).axes == axes_of(name)
+        assert EulerSequence(name).is_proper == (name[0] == name[2])
+    assert EulerSequence() == EulerSequence("XYZ")  # that of the paper
 
 
 @pytest.mark.parametrize("name", ["XYY", "xyz", "", "ABC", "XYZX"])
@@ -81,21 +80,13 @@ def test_an_unknown_sequence_lists_the_known_ones(name):
     assert isinstance(caught.value, ConfigurationError)
 
 
-@every_sequence
-def test_a_sequence_names_its_axes_and_its_kind(name):
-    assert EulerSequence(name).axes == axes_of(name)
-    assert EulerSequence(name).is_proper == (name[0] == name[2])
-
-
 # --- eqs. (2), (3) ---------------------------------------------------------------------------
 
 
 @every_sequence
 def test_R_is_the_product_of_the_elementary_rotations(name):
     for phi in random_angles(COUNT):
-        np.testing.assert_allclose(
-            EulerSequence(name).R(phi), by_angles(name, *phi), rtol=0, atol=ALGEBRAIC
-        )  # eq. (2)
+        assert_close(EulerSequence(name).R(phi), by_angles(name, *phi))  # eq. (2)
 
 
 @every_sequence
@@ -103,9 +94,7 @@ def test_T_takes_the_rates_of_the_angles_to_the_angular_velocity(name):
     for phi, dphi in zip(random_angles(COUNT), vectors(COUNT), strict=True):
         dR = derivative(lambda t, phi=phi, dphi=dphi: by_angles(name, *(phi + t * dphi)))
         omega = EulerSequence(name).T(phi) @ dphi  # eq. (3)
-        np.testing.assert_allclose(
-            dR, S(omega) @ by_angles(name, *phi), rtol=0, atol=DIFFERENCES
-        )  # eq. (1)
+        assert_close(dR, S(omega) @ by_angles(name, *phi), DIFFERENCES)  # eq. (1)
 
 
 @every_sequence
@@ -113,7 +102,7 @@ def test_dT_is_the_derivative_of_T(name):
     sequence = EulerSequence(name)
     for phi, dphi in zip(random_angles(COUNT), vectors(COUNT), strict=True):
         dT = derivative(lambda t, phi=phi, dphi=dphi: sequence.T(phi + t * dphi))
-        np.testing.assert_allclose(sequence.dT(phi, dphi), dT, rtol=0, atol=DIFFERENCES)
+        assert_close(sequence.dT(phi, dphi), dT, DIFFERENCES)
 
 
 # --- distance to the pole --------------------------------------------------------------------
@@ -140,26 +129,23 @@ def test_pole_distance_is_accurate_near_both_poles(name):
 def test_rates_invert_T(name):
     sequence = EulerSequence(name)
     for phi, omega in zip(principal_angles(name, COUNT), vectors(COUNT), strict=True):
-        dphi = sequence.rates(phi, omega)
-        np.testing.assert_allclose(sequence.T(phi) @ dphi, omega, rtol=0, atol=ALGEBRAIC)
+        assert_close(sequence.T(phi) @ sequence.rates(phi, omega), omega)
 
 
 @every_sequence
-def test_the_rates_at_a_pole_are_refused_or_unbounded(name):
+def test_the_rates_at_a_pole_are_refused_with_the_way_out_or_unbounded(name):
+    refusals = []
     for pole in poles(name):
         phi = np.array([0.4, pole, -0.9])
         omega = np.cross(*EulerSequence(name).T(phi).T[:2])
         try:
             rates = EulerSequence(name).rates(phi, omega)
-        except SingularityError:
+        except SingularityError as error:
+            refusals.append(str(error))
             continue
         assert np.abs(rates).max() > UNBOUNDED
-
-
-@two_axes
-def test_an_exactly_singular_T_is_refused_with_the_way_out(name):
-    with pytest.raises(SingularityError, match=f"{name}.*euler_parameters"):
-        EulerSequence(name).rates(np.zeros(3), X)
+    assert refusals or not EulerSequence(name).is_proper  # T(0) is exactly singular
+    assert all(re.search(f"{name}.*euler_parameters", text) for text in refusals)
 
 
 # --- extraction ------------------------------------------------------------------------------
@@ -184,7 +170,7 @@ def test_extraction_near_and_at_both_poles_inverts_R_and_bears_its_rounding(name
 def test_extraction_returns_the_angles_in_their_principal_range(name):
     for phi in principal_angles(name, COUNT):
         extracted = EulerSequence(name).extract(by_angles(name, *phi))
-        np.testing.assert_allclose(extracted, phi, rtol=0, atol=ALGEBRAIC)
+        assert_close(extracted, phi)
 
 
 @every_sequence
@@ -204,19 +190,13 @@ def test_away_from_the_pole_the_previous_angles_do_not_matter(name):
         np.testing.assert_array_equal(sequence.extract(R, previous), sequence.extract(R))
 
 
-# --- wrapping --------------------------------------------------------------------------------
-
-
 def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
-    angles = generator(13).uniform(-20, 20, size=(1000, 3))
+    just_above_pi = np.nextafter(math.pi, 4.0)
+    edges = [math.pi, -math.pi, just_above_pi, 3 * math.pi, 5 * math.pi]
+    angles = np.concatenate((generator(13).uniform(-20, 20, size=3000), edges))
     wrapped = wrap(angles)
     turns = (angles - wrapped) / (2 * math.pi)
-    np.testing.assert_allclose(turns, np.round(turns), rtol=0, atol=ALGEBRAIC)
+    assert_close(turns, np.round(turns))
     assert (wrapped > -math.pi).all()
     assert (wrapped <= math.pi).all()
-
-
-def test_wrapping_takes_minus_pi_to_pi_and_keeps_pi_also_where_it_rounds():
-    np.testing.assert_array_equal(wrap(np.array([math.pi, -math.pi])), [math.pi, math.pi])
-    just_above_pi = np.nextafter(math.pi, 4.0)
-    assert wrap(np.array([just_above_pi, 3 * math.pi, 5 * math.pi])).min() > -math.pi
+    np.testing.assert_array_equal(wrapped[-5:-3], math.pi)

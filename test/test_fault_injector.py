@@ -178,38 +178,28 @@ def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(
     assert between.process.stop() == 0
 
 
-FAULTS = [
-    ("{fault: drop, topic: joint_state, at: 1, for: 1}", "(did you mean 'joint_states'?)"),
-    ("{fault: drop, topic: wrench, at: 1, for: 1}", "'wrench'; known: joint_states, reference"),
-    ("{fault: dorp, topic: reference, at: 1, for: 1}", "unknown fault 'dorp' (did you mean"),
-    ("{fault: kill, node: clik, at: 1}", "nodes are killed by the experiment that has started"),
-    ("{fault: drop, topic", "no YAML"),
-    ("drop", "a fault needs the key 'fault'"),
-]
-TOPICS = ["joint_states", "reference"]
+MISSPELT = "{fault: drop, topic: joint_state, at: 1, for: 1}"
 JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
 
 
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        *(
-            ({"topics": TOPICS, "faults": [fault]}, ("parameter 'faults'", words))
-            for fault, words in FAULTS
-        ),
-        (
-            {"topics": ["reference"], "faults": [JUMP]},
-            ("none of joint_states, wrench is among 'topics'",),
-        ),
-        ({"topics": ["wrench"], "start_on": "reference"}, ("start_on",)),
+        ({"faults": [MISSPELT]}, "parameter 'faults': '{fault: drop, topic: joint_state,"),
+        ({"faults": [MISSPELT]}, "(did you mean 'joint_states'?)"),
+        ({"faults": ["{fault: kill, node: clik, at: 1}"]}, "by the experiment that has started"),
+        ({"faults": ["{fault: drop, topic"]}, "no YAML"),
+        ({"topics": ["reference"], "faults": [JUMP]}, "none of joint_states, wrench is among 'top"),
+        ({"topics": ["wrench"], "start_on": "reference"}, "start_on"),
     ],
 )
 def test_what_cannot_be_is_refused_at_the_start(
-    tmp_path: Path, parameters: dict[str, Any], words: tuple[str, ...]
+    tmp_path: Path, parameters: dict[str, Any], words: str
 ) -> None:
     process = run_to_its_end("fault_injector", tmp_path, parameters)
     assert process.exit_code == 1
-    assert all(text in process.stderr for text in words)
+    (line,) = process.stderr.splitlines()
+    assert words in line
     assert "Traceback" not in process.stderr
 
 

@@ -7,6 +7,7 @@ means harm.
 import contextlib
 import io
 import os
+import re
 import resource
 import struct
 import subprocess
@@ -24,11 +25,9 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.records import Schema
-from mcap.writer import CompressionType, Writer
-from rclpy.serialization import serialize_message
+from mcap.writer import CompressionType as Compression
+from mcap.writer import Writer
 from samples import examples
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from synthetic_runs import _TYPES, write_run
 
 from eulerparams_control.analysis.main import main
@@ -81,11 +80,20 @@ def message(data: bytes, number: int = 1) -> bytes:
     return record(5, struct.pack("<HIQQ", number, 0, 1, 1) + data)
 
 
+def described(definition: str | bytes) -> bytes:
+    """Return a message of joint_states with this definition."""
+    return schema(definition) + channel() + message(LONG)
+
+
 def description(definition: bytes) -> bytes:
     """Return joint_states, and a robot_description of a type that is defined so."""
-    state = schema(DEFINITION) + channel() + message(bytes(99))
     own = schema(definition, "std_msgs/msg/String", number=2)
-    return state + own + channel("/robot_description", number=2) + message(LONG, number=2)
+    return described(DEFINITION) + own + channel("/robot_description", number=2) + message(LONG, 2)
+
+
+def profiled(yaml_text: str) -> bytes:
+    """Return the topic joint_states with these QoS profiles."""
+    return schema(DEFINITION) + channel(profiles=yaml_text)
 
 
 def chunk(data: bytes, compression: str, size: int) -> bytes:
@@ -149,37 +157,20 @@ BODIES: dict[str, tuple[Callable[[], bytes], str]] = {
     "an lz4 bomb": (lambda: chunk(zeros("lz4"), "lz4", ZEROS), "4294967296 bytes unpacked"),
     "an lz4 bomb that says it is small": (lambda: chunk(zeros("lz4"), "lz4", 9), "unpack to the 9"),
     "an unknown compression": (lambda: chunk(b"x", "bz2", 9), "the compression 'bz2' is unknown"),
-    "profiles of aliases": (lambda: schema(DEFINITION) + channel(profiles=item(aliases())), ""),
-    "profiles of merges": (lambda: schema(DEFINITION) + channel(profiles=item(aliases(True))), ""),
-    "profiles in themselves": (lambda: schema(DEFINITION) + channel(profiles="- &a {x: *a}"), ""),
-    "profiles of dates": (lambda: schema(DEFINITION) + channel(profiles="- {x: 2001-01-01}"), ""),
-    "profiles of words": (lambda: schema(DEFINITION) + channel(profiles="- abc\n- 3"), ""),
-    "profiles of tuples": (lambda: schema(DEFINITION) + channel(profiles="- {? [1, 2] : 3}"), ""),
-    "a type in itself": (lambda: schema(f"{JOINT_STATE} x") + channel() + message(bytes(99)), ""),
+    "profiles of aliases": (lambda: profiled(item(aliases())), ""),
+    "profiles of dates": (lambda: profiled("- {x: 2001-01-01}"), ""),
+    "profiles of words": (lambda: profiled("- abc\n- 3"), ""),
+    "profiles of tuples": (lambda: profiled("- {? [1, 2] : 3}"), ""),
+    "a type in itself": (lambda: described(f"{JOINT_STATE} x"), ""),
     "empty elements": (lambda: description(empty_elements(2**32 - 1)), ""),
     "endless elements": (lambda: description(ones()), ""),
-    "a schema of noise": (lambda: schema(bytes(range(256))) + channel() + message(bytes(99)), ""),
-    "a schema of a million lines": (
-        lambda: schema("int32 x\n" * 10**6) + channel() + message(LONG),
-        "",
-    ),
-    "another encoding": (
-        lambda: schema(DEFINITION) + channel(encoding="json") + message(b"{}"),
-        "",
-    ),
-    "another schema": (
-        lambda: schema("x", encoding="protobuf") + channel() + message(bytes(99)),
-        "",
-    ),
-    "a schema of a million comments": (
-        lambda: schema("# " + "a" * 10**6) + channel() + message(LONG),
-        "",
-    ),
-    "a topic that is a screen": (
-        lambda: schema(DEFINITION) + channel("/\x1b[2J\n/joint_states"),
-        "",
-    ),
-    "a topic that is nothing": (lambda: schema(DEFINITION) + channel("") + message(bytes(99)), ""),
+    "a schema of noise": (lambda: described(bytes(range(256))), ""),
+    "a schema of a million lines": (lambda: described("int32 x\n" * 10**6), ""),
+    "a schema of a million comments": (lambda: described("# " + "a" * 10**6), ""),
+    "another encoding": (lambda: schema(DEFINITION) + channel(encoding="json") + message(LONG), ""),
+    "another schema": (lambda: schema("x", encoding="protobuf") + channel() + message(LONG), ""),
+    "a topic that is a screen": (lambda: schema(DEFINITION) + channel("/\x1b[2J\n/states"), ""),
+    "a topic that is nothing": (lambda: schema(DEFINITION) + channel("") + message(LONG), ""),
     "many damaged records": (lambda: record(5, b"") * 10**4, "more that is damaged"),
 }
 
@@ -225,7 +216,7 @@ def assert_told(done: subprocess.CompletedProcess[str]) -> None:
 IN_A_PROCESS = [
     "a chunk of 2^60 bytes", "a zstd bomb", "a zstd bomb that says it is small",
     "a zstd frame of petabytes", "an lz4 bomb", "an lz4 bomb that says it is small",
-    "profiles of aliases", "profiles of merges",
+    "profiles of aliases",
     "empty elements", "endless elements",
 ]  # fmt: skip
 
@@ -263,14 +254,11 @@ def read_all(folder: Path) -> None:
     bag = Bag(folder)
     assert bag.metadata["version"] == 9
     raw = list(bag.read_raw())
-    for topic in bag.topics:
+    decoding = [lambda name=name: list(bag.messages([name])) for name in bag.topics]
+    decoding += [lambda one=one: bag.decode(one) for one in raw]
+    for read in (*decoding, bag.parameters, bag.robot_description):
         with contextlib.suppress(BagError):
-            list(bag.messages([topic]))
-    for one in raw:
-        with contextlib.suppress(BagError):
-            bag.decode(one)
-    with contextlib.suppress(BagError):
-        bag.parameters()
+            read()
 
 
 @pytest.mark.parametrize("case", [case for case in BODIES if case not in IN_A_PROCESS])
@@ -292,23 +280,19 @@ def a_run(folder: Path) -> Path:
     return write_run(folder, [0.01 * i for i in range(20)], [0.01 * i for i in range(20)])
 
 
-def no_file(path: Path, kind: str) -> None:
-    """Put something that is no file in the place of one."""
-    path.unlink()
-    if kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    else:
-        path.symlink_to("/dev/zero")
-
-
-@pytest.mark.parametrize("kind", ["pipe", "folder", "endless"])
-def test_what_is_no_file_is_neither_waited_for_nor_read(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "make",
+    [os.mkfifo, os.mkdir, lambda path: os.symlink("/dev/zero", path)],  # it is endless
+)
+def test_what_is_no_file_is_neither_waited_for_nor_read(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
     folder = a_run(tmp_path / "run")
-    no_file(folder / "metadata.yaml", kind)
+    (folder / "metadata.yaml").unlink()
+    make(folder / "metadata.yaml")
     assert Bag(folder).metadata["message_count"] == 42
-    no_file(folder / "run_0.mcap", kind)
+    (folder / "run_0.mcap").unlink()
+    make(folder / "run_0.mcap")
     for read in (Bag, recover):
         with pytest.raises(BagError, match=r"run_0\.mcap is no file"):
             read(folder)
@@ -372,9 +356,8 @@ def test_an_attachment_is_data_and_its_name_no_path(tmp_path: Path) -> None:
     ],
 )
 def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text: str, words: str) -> None:
-    with pytest.raises(BagError) as refusal:
+    with pytest.raises(BagError, match=re.escape(words)) as refusal:
         load_yaml(yaml_text, "a bag")
-    assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < LONGEST_LINE
 
@@ -438,7 +421,12 @@ def test_an_empty_type_has_a_byte_as_it_travels() -> None:
 # --- damage of what is in a whole bag, up to the page --------------------------------------
 
 
-Build = Callable[[Callable[[str, bytes], bytes]], bytes]
+Change = Callable[[str, bytes], bytes]
+Build = Callable[..., bytes]
+
+
+def unchanged(_topic: str, message: bytes) -> bytes:
+    return message
 
 
 @pytest.fixture(scope="module")
@@ -459,9 +447,9 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     )
     messages = list(Bag(folder).read_raw())
 
-    def make(change: Callable[[str, bytes], bytes]) -> bytes:
+    def make(change: Change = unchanged, compression: Compression = Compression.NONE) -> bytes:
         stream = io.BytesIO()
-        writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
+        writer = Writer(stream, compression=compression, enable_crcs=False)
         writer.start("ros2")
         numbers = {}
         for name, kind in _TYPES.items():
@@ -470,6 +458,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
         for one in messages:
             data = change(one.topic, one.data)
             writer.add_message(numbers[one.topic], one.log_time, data, one.publish_time)
+        writer.add_attachment(0, 0, "parameters.yaml", "text/plain", b"{a: {b: 1}}")
         writer.finish()
         return stream.getvalue()
 
@@ -486,7 +475,6 @@ def analysed(data: bytes, folder: Path) -> int:
     return code
 
 
-few = examples(25)
 IMPOSSIBLE = [
     *(struct.pack("<d", value) for value in (float("nan"), float("inf"), 1e308, -1e308, 5e-324)),
     *(b"\xff\xff\xff\xff", b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x00"),
@@ -494,7 +482,7 @@ IMPOSSIBLE = [
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers near 1e308
-@few
+@examples(25)
 @given(data=st.data(), topic=st.sampled_from(sorted(_TYPES)), every=st.integers(1, 5))
 def test_impossible_numbers_and_lengths_in_messages_are_analysed_or_refused(
     data: st.DataObject, topic: str, every: int, build: Build, tmp_path: Path
@@ -513,34 +501,22 @@ def test_impossible_numbers_and_lengths_in_messages_are_analysed_or_refused(
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@few
-@given(data=st.data(), flips=st.integers(1, 5))
-def test_a_bag_with_damaged_bytes_is_analysed_or_refused(
-    data: st.DataObject, flips: int, build: Build, tmp_path: Path
+@examples(100)
+@given(data=st.data(), flips=st.integers(1, 5), compression=st.sampled_from(Compression))
+def test_a_bag_with_damaged_bytes_is_read_recovered_and_analysed_or_refused(
+    data: st.DataObject, flips: int, compression: Compression, build: Build, tmp_path: Path
 ) -> None:
-    damaged = bytearray(build(lambda _, message: message))
+    damaged = bytearray(build(compression=compression))
     for _ in range(flips):
-        damaged[data.draw(st.integers(8, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
     analysed(bytes(damaged), tmp_path)
+    for act in (read_all, recover, read_all):
+        with contextlib.suppress(BagError):
+            act(tmp_path)
 
 
-def test_the_bag_that_is_damaged_here_is_a_good_one(build: Build, tmp_path: Path) -> None:
-    assert analysed(build(lambda _, message: message), tmp_path) == 0
-
-
-def test_a_hostile_robot_description_ends_in_one_line(tmp_path: Path) -> None:
-    urdf = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot name="&a;"/>'
-    folder = write_run(tmp_path / "run", [0.0] * 5, urdf=urdf)
-    with contextlib.redirect_stdout(io.StringIO()) as said:
-        assert main([str(folder), "--no-page"]) == 2
-    assert said.getvalue().endswith("not a URDF: it has a DOCTYPE; remove it\n")
-    assert said.getvalue().count("\n") == 1
-
-
-def test_messages_of_another_type_than_the_schema_says_are_refused(tmp_path: Path) -> None:
-    state = bytes(serialize_message(JointState(name=["hinge"], position=[0.0])))
-    word = bytes(serialize_message(String(data="a" * 20)))
-    for data in (state[:48], word, b"", b"\0\1\0\0"):
-        folder = hostile(tmp_path / f"{len(data)}", schema(DEFINITION) + channel() + message(data))
-        with pytest.raises(BagError, match="cannot be decoded"):
-            list(Bag(folder).messages())
+@pytest.mark.parametrize("compression", Compression)
+def test_the_bag_that_is_damaged_here_is_a_good_one(
+    build: Build, tmp_path: Path, compression: Compression
+) -> None:
+    assert analysed(build(compression=compression), tmp_path) == 0

@@ -1,4 +1,4 @@
-"""Parameters with any name and value: taken as they are, or refused in one line that names them."""
+"""Parameters and files with any content: taken, or refused in one line that names the fault."""
 
 import dataclasses
 import math
@@ -24,11 +24,13 @@ from samples import examples
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.maps.definition import load_map
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
-from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.tool.parameters import IdentifyToolParameters
@@ -122,33 +124,6 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
     assert "\n" not in refusal
 
 
-@pytest.mark.parametrize("executable", KINDS)
-@forty
-@given(data=st.data())
-def test_a_name_with_a_letter_wrong_is_refused_with_the_right_one(
-    data: st.DataObject, executable: str, tmp_path: Path
-) -> None:
-    kind = KINDS[executable]
-    known = [field.name for field in dataclasses.fields(kind)] + ["use_sim_time"]
-    name = data.draw(st.sampled_from([name for name in known if len(name) > 4]))
-    at = data.draw(st.integers(0, len(name) - 1))
-    wrong = name[:at] + data.draw(st.sampled_from(["", "x", name[at] * 2])) + name[at + 1 :]
-    if wrong in known:
-        return
-    with node_with({wrong: 1}, tmp_path) as node, pytest.raises(ConfigurationError) as refusal:
-        declare(node, kind)
-    assert f"unknown parameter '{wrong}' (did you mean '" in str(refusal.value)
-
-
-@forty
-@given(st.dictionaries(WORDS, st.dictionaries(WORDS, SCALARS, max_size=2), max_size=3))
-def test_nested_names_are_refused_by_their_full_name_or_by_rcl(
-    tmp_path: Path, overrides: dict[str, Any]
-) -> None:
-    with suppress(ConfigurationError, RCLError), node_with(overrides, tmp_path) as node:
-        assert_of_their_types(declare(node, ClikParameters))
-
-
 # --- sections --------------------------------------------------------------------------------
 
 
@@ -211,6 +186,47 @@ def test_way_points_are_a_motion_or_refused(
 def test_times_that_a_message_cannot_have_are_refused(times: list[float], words: str) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         parse_way_points(times, [0.0] * 6, [0.0] * 6, "rotation_vector")
+
+
+# --- files of experiments and maps ---------------------------------------------------------------
+
+
+def leaves(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the way to each value of nested mappings and lists, itself among them."""
+    yield path
+    pairs = dict(enumerate(content)) if isinstance(content, list) else content
+    for key, value in pairs.items() if isinstance(pairs, dict) else ():
+        yield from leaves(value, (*path, key))
+
+
+def replaced(content: Any, path: tuple[Any, ...], value: Any) -> Any:
+    """Return a copy of nested mappings and lists with another value in one place."""
+    if not path:
+        return value
+    copy = dict(content) if isinstance(content, dict) else list(content)
+    copy[path[0]] = replaced(copy[path[0]], path[1:], value)
+    return copy
+
+
+@pytest.mark.parametrize(("folder", "load"), [("experiments", load_experiment), ("maps", load_map)])
+@forty
+@given(data=st.data())
+def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(
+    data: st.DataObject, folder: str, load: Any, tmp_path: Path
+) -> None:
+    name = data.draw(st.sampled_from(config_names(folder)))
+    content = yaml.safe_load((config_folder() / folder / f"{name}.yaml").read_text())
+    path = data.draw(st.sampled_from(list(leaves(content))))
+    value = data.draw(st.none() | VALUES | st.dictionaries(WORDS, SCALARS, max_size=2))
+    file = tmp_path / f"{name}.yaml"
+    damaged = yaml.safe_dump(replaced(content, path, value), allow_unicode=True)
+    file.write_text(damaged, encoding="utf-8")
+    refusal = str(file)
+    try:
+        load(str(file))
+    except ConfigurationError as error:
+        refusal = str(error)
+    assert str(file) in refusal
 
 
 # --- as executables ----------------------------------------------------------------------------

@@ -8,18 +8,16 @@ the age of a wrench goes by the stamps, so that nothing depends on how fast the 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
+from arms import assert_no_jump
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from in_process import World
 from ros_processes import (
-    FRAMES,
+    AT_ONCE,
     HOME,
     ROOT,
     UR5,
@@ -32,9 +30,8 @@ from ros_processes import (
     reference,
     values,
 )
-from samples import rodrigues
+from samples import rodrigues, turn_of
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -59,21 +56,18 @@ IMPEDANCE = {
     **{"M_p": [M_P] * 3, "K_p": [K_P] * 3, "damping_ratio_p": 1.0},
     **{"M_o": [M_O] * 3, "K_o": [K_O] * 3, "damping_ratio_o": 1.0},
 }
-SIMULATED = {**FRAMES, **IMPEDANCE, "use_sim_time": True, "tare_samples": 20}
+SIMULATED = {
+    **{**AT_ONCE, **IMPEDANCE, "use_sim_time": True, "tare_samples": 20},
+    "max_effort_rate": [1e4],
+}
 
 # Sums of forces of 20 N, from numbers that are rounded to 1e-16 of their size, times 2000 / s^2.
 EQUATION = 1e-10
 
-# Wrenches of 20 N that are turned and shifted, in another order, leave rounding only [m, rad].
-SAME_WRENCH = 1e-13
-
-# The trapezoidal rule over 1 ms: jerks of up to 1e4 m/s^3, and 20 m/s^2 more or less at a step.
-STEP_POSITION, STEP_VELOCITY = 1e-5, 0.02
-
 # Change of an effort [Nm] in a tick where nothing jumps: what goes or comes within 0.1 s.
 SMOOTH = 0.5
 
-# The default [Nm/s], and the rounding of the difference of two efforts of up to 150 Nm.
+# That of the nodes here [Nm/s], and the rounding of the difference of two efforts of up to 150 Nm.
 EFFORT_RATE, EFFORT_ROUNDING = 1e4, 1e-12
 
 # A tare is constant in the axes of the tip, which turn by a millirad until it has its effect [m].
@@ -144,41 +138,15 @@ def settled(arm: FeelingArm) -> DesiredFrame:
     return arm.frame()
 
 
-def rotation_of(frame: DesiredFrame, R_d: Array) -> tuple[Array, float, Array]:
-    """Return the rotation vector of R_d' R_c, and {eta, eps} of it."""
-    eta, eps = EulerParameters.from_R(R_d.T @ frame.R_d)
-    sine = float(np.linalg.norm(eps))
-    angle = 2 * math.atan2(sine, eta)
-    return (angle * eps / sine if sine > 0 else 2 * eps), float(eta), eps
-
-
 def assert_impedance(frame: DesiredFrame, p_d: Array, R_d: Array, wrench: Array) -> None:
     """Assert eqs. (52) and (59) with (60) of a message, for a desired frame at rest."""
     force = M_P * frame.ddp_d + D_P * frame.dp_d + K_P * (frame.p_d - p_d)
     np.testing.assert_allclose(force, wrench[:3], rtol=0, atol=EQUATION)
-    _, eta, eps = rotation_of(frame, R_d)
+    eta, eps = EulerParameters.from_R(R_d.T @ frame.R_d)
     E = eta * np.eye(3) - S(eps)  # eq. (10)
     x, dx = R_d.T @ frame.omega_d, R_d.T @ frame.domega_d
     moment = M_O * dx + D_O * x + 2 * K_O * E.T @ eps
     np.testing.assert_allclose(moment, R_d.T @ wrench[3:], rtol=0, atol=EQUATION)
-
-
-def assert_no_jump(frames: Sequence[DesiredFrame], dt: float = DT) -> None:
-    """Assert that position, rotation and velocities lead from each frame to the next."""
-    step_position, step_velocity = STEP_POSITION * dt / DT, STEP_VELOCITY * dt / DT
-    for a, b in pairwise(frames):
-        p = a.p_d + dt * (a.dp_d + b.dp_d) / 2
-        np.testing.assert_allclose(b.p_d, p, rtol=0, atol=step_position)
-        omega = (a.omega_d + b.omega_d) / 2
-        speed = float(np.linalg.norm(omega))
-        turn = rodrigues(dt * speed, omega / speed) if speed > 0 else np.eye(3)
-        assert angle_between(b.R_d, turn @ a.R_d) < step_position
-        for v_a, v_b, a_a, a_b in (
-            (a.dp_d, b.dp_d, a.ddp_d, b.ddp_d),
-            (a.omega_d, b.omega_d, a.domega_d, b.domega_d),
-        ):
-            most = np.maximum(np.abs(a_a), np.abs(a_b))
-            assert (np.abs(v_b - v_a) <= dt * most + step_velocity).all()
 
 
 def assert_at_rest(frames: Sequence[DesiredFrame]) -> None:
@@ -205,44 +173,19 @@ def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(
     paired: Controlled,
 ) -> None:
     arm, (p, R) = paired.arm, pose(HOME)
-    pushes = [np.array(w) for w in ([10.0, 0, 0, 0, 0, 0], [10.0, -6.0, 4.0, 0.6, -0.3, 0.9])]
-    for push in pushes:
-        arm.push(*push)
-        frames = felt(arm, 60)
-        for frame in frames:
-            assert_impedance(frame, p, R, push)
-        assert_no_jump(frames)
-        end = settled(arm)
-        assert_impedance(end, p, R, push)
-        np.testing.assert_allclose(end.p_d - p, push[:3] / K_P, rtol=0, atol=LAW_IN_A_NODE)
-        assert np.linalg.norm(pose(arm.q)[0] - end.p_d) < LAW_IN_A_NODE
-    turned, _, _ = rotation_of(end, R)
-    moment = pushes[-1][3:]
-    angle = math.asin(np.linalg.norm(moment) / K_O)  # (65): the moment is gamma sin(theta)
-    expected = angle * R.T @ moment / np.linalg.norm(moment)
-    np.testing.assert_allclose(turned, expected, rtol=0, atol=LAW_IN_A_NODE)
+    push = np.array([10.0, -6.0, 4.0, 0.6, -0.3, 0.9])
+    arm.push(*push)
+    frames = felt(arm, 60)
+    assert_no_jump(frames, DT)
+    end = settled(arm)
+    for frame in (*frames, end):
+        assert_impedance(frame, p, R, push)
+    np.testing.assert_allclose(end.p_d - p, push[:3] / K_P, rtol=0, atol=LAW_IN_A_NODE)
+    assert np.linalg.norm(pose(arm.q)[0] - end.p_d) < LAW_IN_A_NODE
     arm.release()
     back = settled(arm)
     np.testing.assert_allclose(back.p_d, p, rtol=0, atol=LAW_IN_A_NODE)
     assert angle_between(back.R_d, R) < LAW_IN_A_NODE
-
-
-def test_a_wrench_in_any_frame_that_is_fixed_to_the_tip_is_the_same_contact(
-    paired: Controlled,
-) -> None:
-    arm, found = paired.arm, []
-    for frame in ("tool0", "wrist_3_link", "ee_link"):  # shifted and turned, turned
-        untouched(arm)
-        arm.sensor.frame = frame
-        arm.start_afresh()
-        arm.push(5.0, -8.0, 12.0, 0.5, 0.4, -0.3)
-        found.append(felt(arm, 50))
-    for frames in found[1:]:
-        for a, b in zip(found[0], frames, strict=True):
-            np.testing.assert_allclose(a.p_d, b.p_d, rtol=0, atol=SAME_WRENCH)
-            np.testing.assert_allclose(a.R_d, b.R_d, rtol=0, atol=SAME_WRENCH)
-    assert np.linalg.norm(found[0][-1].p_d - found[0][0].p_d) > 3e-3
-    assert angle_between(found[0][-1].R_d, found[0][0].R_d) > 3e-3
 
 
 # --- one state, one wrench, one command ------------------------------------------------------
@@ -297,7 +240,7 @@ def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(
     arm.ticks(20)
     arm.sensor.on = False
     frames = felt(arm, 30)  # each tick waits for its command
-    assert_no_jump(frames)
+    assert_no_jump(frames, DT)
     assert frames[-1].p_d[0] > frames[0].p_d[0] + 1e-4  # by the last wrench that was felt
 
 
@@ -353,13 +296,15 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired: Controll
     assert paired.peer.counter(paired.name, "wrench rejected", before + 1) == before + 1
 
 
-@pytest.mark.parametrize("moment", [False, True])
+@pytest.mark.parametrize(
+    "wrench", [[1e300, -1e300, 1e300], [0.0, 0.0, 0.0, 1e300], [math.nan], [0.0] * 5 + [-math.inf]]
+)
 def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(
-    paired: Controlled, moment: bool
+    paired: Controlled, wrench: list[float]
 ) -> None:
-    arm, huge = paired.arm, [1e300, -1e300, 1e300]
+    arm = paired.arm
     arm.ticks(3)
-    arm.push(*([0.0, 0.0, 0.0, *huge] if moment else huge))
+    arm.push(*wrench)
     commands = [arm.tick(HOME) for _ in range(3)]
     arm.release()
     commands += [arm.tick(HOME) for _ in range(3)]
@@ -368,6 +313,7 @@ def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(
     assert np.isfinite([np.concatenate([part.ravel() for part in frame]) for frame in frames]).all()
     status = paired.status(lambda s: int(values(s).get("wrench rejected", 0)) >= 3)
     assert "holding still" not in status.message
+    assert "the contact is" not in paired.process.log  # nan N is not a contact that is too large
 
 
 # --- the wrench stops ------------------------------------------------------------------------
@@ -385,18 +331,14 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     last = arm.frame()
     commands += arm.ticks(100)  # as old as wrench_timeout is not too old
     moving = arm.frames_of(stamps_since(arm, 100))
-    assert_no_jump([last, *moving])
+    assert_no_jump([last, *moving], DT)
     assert np.linalg.norm(moving[-1].dp_d) > 0.01
     arm.release()
-    commands += arm.ticks(20)
-    assert_no_jump([moving[-1], *arm.frames_of(stamps_since(arm, 20))])
     still = [settled(arm), settled(arm)]
     assert_at_rest(still)
     way = STOP_TIME * moving[-1].dp_d  # of a velocity that decays
     np.testing.assert_allclose(still[1].p_d, moving[-1].p_d + way, rtol=0, atol=AT_FRAME)
-    p, R = pose(arm.q)
-    assert np.linalg.norm(p - still[-1].p_d) < AT_FRAME
-    assert angle_between(R, still[-1].R_d) < AT_FRAME
+    assert np.linalg.norm(pose(arm.q)[0] - still[-1].p_d) < AT_FRAME
     status = node.status(lambda s: "no valid wrench" in s.message)
     assert status.level == b"\x01"
     assert status.message.endswith(FROZEN)
@@ -405,47 +347,12 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     last = arm.frame()
     arm.sensor.on = True
     commands += arm.ticks(40)
-    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 40))])
+    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 40))], DT)
     assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
     np.testing.assert_allclose(settled(arm).p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
     status = node.status()
     assert status.level < b"\x02"
     assert "no valid wrench" not in status.message
-
-
-def test_a_motion_waits_while_no_wrench_comes_and_goes_on_without_a_jump(
-    node: Controlled,
-) -> None:
-    arm, (p, R) = node.arm, pose(HOME)
-    goal = DesiredFrame(p + [0.0, 0.0, 0.06], R)
-    node.follow(reference(goal, times=(0.6,)))
-    arm.ticks(100)
-    arm.sensor.on = False
-    arm.ticks(50, dt=0.01)  # it would be at its end
-    commands, last = [arm.tick()], arm.frame()
-    assert 0.01 < last.p_d[2] - p[2] < 0.05
-    arm.sensor.on = True
-    commands += arm.ticks(60)
-    frames = arm.frames_of(stamps_since(arm, 60))
-    assert_no_jump([last, *frames])
-    assert max(np.linalg.norm(frame.ddp_d) for frame in frames) < 20.0  # the way left would pull
-    assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
-    settled(arm)
-    np.testing.assert_allclose(settled(arm).p_d, goal.p_d, rtol=0, atol=LAW_IN_A_NODE)
-
-
-def test_a_wrench_that_comes_back_changed_makes_no_jump(node: Controlled) -> None:
-    arm, force = node.arm, np.array([-10.0, 5.0, 0.0, 0.0, 0.0, 0.3])
-    arm.sensor.on = False
-    arm.ticks(30, dt=0.01)
-    arm.push(*force)
-    commands, last = [arm.tick()], arm.frame()
-    arm.sensor.on = True
-    commands += arm.ticks(40)
-    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 40))])
-    assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
-    displaced = settled(arm).p_d - pose(HOME)[0]
-    np.testing.assert_allclose(displaced, force[:3] / K_P, rtol=0, atol=LAW_IN_A_NODE)
 
 
 def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(
@@ -468,7 +375,7 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
 ) -> None:
     arm = FeelingArm(world, UR5)
     patient = {"max_latency": 60.0, "state_timeout": 60.0}  # the arm is played by hand
-    process = world.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
+    world.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
     arm.sensor.on = False
 
     def pushed(force: float) -> None:
@@ -486,15 +393,6 @@ def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_s
     status = world.peer.status(NAME, lambda s: "no valid wrench" in s.message, arm.tick)
     assert status.level == b"\x01"
     assert status.message.endswith(FROZEN)
-    arm.ticks(60, dt=0.01)
-    assert_at_rest(felt(arm, 5))
-
-    def goes_on(status: Any) -> bool:
-        return "no valid wrench" not in status.message
-
-    world.peer.status(NAME, goes_on, lambda: (pushed(0.0), arm.tick()))
-    assert process.stop() == 0
-    assert "error" not in process.stderr
 
 
 # --- activation and tare ---------------------------------------------------------------------
@@ -529,6 +427,7 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World
     status = peer.status(NAME, lambda s: "a wrench above" in s.message, arm.send_next)
     assert status.level == b"\x01"
     assert status.message == f"not activated yet: {REFUSED}"
+    peer.status(NAME, lambda s: values(s).get("contact force [N]") == "6", arm.send_next)
     assert not peer.change_state(NAME, "activate")
     assert f"not activated: {REFUSED}" in process.log
     assert peer.lifecycle_state(NAME) == "inactive"
@@ -658,17 +557,6 @@ def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(
         activate(node)
 
 
-def test_a_tare_is_refused_while_the_arm_moves(paired: Controlled) -> None:
-    arm = paired.arm
-    arm.ticks(30)
-    arm.push(20.0, 0.0, 0.0)
-    arm.ticks(30)
-    assert np.abs(arm.dq).max() > 0.05
-    response = tare(paired)
-    assert not response.success
-    assert response.message == "not tared: the arm moves; hold it still"
-
-
 def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(
     paired: Controlled,
 ) -> None:
@@ -689,20 +577,16 @@ def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(
 ) -> None:
     arm, (p, _) = paired.arm, pose(HOME)
     arm.push(2.0, 0.0, -3.0)
-    last, command = settled(arm), arm.tick()
-    response = tare(paired)
-    assert response.success
-    assert "N, moment [" in response.message
+    last, commands = settled(arm), [arm.tick()]
     f = pose(arm.q)[1].T @ [2.0, 0.0, -3.0]
-    assert f"force [{f[0]:.3g}, {f[1]:.3g}, {f[2]:.3g}] N" in response.message
-    commands = [command, *arm.ticks(40)]
-    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 41))])
+    assert f"force [{f[0]:.3g}, {f[1]:.3g}, {f[2]:.3g}] N, moment [" in tare(paired).message
+    commands += arm.ticks(40)
+    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 41))], DT)
     assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
     settled(arm)  # the wrench goes over to the tared one
     np.testing.assert_allclose(settled(arm).p_d, p, rtol=0, atol=TARED)
     arm.release()
-    displaced = settled(arm).p_d - p  # it was no contact
-    np.testing.assert_allclose(displaced, [-2.0 / K_P, 0, 3.0 / K_P], rtol=0, atol=TARED)
+    settled(arm)
     assert tare(paired).success  # of nothing, for the tests that follow
 
 
@@ -710,11 +594,10 @@ def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(
     paired: Controlled,
 ) -> None:
     arm, (p, _) = paired.arm, pose(HOME)
-    bias = [4.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    arm.sensor.bias = np.array(bias)
+    arm.sensor.bias[0] = 4.0
     settled(arm)
     commands = [arm.tick()]
-    paired.change(wrench_bias=bias)
+    paired.change(wrench_bias=arm.sensor.bias.tolist())
     assert not tare(paired).success
     commands += arm.ticks(15)
     assert largest_step(commands) < SMOOTH  # 2 Nm, were it not felt any more at once
@@ -760,15 +643,15 @@ def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_mot
             assert angle_between(frame.R_d, R) < LAW_IN_A_NODE
         state = model.dynamic_state(q, 0 * q)
         np.testing.assert_allclose(arm.tick().effort, state.g, rtol=0, atol=LAW_IN_A_NODE)
-    motion = Trajectory([0.0, 0.2], [DesiredFrame(p, R), DesiredFrame(p + [0.0, 0.03, 0.02], R)])
+    motion = Trajectory([0.0, 0.6], [DesiredFrame(p, R), DesiredFrame(p + [0.0, 0.03, 0.02], R)])
     msg, start = motion_to_ros(motion, UR5.base_frame, UR5.tip_frame), arm.t
     msg.header.stamp = arm.message().header.stamp
     loaded.references.publish(msg)
     loaded.graph.until(lambda: (arm.tick(), arm.frame().dp_d.any())[1], "motion")
-    count = (start + 200 * MS - arm.t) // MS
+    count = (start + 600 * MS - arm.t) // MS
     for frame, t in zip(felt(arm, count), stamps_since(arm, count), strict=True):
         away = frame.p_d - motion.sample((t - start) / 1e9).p_d
-        assert np.linalg.norm(away) < 2e-5  # 0.45 kg at 5 m/s^2 are 2 N, or 1 mm
+        assert np.linalg.norm(away) < 2e-5  # 0.45 kg at 0.6 m/s^2 are 0.3 N, or 0.1 mm
     arm.carry(MASS + 0.2, COM)  # a part that was gripped is a contact
     sinks = settled(arm).p_d - motion.frames[-1].p_d
     np.testing.assert_allclose(sinks, [0.0, 0.0, -0.2 * 9.81 / K_P], rtol=0, atol=LAW_IN_A_NODE)
@@ -860,10 +743,10 @@ def test_a_reference_is_followed_with_the_displacement_of_the_contact(
     arm.ticks(20)
     goal = DesiredFrame(p + [0.02, 0.0, 0.04], rodrigues(0.2, np.array([0.0, 0.6, 0.8])) @ R)
     count = arm.t
-    paired.follow(reference(goal, times=(0.2,)))
-    arm.ticks(200)
+    paired.follow(reference(goal, times=(0.6,)))
+    arm.ticks(600)
     frames = arm.frames_of(range(count, arm.t + 1, MS))
-    assert_no_jump(frames)
+    assert_no_jump(frames, DT)
     end = settled(arm)
     np.testing.assert_allclose(end.p_d - goal.p_d, [0, 10.0 / K_P, 0], rtol=0, atol=LAW_IN_A_NODE)
     assert angle_between(end.R_d, goal.R_d) < LAW_IN_A_NODE
@@ -888,6 +771,8 @@ CHANGES: tuple[dict[str, Any], ...] = (
     {"orientation": "angle_axis", "M_o": [0.1, 0.05, 0.1]},
     {"D_o": [10.0, 5.0, 8.0]},
     {"k_Pp": 1600.0, "k_Vp": 80.0, "k_Po": 3000.0},
+    {"damping_eps": 0.3, "damping_max": 0.1},
+    {"velocity_scale": 0.8, "max_error_position": 0.08},
     {"translational_frame": "base"},
     {"force_dead_band": 0.5, "torque_dead_band": 0.05},
     {"wrench_cutoff": 20.0},
@@ -900,7 +785,7 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(
     paired: Controlled,
 ) -> None:
     arm, (p, R), rate = paired.arm, pose(HOME), 2000.0
-    paired.change(max_effort_rate=rate)
+    paired.change(max_effort_rate=[rate])
     start = arm.t
 
     def contact(_state: Any) -> Array:
@@ -918,7 +803,7 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(
         paired.change(**change)
         commands += arm.ticks(15)
     frames = arm.frames_of(stamps_since(arm, len(commands)))
-    assert_no_jump(frames)
+    assert_no_jump(frames, DT)
     assert largest_step(commands) <= rate * DT + EFFORT_ROUNDING
     moving = frames[100:]
     assert min(np.linalg.norm(frame.dp_d) for frame in moving) > 0.02
@@ -939,43 +824,6 @@ def test_a_free_axis_is_guided_by_hand_once_its_damping_is_given(paired: Control
     stayed = settled(arm).p_d
     assert stayed[0] > p[0] + 0.015
     np.testing.assert_allclose(settled(arm).p_d, stayed, rtol=0, atol=LAW_IN_A_NODE)
-
-
-# --- the Lyapunov function -------------------------------------------------------------------
-
-
-def test_the_lyapunov_function_and_its_derivatives_are_those_of_the_free_decay(
-    paired: Controlled,
-) -> None:
-    arm, (_, R) = paired.arm, pose(HOME)
-    functions = paired.peer.listen(Float64MultiArray, f"/{paired.name}/lyapunov")
-    paired.change(K_o=[40.0, 80.0, 120.0], M_o=[0.1, 0.2, 0.1], D_o=[3.0] * 3)
-    arm.ticks(2)  # the wrench goes over from the one before the change, which was none
-    K, M, D = np.diag([40.0, 80.0, 120.0]), np.diag([0.1, 0.2, 0.1]), 3.0 * np.eye(3)
-    arm.push(0.0, 0.0, 0.0, 4.0, -3.0, 5.0)
-    arm.ticks(60)
-    arm.release()
-    arm.tick()
-    functions.clear()
-    V, dV = [], []
-    for frame in felt(arm, 250):
-        x = R.T @ frame.omega_d
-        _, _, eps = rotation_of(frame, R)
-        V.append(x @ M @ x / 2 + 2 * eps @ K @ eps)  # (68)
-        dV.append(-x @ D @ x)  # (69)
-    assert (np.diff(V) < 0).all()
-    assert len(functions) >= 12  # at 50 Hz
-    ticks = []
-    for msg in functions[1:12]:
-        (dimension,) = msg.layout.dim
-        assert (dimension.label, dimension.size) == ("V, dV by the paper, dV measured", 3)
-        k = int(np.argmin(np.abs(np.array(V) - msg.data[0])))
-        ticks.append(k)
-        measured = (V[k] - V[k - 1]) / DT
-        assert msg.data.tolist() == pytest.approx([V[k], dV[k], measured], rel=1e-9, abs=1e-9)
-        mean = (dV[k] + dV[k - 1]) / 2
-        assert measured == pytest.approx(mean, abs=1e-3 * -min(dV))
-    assert set(np.diff(ticks)) == {20}
 
 
 # --- lifecycle -------------------------------------------------------------------------------
@@ -999,35 +847,15 @@ def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_bac
 # --- other arms ------------------------------------------------------------------------------
 
 PANDA = load_robot("panda")
-PANDA_YAML = """
-/**:
-  ros__parameters:
-    use_sim_time: true
-impedance_control:
-  ros__parameters:
-    base_frame: panda_link0
-    tip_frame: panda_hand_tcp
-    wrench_pairing: stamp
-    M_p: [1.0, 1.0, 1.0]
-    K_p: [2000.0, 2000.0, 2000.0]
-    damping_ratio_p: 1.0
-    M_o: [0.05, 0.05, 0.05]
-    K_o: [100.0, 100.0, 100.0]
-    damping_ratio_o: 1.0
-    compliance_offset: [0.0, 0.0, 0.1]
-"""
 
 
-def test_a_redundant_arm_is_controlled_by_a_file_of_parameters_alone(
-    world: World, tmp_path: Path
-) -> None:
+def test_a_redundant_arm_is_controlled_as_its_parameters_alone_say(world: World) -> None:
     """Its centre of compliance is 0.1 m beyond the tip, so that a push turns it, too."""
-    file = tmp_path / "panda.yaml"
-    file.write_text(PANDA_YAML)
-    assert yaml.safe_load(PANDA_YAML)
     model = Robot(PANDA.urdf, PANDA.base_frame, PANDA.tip_frame)
-    arm = FeelingArm(world, PANDA)
-    world.start(NAME, files=(file,))
+    arm, offset = FeelingArm(world, PANDA), np.array([0.0, 0.0, 0.1])
+    frames = {"base_frame": PANDA.base_frame, "tip_frame": PANDA.tip_frame}
+    own = {"wrench_pairing": "stamp", "compliance_offset": offset.tolist()}
+    world.start(NAME, {**SIMULATED, **frames, **own})
     arm.connect()
     home = model.state(arm.q, 0 * arm.q)
     arm.dq = 0.2 * np.linalg.svd(home.J)[2][-1]  # the elbow swings, the tip stands
@@ -1038,11 +866,10 @@ def test_a_redundant_arm_is_controlled_by_a_file_of_parameters_alone(
     assert np.abs([command.effort for command in commands]).max() <= model.limits.effort.max()
     assert np.abs(arm.dq).max() < 1e-3
     end, tip = arm.frame(), model.state(arm.q, arm.dq)
-    offset = np.array([0.0, 0.0, 0.1])
     centre = end.p_d + end.R_d @ offset
     moved = centre - home.p_e - home.R_e @ offset
     np.testing.assert_allclose(moved, push / K_P, rtol=0, atol=1e-5)
-    turned, _, _ = rotation_of(end, home.R_e)
+    turned = turn_of(home.R_e.T @ end.R_d)
     moment = -np.cross(tip.R_e @ offset, push)  # about the centre
     expected = home.R_e.T @ moment / K_O
     np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-4)

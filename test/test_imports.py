@@ -20,7 +20,7 @@ ROS = {"rclpy", "ament_index_python", *MESSAGES}
 FLOORS = (
     ("errors", "events", "resources", "command_line", "parameters.fields"),
     ("laws.rotations", "laws.rotations_batch"),
-    ("motion.frames", "motion.trajectories", "motion.desired_motion"),
+    ("motion",),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
     ("robot.urdf",),
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),

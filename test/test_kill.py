@@ -16,7 +16,7 @@ from in_process import Running, World
 from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.bags import Bag, recover
+from eulerparams_control.bags import Bag
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.keys import BEGAN
 
@@ -50,14 +50,10 @@ OLD = 10.0
 # by less than this from its brakes to what holds it.
 SINKS = 1e-4
 
-# A killed recorder loses what it has not flushed yet [s], by the stamps of the messages: 0.1 s,
-# and what was on the way on a busy machine.
-LOST = 1.0
-
 GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # bear 50 ms of delay
 PATIENT = {"state_timeout": 2.0, "max_latency": 1.5}
 CONTROLLERS = {
-    "clik": {**FRAMES, **PATIENT},
+    "clik": {**FRAMES, **PATIENT, "k_Pp": 10.0, "k_Po": 10.0},
     "dynamic_control": {**FRAMES, **PATIENT, **GAINS},
     "impedance_control": {**FRAMES, **PATIENT, **GAINS, "wrench_timeout": 2.0},
 }
@@ -99,10 +95,6 @@ class Cell:
         assert self.nodes[name].exit_code is None
         self.nodes.pop(name).kill()
         self.graph.peer.catch_up()  # what waits here is of its life
-
-    def restart(self, name: str) -> None:
-        self.kill(name)
-        self.start(name)
 
     def move(self) -> None:
         """Let the arm go along the circle, if it does not."""
@@ -274,37 +266,19 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
 def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chunk(
     cell: Cell, tmp_path: Path
 ) -> None:
+    """How much is lost, and how it is recovered, is in ``test_bag_recorder.py``."""
     topics = ["joint_states", cell.topic, "robot_description"]
     cell.parameters["bag_recorder"] = {"output": str(tmp_path / "bag"), "topics": topics}
     cell.start("bag_recorder")
     cell.move()
     cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
-
-    def recorded() -> list[float]:
-        bag = Bag(tmp_path / "bag")
-        known = "/joint_states" in bag.topics  # else none has come yet
-        return [stamp(m.message) for m in bag.messages(["/joint_states"])] if known else []
-
-    # the robot learns of its recorder when it does, not when the recorder says that it records
     begun = stamp(cell.states[-1])
-    cell.graph.until(lambda: begun in recorded(), "a state of now in the bag")
     cell.goes_on(cell.states, count=150)
-    killed = stamp(cell.states[-1])
     cell.kill("bag_recorder")
     cell.goes_on(cell.states)
     cell.goes_on(cell.commands)
-    assert Bag(tmp_path / "bag").truncated
-    stamps = recorded()
-    steps = np.diff(stamps)
-    np.testing.assert_allclose(steps, 1 / RATE, rtol=0, atol=1e-9)  # none is missing in between
-    assert begun in stamps  # nothing is lost again that was recorded
-    assert stamps[-1] >= killed - LOST
-    recovered = recover(tmp_path / "bag")
-    assert recovered.messages >= len(stamps)
-    assert Bag(tmp_path / "bag").robot_description().startswith("<")
-    # its successor records on, into another bag
-    cell.parameters["bag_recorder"]["output"] = str(tmp_path / "next")
-    cell.start("bag_recorder")
-    cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
-    assert cell.nodes.pop("bag_recorder").stop() == 0
-    assert not Bag(tmp_path / "next").truncated
+    bag = Bag(tmp_path / "bag")
+    stamps = [stamp(m.message) for m in bag.messages(["/joint_states"])]
+    assert bag.truncated
+    assert stamps[-1] > begun
+    np.testing.assert_allclose(np.diff(stamps), 1 / RATE, rtol=0, atol=1e-9)  # none is missing

@@ -25,14 +25,6 @@ from eulerparams_control.lab.experiments.result import judge
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import S
 
-# Seen in the prototype, to the digits that were written down.
-SEEN = {
-    "e2": {"cond_J_A_10": 57, "cond_J_A_1": 578, "cond_J_A_0_1": 5.8e3, "cond_J": 8, "slope": -1},
-    "e4": {"differenced_jump": 6283},
-    "e5": {"apart": 4.6e-4},
-}
-OF_DIGITS = 0.01
-
 FOUND = 1.0  # what a wrong T or dT leaves of (24), [1], and of (38) and (50), [rad/s^2], at least
 
 # Runge-Kutta's method in steps of 2 ms leaves 1e-9 deg of errors of 180 deg.
@@ -57,23 +49,9 @@ def test_every_criterion_on_the_library_is_met(found: tuple[str, Result]) -> Non
     assert {verdict.variant for verdict in verdicts} == {"library"}
 
 
-def test_the_numbers_are_those_of_the_prototype(found: tuple[str, Result]) -> None:
-    name, result = found
-    for number, value in SEEN.get(name, {}).items():
-        assert result.numbers[number].value == pytest.approx(value, rel=OF_DIGITS)
-
-
 def test_a_result_survives_json(found: tuple[str, Result]) -> None:
     _, result = found
     assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
-
-
-def test_the_printed_equations_are_further_off_than_those_that_hold() -> None:
-    numbers = result_of("e1").numbers
-    printed = [name for name in numbers if name.endswith("_as_printed")]
-    assert sorted(printed) == [f"eq_{n}_as_printed" for n in ("38", "4", "50", "59", "62", "7")]
-    for name in printed:
-        assert numbers[name].value > 1e5 * numbers[name.removesuffix("_as_printed")].value
 
 
 @pytest.mark.parametrize(
@@ -144,12 +122,9 @@ def test_an_error_next_to_Q1_grows_at_the_rate_of_the_paper_and_comes_the_long_w
     assert error[-1] < 1
 
 
-def test_a_value_is_a_line_over_the_time_of_the_runs() -> None:
+def test_a_value_is_a_line_over_the_time_of_the_runs_and_points_stay_what_they_are() -> None:
     curve = Predicted("force", "theory", ((0.0, 9.5),)).over(3.0)
     assert (curve.quantity, curve.text) == ("force", "theory")
     np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 3.0], [9.5, 9.5]])
-
-
-def test_points_stay_what_they_are() -> None:
     curve = Predicted("force", "theory", ((0.0, 1.0), (2.0, 5.0))).over(3.0)
     np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 2.0], [1.0, 5.0]])

@@ -36,7 +36,8 @@ PUSH = {"hand": {"shape": "push", "force": [3.0, -2.0, 4.0], "moment": [0.4, 0.8
 
 def record(folder: Path, controller: str, **parameters: Any) -> Path:
     """Run a controller for a second in lock-step; return the bag, with its live numbers."""
-    nodes = {controller: {"state_rate": 100.0, **parameters}, "reference": REFERENCE}
+    own = {"state_rate": 100.0, "shape_motion": False}  # the error is a step
+    nodes = {controller: {**own, **parameters}, "reference": REFERENCE}
     if controller == "impedance_control":
         nodes["pybullet_bridge"] = {"environment": PUSH}
     run = Variant(nodes, 0.8, "ur5", controller, start_at_reference=True, start_turn=TURNED)

@@ -13,8 +13,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from synthetic_runs import _START as START
-from synthetic_runs import DISTANCE, PERIOD_NS, URDF, rewritten, write_run
+from synthetic_runs import (
+    DISTANCE,
+    PERIOD_NS,
+    URDF,
+    arms_together,
+    recorded,
+    rewritten,
+    topics_of,
+    write_messages,
+    write_run,
+)
 
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
@@ -26,8 +35,9 @@ from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.messages.keys import BEGAN
-from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.trajectories import Trajectory
 
 LONG = [0.5 * math.sin(0.05 * k) for k in range(400)]
@@ -103,9 +113,7 @@ LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
 
 @pytest.mark.parametrize("starts", [(None,) * 7, LATER])
 @pytest.mark.parametrize("split", [0, 37, 61, 100])
-def test_references_are_followed_as_the_controllers_follow_them(
-    split: int, starts: tuple[int | None, ...]
-) -> None:
+def test_references_are_followed_as_controllers_follow_them(split: int, starts: Any) -> None:
     """Set-points, trajectories at once and later, and set-points again; in one part and in two."""
     lasting, period = 0.05, 10_000_000
     sent = [-5, 25_000_000, 25_000_001, 55_000_000, 300_000_000, 620_000_000, 640_000_000]
@@ -123,7 +131,7 @@ def test_references_are_followed_as_the_controllers_follow_them(
     for tick in ticks.tolist():
         while pending and pending[0][0] <= tick:
             _, new, start = pending.pop(0)
-            motion = motion or DesiredMotion(HELD)
+            motion = motion or Shaper(HELD)
             motion.follow(new, start)
         expected.append(motion.sample(tick) if motion else None)
     desired, found, done = DesiredFrames(lasting, lambda stamp: HELD), [], 0
@@ -183,23 +191,13 @@ def test_columns_know_arrays_of_types_of_other_packages(tmp_path: Path) -> None:
     assert group.numbers["layout.dim[0].stride"].tolist() == [9]
 
 
-def _two_arms(folder: Path, tmp_path: Path) -> Path:
-    """Two arms in one bag, /left at q = 0.1 and /right at q = 0.2."""
-    with BagWriter(folder) as bag:
-        for side, q in (("/left", 0.1), ("/right", 0.2)):
-            source = Bag(write_run(tmp_path / side[1:], [q] * 5))
-            for name, info in source.topics.items():
-                bag.add_topic(Topic(side + name, info.type))
-            for topic, log_time, publish_time, data in source.read_raw():
-                bag.write(side + topic, data, log_time, publish_time)
-    return folder
-
-
 def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path: Path) -> None:
-    bag = _two_arms(tmp_path / "both", tmp_path)
+    angles = {"/left": 0.1, "/right": 0.2}
+    arms = {side: write_run(tmp_path / side[1:], [q] * 5) for side, q in angles.items()}
+    bag = arms_together(tmp_path / "both", arms)
     with pytest.raises(BagError, match=r"has the arms /left, /right"):
         load(bag)
-    for side, q in (("/left", 0.1), ("/right", 0.2)):
+    for side, q in angles.items():
         run = load(bag, namespace=side)
         assert run.name == f"both{side}"
         assert run.leading.orientation_error.tolist() == pytest.approx([q] * 5)
@@ -207,25 +205,23 @@ def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path: Path) -> None:
 
 def test_topics_may_have_other_names(tmp_path: Path) -> None:
     source = Bag(write_run(tmp_path / "source", [0.1] * 5, desired=False))
-    with BagWriter(tmp_path / "run") as bag:
-        bag.add_topic(Topic("/arm/measured", "sensor_msgs/msg/JointState"))
-        bag.add_topic(Topic("/chatter", "std_msgs/msg/String"))
-        for _, log_time, publish_time, data in source.read_raw(["/joint_states"]):
-            bag.write("/arm/measured", data, log_time, publish_time)
+    topics = {"/arm/measured": "sensor_msgs/msg/JointState", "/chatter": "std_msgs/msg/String"}
+    states = [m._replace(topic="/arm/measured") for m in source.read_raw(["/joint_states"])]
+    bag = write_messages(tmp_path / "run", topics, states)
     options = {"urdf": URDF, "tip_frame": "tip"}
-    run = load(tmp_path / "run", names={"joint_states": "/arm/measured"}, **options)
+    run = load(bag, names={"joint_states": "/arm/measured"}, **options)
     assert run.measured.q[:, 0].tolist() == [0.1] * 5
     with pytest.raises(BagError, match="--topic joint_states:=/NAME"):
-        load(tmp_path / "run", **options)
+        load(bag, **options)
     with pytest.raises(UnknownNameError, match="/arm/measured"):
-        load(tmp_path / "run", names={"joint_states": "/arm/measurd"}, **options)
+        load(bag, names={"joint_states": "/arm/measurd"}, **options)
     with pytest.raises(BagError, match="is std_msgs/msg/String; expected"):
-        load(tmp_path / "run", names={"joint_states": "/chatter"}, **options)
+        load(bag, names={"joint_states": "/chatter"}, **options)
 
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path: Path) -> None:
     q = [0.1, math.nan, 0.3, math.inf, 0.5]
-    run = load(write_run(tmp_path / "run", q))
+    run = recorded(tmp_path / "run", q)
     assert run.measured.q[:, 0].tolist() == [0.1, 0.3, 0.5]
     assert "2 messages of joint_states are not valid and left out" in run.warning
 
@@ -241,52 +237,45 @@ def _shifted(message: RawMessage, dt: int) -> RawMessage:
     return message._replace(data=message.data[:4] + head + message.data[12:])
 
 
+def _changed(folder: Path, topic: str, change: Any, q: Any = (0.1,) * 30, **options: Any) -> Path:
+    """Return a run of which the messages of a topic are changed, see ``rewritten``."""
+    source = write_run(folder / "source", q, **options)
+    return rewritten(source, folder / "run", change, topic=topic)
+
+
 @pytest.mark.parametrize("size", [0, 30])
-def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(
-    tmp_path: Path, size: int
-) -> None:
+def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path: Path, size: int) -> None:
     """A simulator that restarts after 1 s sends the same stamps again."""
-    source = write_run(tmp_path / "source", [0.1] * 100 + [1.0] * 100)
 
     def restart(message: RawMessage, k: int) -> RawMessage:
-        late = message.topic == "/joint_states" and k >= 100
-        return _shifted(message, -1_000_000_000) if late else message
+        return _shifted(message, -1_000_000_000) if k >= 100 else message
 
-    run = rewritten(source, tmp_path / "run", restart)
+    run = _changed(tmp_path, "/joint_states", restart, [0.1] * 100 + [1.0] * 100)
     parts = list(blocks(run, size=size))
     assert sum(len(part.measured.t) - 1 for part in parts) + 1 == 100
     assert max(part.leading.orientation_error.max() for part in parts) == pytest.approx(0.1)
-    assert "the stamps of joint_states jump back at 0.990 s: the rest is left out" in (
-        parts[-1].warning
-    )
+    words = "the stamps of joint_states jump back at 0.990 s: the rest is left out"
+    assert words in parts[-1].warning
 
 
 def test_samples_without_stamps_are_counted(tmp_path: Path) -> None:
-    source = write_run(tmp_path / "source", [0.01 * k for k in range(50)])
     never = -1_800_000_000_000_000_000
-    run = rewritten(source, tmp_path / "run", lambda message, _k: (
-        _shifted(message, never) if message.topic == "/joint_states" else message
-    ))  # fmt: skip
-    assert "49 messages of joint_states have the stamp of another" in load(run).warning
+    q = [0.01 * k for k in range(30)]
+    run = _changed(tmp_path, "/joint_states", lambda message, _k: _shifted(message, never), q)
+    assert "29 messages of joint_states have the stamp of another" in load(run).warning
 
 
 def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
     source = write_run(tmp_path / "source", [0.1] * 5)
-    with BagWriter(tmp_path / "run") as bag:
-        for name, info in Bag(source).topics.items():
-            bag.add_topic(Topic(name, info.type))
-        for message in Bag(source).read_raw():
-            for _ in range(2):
-                bag.write(message.topic, message.data, message.log_time, message.publish_time)
-    assert load(tmp_path / "run").warning == ""
+    twice = [message for message in Bag(source).read_raw() for _ in range(2)]
+    assert load(write_messages(tmp_path / "run", topics_of(source), twice)).warning == ""
 
 
 def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path: Path) -> None:
     q = [0.0] * 100 + [0.02 * k for k in range(100)]
-    source = write_run(tmp_path / "source", q, [0.0] * 200)
-    run = load(rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/joint_reference" and k >= 100 else message
-    )))  # fmt: skip
+    options = {"q": q, "command": [0.0] * 200}
+    early = _changed(tmp_path, "/joint_reference", lambda m, k: m if k < 100 else None, **options)
+    run = load(early)
     assert run.measured.orientation_error[-1] == pytest.approx(q[-1])
     assert run.command is not None
     assert run.command.t[-1] == 0.99
@@ -294,26 +283,21 @@ def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_p
 
 
 @pytest.mark.parametrize("velocity", [[], [math.nan] * 2])
-def test_velocities_that_are_missing_are_differences(
-    tmp_path: Path, velocity: list[float]
-) -> None:
-    with BagWriter(tmp_path / "run") as bag:
-        for topic, kind in (("joint_states", "sensor_msgs/msg/JointState"),):
-            bag.add_topic(Topic(f"/{topic}", kind))
-        for k in range(50):
-            message = JointState(name=["hinge", "roll"], position=[0.02 * k, 0.0])
-            message.velocity = velocity
-            message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
-            bag.write("/joint_states", bytes(serialize_message(message)), k, k)
-    run = load(tmp_path / "run", urdf=URDF, tip_frame="tip")
+def test_velocities_that_are_missing_are_differences(tmp_path: Path, velocity: list[float]) -> None:
+    messages = []
+    for k in range(50):
+        message = JointState(name=["hinge", "roll"], position=[0.02 * k, 0.0], velocity=velocity)
+        message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
+        messages.append(RawMessage("/joint_states", k, k, bytes(serialize_message(message))))
+    topics = {"/joint_states": "sensor_msgs/msg/JointState"}
+    bag = write_messages(tmp_path / "run", topics, messages)
+    run = load(bag, urdf=URDF, tip_frame="tip")
     np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
     assert "joint_states lacks velocities" in run.warning
 
 
 @pytest.mark.parametrize("start", [0.55, 1.0, 2.49])
-def test_the_sign_of_the_quaternion_is_that_of_the_run_from_its_start(
-    tmp_path: Path, start: float
-) -> None:
+def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path: Path, start: float) -> None:
     """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
@@ -330,21 +314,12 @@ def test_the_sign_of_the_quaternion_is_that_of_the_run_from_its_start(
 
 
 def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "both") as bag:
-        for side in ("/left", "/right"):
-            began = 5 * PERIOD_NS if side == "/right" else None
-            path = write_run(tmp_path / side[1:], [0.0] * 30, lasting=0.1, began=began)
-            for name, info in Bag(path).topics.items():
-                bag.add_topic(Topic(name if name == "/diagnostics" else side + name, info.type))
-            for topic, log_time, publish_time, data in Bag(path).read_raw():
-                if topic == "/diagnostics":
-                    values = [KeyValue(key=BEGAN, value=str(began + START))]
-                    status = DiagnosticStatus(name="right/clik", values=values)
-                    data = bytes(serialize_message(DiagnosticArray(status=[status])))
-                else:
-                    topic = side + topic
-                bag.write(topic, data, log_time, publish_time)
-    left, right = (load(tmp_path / "both", namespace=s) for s in ("/left", "/right"))
+    arms = {}
+    for side, began in (("/left", None), ("/right", 5 * PERIOD_NS)):
+        options = {"lasting": 0.1, "began": began, "node": f"{side}/clik"}
+        arms[side] = write_run(tmp_path / side[1:], [0.0] * 30, **options)
+    both = arms_together(tmp_path / "both", arms)
+    left, right = (load(both, namespace=side) for side in arms)
     assert left.measured.desired.p[5, 2] > 0.4 * DISTANCE
     assert right.measured.desired.p[5, 2] == 0.0
     assert right.measured.desired.p[20, 2] == pytest.approx(DISTANCE)
@@ -352,24 +327,16 @@ def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Pa
 
 @pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 60, "٣"])
 def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
-    source = write_run(tmp_path / "source", [0.1] * 30, began=0)
     values = [KeyValue(key=BEGAN, value=text)]
     data = bytes(serialize_message(DiagnosticArray(status=[DiagnosticStatus(values=values)])))
-    run = rewritten(source, tmp_path / "run", lambda message, _k: (
-        message._replace(data=data) if message.topic == "/diagnostics" else message
-    ))  # fmt: skip
+    run = _changed(tmp_path, "/diagnostics", lambda m, _k: m._replace(data=data), began=0)
     assert len(load(run).measured.t) == 30
 
 
 @pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
 def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
-    source = write_run(tmp_path / "source", [0.1] * 30, began=0)
-    run = rewritten(source, tmp_path / "run", lambda message, _k: (
-        message._replace(data=message.data[:20]) if message.topic == topic
-        else message
-    ))  # fmt: skip
-    found = load(run, tip_frame="tip")
-    assert f"1 messages of {topic[1:]} are not valid" in found.warning
+    run = _changed(tmp_path, topic, lambda m, _k: m._replace(data=m.data[:20]), began=0)
+    assert f"1 messages of {topic[1:]} are not valid" in load(run, tip_frame="tip").warning
 
 
 @pytest.mark.parametrize(
@@ -377,43 +344,30 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
     [
         {"hysteresis": None}, {"hysteresis": [1]}, {"hysteresis": math.nan},
         {"quaternion_initial_sign": "x"}, {"euler_sequence": "QQQ"}, {"quaternion_sign": "foo"},
+        *({"reference_timeout": timeout} for timeout in ("abc", [1], math.nan, -1.0)),
     ],
 )  # fmt: skip
-def test_parameters_that_are_not_valid_leave_the_rest(
-    tmp_path: Path, wrong: dict[str, Any]
-) -> None:
-    run = load(write_run(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong))
+def test_parameters_that_are_not_valid_leave_the_rest(tmp_path: Path, wrong: Any) -> None:
+    run = recorded(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong)
     assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
-    assert "the parameters of the controller are not valid" in run.warning
+    told = "the parameters of the controller are not valid" in run.warning
+    assert told == ("reference_timeout" not in wrong)  # which has a default
     assert len(run.pole_distance) == 5
-
-
-@pytest.mark.parametrize("timeout", ["abc", [1], math.nan, -1.0])
-def test_an_impossible_timeout_of_the_parameters_is_the_default(
-    tmp_path: Path, timeout: Any
-) -> None:
-    parameters = NODE | {"reference_timeout": timeout}
-    run = load(write_run(tmp_path / "run", [0.1] * 5, parameters=parameters))
-    assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
 
 
 def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
     """One joint_states a second, and 200 wrenches between two."""
-    source = write_run(tmp_path / "source", [0.1] * 4000, wrenches=[[1.0, 0, 0, 0, 0, 0]] * 4000)
-    run = rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/joint_states" and k % 200 else message
-    ))  # fmt: skip
-    parts = list(blocks(run, size=50))
+    options = {"q": [0.1] * 4000, "wrenches": [[1.0, 0, 0, 0, 0, 0]] * 4000}
+    rare = _changed(tmp_path, "/joint_states", lambda m, k: None if k % 200 else m, **options)
+    parts = list(blocks(rare, size=50))
     assert len(parts) > 4
     assert max(len(part.sensed.t) for part in parts if part.sensed) < 1500
 
 
 def test_before_the_first_wrench_there_is_none(tmp_path: Path) -> None:
     wrenches = [[50.0, 0, 0, 0, 0, 0]] * 30
-    source = write_run(tmp_path / "source", [0.1] * 30, wrenches=wrenches)
-    run = load(rewritten(source, tmp_path / "run", lambda message, k: (
-        None if message.topic == "/wrench" and k < 10 else message
-    )))  # fmt: skip
+    bag = _changed(tmp_path, "/wrench", lambda m, k: m if k > 9 else None, wrenches=wrenches)
+    run = load(bag)
     assert run.wrench is not None
     f, _ = run.wrench.at(run.measured.t)
     assert np.isnan(f[:10]).all()

@@ -1,13 +1,8 @@
 """Maps: they agree with closed forms, and are the same wherever and in whatever order they run."""
 
 import math
-import os
 import re
-import signal
-import socket
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from distributed import LocalCluster
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps import MapKind, MapVariant, arm_map
@@ -269,24 +265,20 @@ def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, da
     sweep(definition, tmp_path, counting, lambda *_: None)
     assert counting.simulated == []  # all is finished
     (folder,) = (tmp_path / "parts").iterdir()
-    part, other = folder / "000001.parquet", folder / "000002.parquet"
+    part = folder / "000001.parquet"
     whole = part.read_bytes()
-    if damage == "other":
-        part.write_bytes(other.read_bytes())
-    elif damage == "rows":  # of the right cells, but without what became of them
-        cells = batches_of(SMALL)[1]
-        pq.write_table(pa.Table.from_pylist(cells), part)
-    else:
-        half = len(whole) // 2
-        flipped = bytes(255 - byte for byte in whole[8:half])
-        part.write_bytes(
-            {
-                "empty": b"",
-                "truncated": whole[:half],
-                "garbage": b"PAR1 is no map PAR1",
-                "flipped": whole[:8] + flipped + whole[half:],
-            }[damage]
-        )
+    half = len(whole) // 2
+    cells = tmp_path / "cells.parquet"  # of the right cells, but without what became of them
+    pq.write_table(pa.Table.from_pylist(batches_of(SMALL)[1]), cells)
+    damaged = {
+        "empty": b"",
+        "truncated": whole[:half],
+        "garbage": b"PAR1 is no map PAR1",
+        "flipped": whole[:8] + bytes(255 - byte for byte in whole[8:half]) + whole[half:],
+        "other": (folder / "000002.parquet").read_bytes(),
+        "rows": cells.read_bytes(),
+    }
+    part.write_bytes(damaged[damage])
     for stray in ("x.parquet", "-1.parquet", "000099.parquet"):
         (folder / stray).write_bytes(b"stray")
     again = sweep(definition, tmp_path, counting, lambda *_: None)
@@ -330,52 +322,16 @@ def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_numbers_are_the_same_in_this_process_and_in_workers_of_its_own() -> None:
+def test_the_numbers_are_the_same_here_in_workers_of_its_own_and_with_another_scheduler() -> None:
     with engine(0) as here:
         expected = rows_of(here, SMALL)
     with engine(2) as local:
         assert rows_of(local, SMALL) == expected
-
-
-@pytest.mark.slow
-def test_the_numbers_are_the_same_with_a_scheduler_started_separately(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-    dask = (sys.executable, "-m", "dask")
-    # what a worker of another machine has: the package, but neither this folder nor these files
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    commands = [
-        [*dask, "scheduler", "--host", address, "--dashboard-address", "127.0.0.1:0"],
-        *([*dask, "worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny"],) * 2,
-    ]
-    processes = [
-        subprocess.Popen(c, cwd=tmp_path, env=env, stderr=subprocess.DEVNULL) for c in commands
-    ]
-    try:
-        assert _waits_for(address)
-        with engine(0) as here, engine(0, address) as cluster:
-            assert rows_of(cluster, SMALL) == rows_of(here, SMALL)
-    finally:
-        for process in processes:
-            process.send_signal(signal.SIGINT)
-        for process in processes:
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-
-
-def _waits_for(address: str) -> bool:
-    host, port = address.removeprefix("tcp://").split(":")
-    for _ in range(300):
-        try:
-            socket.create_connection((host, int(port)), 1).close()
-            return True
-        except OSError:
-            time.sleep(0.1)
-    return False
+    with (
+        LocalCluster(n_workers=2, host="127.0.0.1", dashboard_address="127.0.0.1:0") as other,
+        engine(0, other.scheduler_address) as cluster,
+    ):
+        assert rows_of(cluster, SMALL) == expected
 
 
 # --- the executable --------------------------------------------------------------------
@@ -412,30 +368,25 @@ def test_every_kind_of_map_is_shipped() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("name", "content", "message"),
     [
-        ("kind: nothing", "unknown kind of map 'nothing'"),
-        ("kind: gain\ngain: 3", "unknown option of the kind 'gain' 'gain'"),
-        ("kind: gain\nspeed: -1", "speed is -1; expected 0 or more"),
-        ("kind: gain\nsamples: 1.5", "samples is 1.5; expected the like of"),
-        ("kind: gain\nclosest: [.nan, 1]", "closest is nan; expected a finite number"),
-        ("kind: gain\nlaw: none", "unknown law 'none'"),
+        ("wrong", "kind: nothing", "unknown kind of map 'nothing'"),
+        ("wrong", "kind: gain\ngain: 3", "unknown option of the kind 'gain' 'gain'"),
+        ("wrong", "kind: gain\nspeed: -1", "speed is -1; expected 0 or more"),
+        ("wrong", "kind: gain\nsamples: 1.5", "samples is 1.5; expected the like of"),
+        ("wrong", "kind: gain\nclosest: [.nan, 1]", "closest is nan; expected a finite number"),
+        ("wrong", "kind: gain\nlaw: none", "unknown law 'none'"),
+        ("..", "kind: gain", "map '..': use letters, digits"),
+        ("a b", "kind: gain", "map 'a b': use letters, digits"),
+        ("a.b", "kind: gain", "map 'a.b': use letters, digits"),
     ],
 )
-def test_a_wrong_file_is_refused_with_its_path(tmp_path: Path, wrong: str, message: str) -> None:
-    path = tmp_path / "wrong.yaml"
-    path.write_text(f"{wrong}\nvariants: {{a: {{orientation: euler_parameters}}}}\n")
-    with pytest.raises(ConfigurationError, match=f"wrong.yaml: {re.escape(message)}"):
-        load_map(str(path))
-
-
-@pytest.mark.parametrize("name", ["..", "a b", "a.b"])
-def test_the_name_of_a_file_has_to_be_one_that_its_folder_can_have(
-    tmp_path: Path, name: str
+def test_a_wrong_file_is_refused_with_its_path(
+    tmp_path: Path, name: str, content: str, message: str
 ) -> None:
     path = tmp_path / f"{name}.yaml"
-    path.write_text("kind: gain\nvariants: {a: {orientation: euler_parameters}}\n")
-    with pytest.raises(ConfigurationError, match=re.escape(f"map '{name}': use letters, digits")):
+    path.write_text(f"{content}\nvariants: {{a: {{orientation: euler_parameters}}}}\n")
+    with pytest.raises(ConfigurationError, match=re.escape(f"{path}: {message}")):
         load_map(str(path))
 
 

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from eulerparams_control.control.mode import TRANSITIONS, Cause, Mode, ModeEvent, Why, transition
+from eulerparams_control.control.mode import (
+    DEACTIVATED,
+    HALTED,
+    TRANSITIONS,
+    Cause,
+    Latch,
+    Mode,
+    ModeEvent,
+    Why,
+    transition,
+)
 from eulerparams_control.control.modes import Distrusting, Holding, Releasing, Waiting
 
 TABLE = """
@@ -15,6 +25,8 @@ TRUST       waiting   holding     following   stopped     releasing   holding
 FAULT       waiting   stopped     stopped     stopped     releasing   distrusting
 DEFECT      waiting   stopped     stopped     stopped     releasing   distrusting
 HALT        waiting   stopped     stopped     stopped     releasing   distrusting
+END         waiting   stopped     stopped     stopped     releasing   distrusting
+RESUME      waiting   holding     following   holding     releasing   distrusting
 RUNS_AWAY   waiting   releasing   releasing   releasing   releasing   distrusting
 FROZEN      waiting   releasing   releasing   releasing   releasing   distrusting
 RECOVERED   waiting   holding     following   stopped     stopped     distrusting
@@ -67,6 +79,56 @@ def test_a_reference_ends_a_stop_and_its_fault():
     after = stopped().after(ModeEvent.REFERENCE, Why())
     assert (after.mode, after.why) == (Mode.FOLLOWING, Why())
     assert not after.is_halted
+
+
+STOPS = {
+    ModeEvent.FAULT: Latch.PAUSE,
+    ModeEvent.RUNS_AWAY: Latch.PAUSE,
+    ModeEvent.FROZEN: Latch.PAUSE,
+    ModeEvent.HALT: Latch.RESUME,
+    ModeEvent.DEFECT: Latch.NEVER,
+    ModeEvent.END: Latch.NEVER,
+}
+
+
+@pytest.mark.parametrize("start", [Holding, Waiting, lambda why: Distrusting(7.0, Holding(why))])
+@pytest.mark.parametrize("second", STOPS)
+@pytest.mark.parametrize("first", STOPS)
+def test_of_two_stops_the_one_that_is_harder_to_leave_counts(start, first, second):
+    mode = start(Why())
+    for event in (first, second):
+        mode = mode.after(event, FAULT)
+    mode = mode.after(ModeEvent.RESTART, LATER).after(ModeEvent.RECOVERED, Why())
+    latch = max(STOPS[first], STOPS[second])
+    assert mode.latch is latch
+    mode = mode.after(ModeEvent.TRUST, Why()).after(ModeEvent.RECOVERED, Why())
+    left = mode.after(ModeEvent.RESUME, Why())
+    assert left.latch is (Latch.NEVER if latch is Latch.NEVER else Latch.NONE)
+
+
+def test_a_defect_at_the_end_is_told_and_a_halt_is_not_a_reason_to_resume_then():
+    ends = Holding(Why()).after(ModeEvent.END, DEACTIVATED)
+    assert (ends.mode, ends.why.cause) == (Mode.STOPPED, Cause.DEACTIVATED)
+    assert ends.after(ModeEvent.DEFECT, DEFECT).why.cause is Cause.DEFECT
+    assert ends.after(ModeEvent.HALT, HALTED).latch is Latch.NEVER
+
+
+def test_what_to_do_about_a_fault_of_a_halted_arm_tells_both():
+    halted = Holding(Why()).after(ModeEvent.HALT, HALTED)
+    assert halted.remedy == "call ~/resume"
+    assert halted.after(ModeEvent.FAULT, FAULT).remedy == "free it; call ~/resume"
+    assert stopped().remedy == "free it"
+    assert stopped().after(ModeEvent.HALT, HALTED).remedy == "free it; call ~/resume"
+
+
+def test_a_halt_before_the_first_reference_is_latched_in_silence_until_it_is_resumed():
+    halted = Waiting(Why()).after(ModeEvent.HALT, HALTED)
+    assert (halted.mode, halted.latch, halted.why.cause) == (
+        Mode.WAITING,
+        Latch.RESUME,
+        Cause.HALT,
+    )
+    assert halted.after(ModeEvent.RESUME, Why()).why == Why()
 
 
 @pytest.mark.parametrize("event", [ModeEvent.FAULT, ModeEvent.RUNS_AWAY, ModeEvent.HALT])

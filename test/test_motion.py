@@ -24,8 +24,9 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
-from eulerparams_control.motion.desired_motion import DesiredMotion, SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
 
 X = np.eye(3)[0]
@@ -270,7 +271,7 @@ def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
 
 
 def test_a_motion_without_a_start_begins_at_the_first_sample():
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     trajectory = trajectory_turning(1.0)
     desired.follow(trajectory, None)
     for t in (0, 300_000_000, 1_900_000_000):
@@ -280,7 +281,7 @@ def test_a_motion_without_a_start_begins_at_the_first_sample():
 def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
     start = 1_700_000_000_123_456_789
     trajectory = trajectory_turning(1.0)
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     desired.follow(trajectory, start)
     for t in (1, 1000, 500_000_001, 1_999_999_999):
         assert_same_frame(desired.sample(start + t), trajectory.sample(t / 1e9), 0)
@@ -288,7 +289,7 @@ def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
 
 def test_until_a_motion_starts_the_present_one_goes_on():
     trajectory = trajectory_turning(1.0)
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     desired.follow(trajectory, 10 * S_IN_NS)
     assert_same_frame(desired.sample(9 * S_IN_NS), DesiredFrame(P_0, R_0), 0)
     assert_same_frame(desired.sample(11 * S_IN_NS), trajectory.sample(1.0), 0)
@@ -298,7 +299,7 @@ def test_until_a_motion_starts_the_present_one_goes_on():
 
 
 def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     goal = P_0 + 0.1 * X, about(0, 0.3) @ R_0
     desired.follow(way_points([2.0], [goal]), None)
     assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), THROUGH_POINTS)
@@ -309,7 +310,7 @@ def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame()
 
 
 def test_a_new_motion_takes_over_velocity_and_acceleration():
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     desired.follow(trajectory_turning(1.0), 0)
     last = desired.sample(500_000_000)
     desired.follow(way_points([1.0], [(P_0, R_0)]), 500_000_000)
@@ -318,7 +319,7 @@ def test_a_new_motion_takes_over_velocity_and_acceleration():
 
 
 def test_holding_forgets_the_motion_and_its_velocity():
-    desired = DesiredMotion(DesiredFrame(P_0, R_0))
+    desired = Shaper(DesiredFrame(P_0, R_0))
     desired.follow(trajectory_turning(1.0), 0)
     last = desired.sample(S_IN_NS)
     desired.hold(last)

@@ -1,7 +1,7 @@
 """The nodes as their users run them: real processes that talk over DDS.
 
 What the control nodes have in common is tested here for each of them; what
-``dynamic_control`` has of its own, in ``test_dynamic_node.py``.
+``impedance_control`` has of its own, in ``test_impedance_node.py``.
 """
 
 import math
@@ -15,19 +15,22 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, Quaternion, TwistStamped, WrenchStamped
-from in_process import Running, World, run_to_its_end
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from in_process import World, run_to_its_end
 from ros_processes import (
+    AT_ONCE,
     FRAMES,
     HOME,
     MODEL,
     ROOT,
+    UNSHAPED,
     UR5,
     Arm,
     Controlled,
     Graph,
     assert_holds,
     assert_may_stay,
+    efforts_of,
     pose,
     reference,
     values,
@@ -38,8 +41,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tolerances import (
-    BLEND_PER_TICK,
-    BLENDED,
     LAW_IN_A_NODE,
     RELATIVE,
     SIMULATED_POSE,
@@ -48,18 +49,22 @@ from tolerances import (
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.events import Event, events_of
+from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
+from eulerparams_control.messages.keys import SLOWED
 from eulerparams_control.messages.to_ros import pose_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import RobotState
 from eulerparams_control.ros.commands import HORIZON, CommandPublisher
 from eulerparams_control.ros.qos import QOS
 
 CONFIG = ROOT / "config"
 CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
+
+# Rounding of the difference of two efforts of up to 150 Nm.
+EFFORT_ROUNDING = 1e-12
 
 # V and its derivatives of the same state, by two formulas; that measured divides by 1 ms.
 LYAPUNOV = 1e-9
@@ -71,56 +76,31 @@ UNSAFE: tuple[tuple[str, Any, str], ...] = (
     ("velocity_scale", 1.5, "velocity_scale: 1.5, above 1,"),
 )
 
-# Of impedance_control: a change while running, a value at the start, and one at configuration.
+# Of impedance_control: a change while running, and a value at configuration.
 IMPOSSIBLE: tuple[tuple[str, Any, str], ...] = (
     ("K_p", [1000.0, -1.0, 10.0], "impedance_p: K has the negative eigenvalue -1: [[1000.0, "),
-    ("K_p", [1.0] * 4, "K_p has 4 values; expected 3, of the diagonal or along its axes, or 6: xx"),
-    ("K_o", [1.0, 5.0, 0.0, 1.0, 0.0, 1.0], "impedance_o: K has the negative eigenvalue -4"),
     ("K_p", [0.0, 1.0, 1.0], "would drift: 0 1/s; expected at least 0.5 1/s: give D_p in Ns/m"),
     ("D_p", [0.0, 1.0, 1.0], "D_p is too small against M_p along an axis, where the arm would dri"),
     ("D_o", [1.0, -1.0, 1.0], "impedance_o: D has the negative eigenvalue -1"),
-    ("M_p", [0.0] * 3, "impedance_p: M is not positive definite: [[0.0, 0.0, 0.0], ["),
-    ("M_o", [math.nan, 1.0, 1.0], "parameter 'M_o' is nan; expected a finite number kg m^2"),
     ("M_p", [1e-6] * 3, "M_p is too small for D_p or K_p: the impedance moves at"),
-    (
-        "K_p_axes",
-        [1.0, 0.0, 0.0, 0.6, 0.8, 0.0, -0.8, 0.6, 0.0],
-        "expected three unit vectors, orthogonal to each",
-    ),
     ("K_o_axes", [1.0] * 8, "K_o_axes has 8 values; expected 9: three unit vectors in a row"),
-    ("damping_ratio_p", -0.1, "'damping_ratio_p' is -0.1; expected between 0 and 100"),
-    ("translational_frame", "tool", "'tool'; known: base, desired"),
-    ("orientation", "euler_parameter", "(did you mean 'euler_parameters'?)"),
     ("wrench_bias", [0.0] * 5, "; expected 6"),
-    ("wrench_bias", [math.inf] * 6, "'wrench_bias' is inf; expected a finite number"),
-    ("wrench_cutoff", -1.0, "'wrench_cutoff' is -1 Hz; expected between 0 and 100000"),
-    ("force_dead_band", math.nan, "'force_dead_band' is nan; expected a finite number N"),
-    ("max_effort_rate", 0.0, "is 0 Nm/s; expected between 100 and 1e+09"),
-    ("wrench_sign", -1, "'wrench_sign' cannot be changed while running"),
-    ("wrench_timeout", 1.0, "'wrench_timeout' cannot be changed while running"),
-    ("max_contact_force", -1.0, "'max_contact_force' is -1 N; expected between 0 and 1e+06"),
-    ("compliance_offset", [0.0, 0.0, 0.1], "'compliance_offset' cannot be changed while running"),
-    ("tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
-)
-ENDS: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"wrench_time": 1.0}, "unknown parameter 'wrench_time' (did you mean 'wrench_timeout'?); kn"),
-    ({"wrench_pairing": "stamps"}, "'stamps' (did you mean 'stamp'?); known: latest, stamp"),
-    ({"command_type": "position"}, "unknown value of parameter 'command_type': 'position'"),
-    ({"M_p": [math.nan, 1.0, 1.0]}, "'M_p' is nan; expected a finite number kg"),
-    ({"enforce_limits": False}, "enforce_limits: false is accepted only with use_sim_time"),
-)
+    *(
+        (name, value, f"'{name}' cannot be changed while running")
+        for name, value in (
+            ("wrench_sign", -1), ("wrench_timeout", 1.0), ("compliance_offset", [0.0, 0.0, 0.1])
+        )
+    ),
+)  # fmt: skip
 NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"tip_frame": "tool1"}, "configured: tip_frame: unknown frame 'tool1' (did you mean"),
     ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
     ({"compliance_frame": "tool1"}, "compliance_frame: frame: unknown frame 'tool1' (did you mean"),
-    ({"compliance_frame": "wrist_2_link"}, "not fixed to the tip 'tool0': wrist_3_joint can move"),
     ({"K_p": [-1.0, 1.0, 1.0]}, "impedance_p: K has the negative eigenvalue -1"),
 )
 
 # An arm whose joints are slower than this stands [rad/s].
 AT_REST = 0.02
-
-# A joint may exceed its speed limit by what the discrete time leaves, of the limit.
-SPEED_LIMIT = 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +111,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str],
         @cache
         def start(executable: str) -> Controlled:
             world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
-            return Controlled(world, executable, FRAMES)
+            return Controlled(world, executable, AT_ONCE)
 
         yield start
 
@@ -159,14 +139,6 @@ def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
     found = [ns_from_ros(command.header.stamp) for command in arm.commands]
     arm.commands.clear()
     assert found == list(range(first, arm.t + 1, 1_000_000))
-
-
-def test_without_a_reference_the_measured_pose_is_held_at_rest(node: Controlled) -> None:
-    q = HOME + 0.1
-    command = node.arm.start_anew(q)
-    assert command.name == list(UR5.joints)
-    assert_holds(command, q)
-    assert_holds(node.arm.ticks(10)[-1], q)
 
 
 def test_joints_are_matched_by_name_in_any_order_with_others_between(node: Controlled) -> None:
@@ -211,60 +183,6 @@ def test_a_reference_is_followed_to_its_end(node: Controlled) -> None:
     assert np.abs(arm.dq).max() < LAW_IN_A_NODE
 
 
-@pytest.mark.parametrize("node", CONTROLLERS[:2], indirect=True)  # another holds its impedance
-def test_a_set_point_without_a_successor_is_held_where_its_twist_has_led_it(
-    node: Controlled,
-) -> None:
-    arm = node.arm
-    p, R = pose(arm.q)
-    node.follow(reference(DesiredFrame(p, R, dp_d=np.array([0.0, 0.0, 0.1]))))
-    arm.ticks(150, dt=0.01)
-    p_e, R_e = pose(arm.q)
-    held = p + [0.0, 0.0, 0.1 * 0.1]  # reference_timeout is 0.1 s
-    assert np.linalg.norm(p_e - held) < LAW_IN_A_NODE
-    assert angle_between(R_e, R) < LAW_IN_A_NODE
-    assert np.abs(arm.dq).max() < LAW_IN_A_NODE
-
-
-def test_without_joint_states_there_are_no_commands_but_a_fault_and_then_it_holds(
-    node: Controlled,
-) -> None:
-    arm = node.arm
-    p, R = pose(arm.q)
-    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
-    status = node.peer.status(node.name, lambda s: "no valid joint_states" in s.message)
-    assert status.level == b"\x02"
-    assert "within 0.5 s: no commands" in status.message
-    assert arm.commands == []
-    q, arm.dq = HOME + 0.2, np.zeros(6)
-    assert_holds(arm.tick(q, dt=0.5), q)
-    assert_holds(arm.ticks(10)[-1], q)
-    status = node.status(lambda s: "after a jump" in s.message)
-    assert status.level == b"\x01"
-    assert "holding the measured pose, after a jump of the stamps by 0.5 s" in status.message
-
-
-def test_through_a_kinematic_singularity_commands_stay_within_the_limits_and_it_is_reported(
-    node: Controlled,
-) -> None:
-    arm, limits = node.arm, MODEL.limits
-    q = HOME * [1, 1, 1, 1, 0, 1]  # wrist 2 at 0: the axes of wrists 1 and 3 are parallel
-    arm.start_anew(q)
-    p, R = pose(q)
-    goal = DesiredFrame(p + [0.04, 0.0, 0.0], rodrigues(0.15, np.array([1.0, 0.0, 0.0])) @ R)
-    node.follow(reference(goal, times=(0.2,)))
-    speeds = []
-    for _ in range(400):
-        command = arm.tick()
-        assert np.isfinite([*command.position, *command.velocity, *command.effort]).all()
-        if command.effort:
-            assert (np.abs(command.effort) <= limits.effort).all()
-        speeds.append(np.abs(arm.dq))
-    assert (np.max(speeds, axis=0) <= limits.velocity * (1 + SPEED_LIMIT)).all()
-    status = node.peer.status(node.name, lambda s: "inverse of J" in values(s))
-    assert values(status)["inverse of J"] == "damped"
-
-
 # --- what is refused -------------------------------------------------------------------------
 
 
@@ -288,15 +206,12 @@ def test_two_publishers_on_reference_are_refused_and_both_named(node: Controlled
 
 
 def broken_states(arm: Arm) -> list[Any]:
-    """Return joint_states that cannot be used; test_messages has what is said of each."""
-    nan, inf, short, unnamed, missing, fast = (arm.message() for _ in range(6))
+    """Return joint_states that cannot be used; test_messages has all kinds of them."""
+    nan, short, missing = (arm.message() for _ in range(3))
     nan.position[2] = math.nan
-    inf.position[0] = math.inf
-    fast.velocity[5] = -math.inf
     short.position = short.position[:5]
-    unnamed.name = []
     missing.name = [*UR5.joints[:5], "wrist_4_joint"]
-    return [nan, inf, fast, short, unnamed, missing]
+    return [nan, short, missing]
 
 
 def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
@@ -322,59 +237,12 @@ def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
     assert node.peer.counter(node.name, "joint_states rejected", after) == after
 
 
-def broken_references(q: Any) -> list[MultiDOFJointTrajectory]:
-    """Return references that cannot be followed from q; test_messages has what is said."""
-    p, R = pose(q)
-    start = DesiredFrame(p, R)
-    wrong_base, wrong_tip, norm, nan, empty, twice, late = (reference(start) for _ in range(7))
-    wrong_base.header.frame_id = "world"
-    wrong_tip.joint_names = ["flange"]
-    norm.points[0].transforms[0].rotation = Quaternion(
-        **{axis: 1.1 * getattr(norm.points[0].transforms[0].rotation, axis) for axis in "xyzw"}
-    )
-    nan.points[0].velocities[0].angular.y = math.nan
-    empty.points = []
-    twice.points[0].transforms = twice.points[0].transforms * 2
-    late = reference(start, start, times=(0.0, 1.0))
-    late.points[1].time_from_start.sec = 0
-    far = reference(DesiredFrame(p + [0.0, 0.3, 0.0], R))
-    turned = reference(DesiredFrame(p, rodrigues(0.5, np.array([1.0, 0.0, 0.0])) @ R))
-    return [wrong_base, wrong_tip, norm, nan, empty, twice, late, far, turned]
-
-
-def test_references_that_cannot_be_followed_are_refused_with_the_reason(
-    node: Controlled,
-) -> None:
-    before = node.peer.counter(node.name, "reference rejected")
-    cases = broken_references(HOME)
-    for msg in cases:  # fewer than the queue of the controller holds
-        node.references.publish(msg)
-    after = before + len(cases)
-    assert node.peer.counter(node.name, "reference rejected", after) == after
-    assert_holds(node.arm.tick(), HOME)
-
-    def said() -> bool:  # what is about the same topic is not said every time
-        node.references.publish(cases[0])
-        return "reference is in the frame 'world'; expected the base frame 'base_link'" in (
-            node.process.log
-        )
-
-    node.graph.until(said, "the reason")
-
-
 @pytest.mark.parametrize(
     ("node", "name", "value", "words"),
     [
         ("clik", "k_Po", -1.0, "parameter 'k_Po' is -1 1/s; expected between 0 and 10000"),
-        ("clik", "k_Pp", math.nan, "parameter 'k_Pp' is nan; expected a finite number"),
-        ("clik", "orientation", "quaternion", "known: angle_axis, euler_angles, euler_parameters"),
-        ("clik", "euler_sequence", "XYY", "known: XYX, XYZ, XZX"),
         ("clik", "tip_frame", "base_link", "'tip_frame' cannot be changed while running"),
         ("clik", "posture", [0.0, 1.0], "posture has 2 values; expected one for each of the 6"),
-        ("clik", "damping_eps", "much", "'much', a str; expected a float"),
-        ("dynamic_control", "k_Vo", -1.0, "'k_Vo' is -1 1/s; expected between 0 and 10000"),
-        ("dynamic_control", "k_Pp", math.inf, "'k_Pp' is inf; expected a finite number 1/s^2"),
-        ("dynamic_control", "max_effort_rate", 0.0, "is 0 Nm/s; expected between 100 and 1e+09"),
         ("dynamic_control", "max_error_rotation", 4.0, "is 4 rad; expected between 0.001 and 3.1"),
         ("dynamic_control", "posture", [0.1], "posture has 1 values; expected one for each of"),
         ("dynamic_control", "tool_mass", 1.0, "'tool_mass' cannot be changed while running"),
@@ -405,36 +273,55 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
 # --- changes while running -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("node", ["clik"], indirect=True)
-@pytest.mark.parametrize(
-    ("change", "gain"),  # [1/s] of the angle; eps is theta / 2
-    [
-        ({"orientation": "euler_angles", "euler_sequence": "ZYX"}, 2.0),
-        ({"orientation": "rotation_vector"}, 2.0),
-        ({"k_Po": 5.0}, 2.5),
-    ],
-)
-def test_a_change_of_the_law_while_moving_makes_no_jump_of_position_or_velocity(
-    node: Controlled, change: dict[str, Any], gain: float
+# --- limits of the efforts -------------------------------------------------------------------
+
+of_dynamic_control = pytest.mark.parametrize("node", ["dynamic_control"], indirect=True)
+
+
+@of_dynamic_control
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(
+    node: Controlled, rate: float
 ) -> None:
-    arm, dt = node.arm, 0.001
-    node.change(k_Po=2.0)
-    arm.start_anew()
+    before = int(values(node.status(lambda s: "saturated ticks" in values(s)))["saturated ticks"])
+    node.change(max_effort_rate=[rate], **UNSHAPED)
+    hold = node.arm.tick()
     p, R = pose(HOME)
-    turned = rodrigues(0.15, np.array([0.0, 0.0, 1.0])) @ R
-    node.follow(reference(DesiredFrame(p, turned)))  # an error of 0.15 rad that decays slowly
-    before = arm.tick()
-    node.change(**change)
-    after = arm.tick(dt=dt)
-    dq = np.array(before.velocity)
-    speed = float(np.linalg.norm(dq))
-    assert speed > 0.1  # rad/s; without the blend it would be multiplied by the gain
-    np.testing.assert_allclose(after.position, before.position + dt * dq, atol=RELATIVE)
-    assert np.linalg.norm(after.velocity - dq) < BLEND_PER_TICK * speed
-    after = arm.ticks(60, dt=0.02)[-1]
-    state = MODEL.state(np.array(after.position), np.array(after.velocity))
-    angle = angle_between(state.R_e, turned)
-    assert np.linalg.norm(state.omega_e) == pytest.approx(gain * angle, rel=BLENDED)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.04], R)))  # 16 m/s^2
+    efforts = efforts_of([hold, *node.arm.ticks(100)])
+    steps = np.abs(np.diff(efforts, axis=0)).max(axis=1)  # [Nm] in a tick of 1 ms
+    assert steps.max() == pytest.approx(rate * 1e-3, abs=EFFORT_ROUNDING)
+    ticks = np.count_nonzero(steps > rate * 1e-3 - EFFORT_ROUNDING)
+    assert ticks > 5
+    node.status(lambda s: int(values(s)["saturated ticks"]) >= before + ticks)
+
+
+@of_dynamic_control
+def test_no_effort_exceeds_the_limit_of_its_joint(node: Controlled) -> None:
+    node.change(k_Pp=1e4, k_Vp=200.0, max_effort_rate=[1e6], **UNSHAPED)
+    node.arm.tick()
+    p, R = pose(HOME)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.04], R)))  # 400 m/s^2
+    efforts = efforts_of(node.arm.ticks(100))
+    assert (np.abs(efforts).max(axis=0) == MODEL.limits.effort).sum() >= 2
+
+
+@of_dynamic_control
+def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(
+    node: Controlled,
+) -> None:
+    arm = node.arm
+    p, R = pose(HOME)
+    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.3], R), times=(0.5,)))
+    commands = [arm.tick(HOME) for _ in range(1500)]
+    status = node.status(lambda s: "holding still" in s.message)
+    assert status.level == b"\x02"
+    assert "m from the desired frame; at most 0.1 m is allowed: is the arm braked" in status.message
+    assert np.abs(commands[-1].effort).max() > 0
+    assert_holds(commands[-1], HOME)
+    arm.ticks(500)  # what is sent has to pause
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.02], R), times=(0.4,)))
+    assert node.status().message.endswith(": following a reference")
 
 
 # --- reports ---------------------------------------------------------------------------------
@@ -454,7 +341,7 @@ def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
         assert getattr(errors[-1].twist.angular, axis) == pytest.approx(0.0, abs=LAW_IN_A_NODE)
     status = peer.status(node.name, lambda s: "smallest singular value of J" in values(s))
     found = values(status)
-    sigma = np.linalg.svd(MODEL.state(HOME, 0 * HOME).J, compute_uv=False)[-1]
+    sigma = smallest_singular_value(MODEL.state(HOME, 0 * HOME).J, MODEL.length)
     assert float(found["smallest singular value of J"]) == pytest.approx(sigma, rel=1e-5)
     assert found["inverse of J"] == "exact"
     assert found["orientation"] == "euler_parameters"
@@ -462,32 +349,25 @@ def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
 
 
 @pytest.mark.parametrize(
-    ("node", "k_Po"), [("clik", 20.0), ("dynamic_control", 800.0)], indirect=["node"]
+    ("node", "k_Po"), [("clik", 2.0), ("dynamic_control", 800.0)], indirect=["node"]
 )
-def test_the_error_and_the_lyapunov_function_are_those_of_the_state_and_fall_to_zero(
+def test_the_error_and_the_lyapunov_function_are_those_of_the_state(
     node: Controlled, k_Po: float
 ) -> None:
-    arm, dt = node.arm, 0.001
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
-    node.change(k_Po=k_Po)
-    arm.ticks(50)
-    errors.clear()
-    functions.clear()
+    node.change(k_Po=k_Po, **UNSHAPED)
     p, R = pose(HOME)
     desired = DesiredFrame(p + [0.0, 0.02, 0.0], rodrigues(0.15, np.array([0.0, 0.6, 0.8])) @ R)
-    node.references.publish(reference(desired))
+    node.follow(reference(desired))
     states = {}
-    for _ in range(800):
-        arm.tick(dt=dt)
-        states[arm.t] = MODEL.state(arm.q, arm.dq)
+    for _ in range(120):  # the joints are too slow for it at first: so time is
+        node.arm.tick()
+        states[node.arm.t] = MODEL.state(node.arm.q, node.arm.dq)
 
-    since = next(i for i, msg in enumerate(errors) if abs(msg.twist.angular.z) > 1e-3)
-    first = next(i for i, msg in enumerate(functions) if msg.data[0] > 1e-3)
-    found = list(zip(errors[since:], functions[first:], strict=True))
-    assert len(found) > 30  # at 50 Hz
-    for error, function in found[1:]:
-        t = ns_from_ros(error.header.stamp)
+    stamps = [ns_from_ros(error.header.stamp) for error in errors[-4:]]
+    assert set(np.diff(stamps)) == {20_000_000}  # 50 Hz
+    for t, error, function in zip(stamps[2:], errors[-2:], functions[-2:], strict=True):
         assert vector(error.twist.linear) == pytest.approx(desired.p_d - states[t].p_e)
         eps = EulerParameters.from_R(desired.R_d @ states[t].R_e.T).eps
         assert vector(error.twist.angular) == pytest.approx(eps, abs=LYAPUNOV)
@@ -495,11 +375,37 @@ def test_the_error_and_the_lyapunov_function_are_those_of_the_state_and_fall_to_
         before = lyapunov(node, k_Po, desired, states[t - 1_000_000])
         (dimension,) = function.layout.dim
         assert (dimension.label, dimension.size) == ("V, dV by the paper, dV measured", 3)
-        expected = [*now, (now[0] - before[0]) / dt]
+        expected = [*now, (now[0] - before[0]) / 1e-3]
         assert function.data.tolist() == pytest.approx(expected, rel=LYAPUNOV, abs=LYAPUNOV)
-    V = [function.data[0] for _, function in found]
-    assert (np.diff(V) < LYAPUNOV).all()
-    assert V[-1] < 1e-3 * V[0]
+        assert now[0] > 1e-6
+
+
+def test_what_is_made_of_a_trajectory_beyond_the_limits_of_the_tip_is_published_and_said(
+    node: Controlled,
+) -> None:
+    desired = node.peer.listen(MultiDOFJointTrajectory, f"{node.name}/desired")
+    p, R = pose(HOME)
+    goal = DesiredFrame(p - [0.0, 0.0, 0.2], R)
+    node.follow(reference(goal, times=(0.4,)))
+    began = node.arm.t
+    status = node.status(lambda s: s.message.endswith("or give it more time"))
+    assert (status.level, values(status)["remedy"]) == (b"\x00", "")  # a note, no fault
+    node.arm.ticks(1500)
+    found = node.status(lambda s: float(values(s).get(SLOWED, "1")) < 1)
+    rate = float(values(found)[SLOWED])
+    fastest = 0.2 / 0.4 * 15 / 8  # of a quintic from rest to rest
+    assert 0.8 * 0.25 / fastest < rate <= 1.01 * 0.25 / fastest
+    assert f"slowed to {100 * rate:.0f} % for the limits of the tip: raise" in status.message
+    assert float(values(found)["references ahead of joint_states [s]"]) == 0.0
+    assert values(found)["references that never began"] == "0"
+    frames = []
+    for msg in desired:
+        point, stamp = motion_from_ros(msg, *FRAMES.values(), 0.0)
+        if stamp is not None and stamp >= began:
+            frames.append(point.sample(0.0))
+    assert 0.22 < max(np.linalg.norm(frame.dp_d) for frame in frames) <= 0.25 * 1.01
+    assert frames[-1].p_d == pytest.approx(goal.p_d, abs=THROUGH_A_QUATERNION)
+    np.testing.assert_allclose(frames[-1].R_d, R, atol=THROUGH_A_QUATERNION)
 
 
 def vector(v: Any) -> list[float]:
@@ -548,6 +454,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     if autostart:
         arm.connect()
     else:
+        assert not peer.change_state(executable, "activate")  # it is not configured
         assert peer.lifecycle_state(executable) == "unconfigured"
         assert peer.change_state(executable, "configure")
         assert peer.lifecycle_state(executable) == "inactive"
@@ -583,14 +490,6 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     assert peer.change_state(executable, "configure")
     assert peer.lifecycle_state(executable) == "inactive"
     assert process.stop() == 0
-
-
-def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives_on(
-    world: World,
-) -> None:
-    world.start("clik", {**FRAMES, "autostart": False, "use_sim_time": True})
-    assert not world.peer.change_state("/clik", "activate")  # it is not configured
-    assert world.peer.lifecycle_state("/clik") == "unconfigured"
 
 
 def test_after_the_shutdown_transition_no_command_follows_the_hold(world: World) -> None:
@@ -642,7 +541,7 @@ def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and
     assert np.abs(arm.dq).max() < AT_REST
     last = last_of(graph, commands)
     arm.q = positions[ns_from_ros(last.header.stamp)]
-    assert_may_stay(last, arm)
+    assert_may_stay(last, arm, within=1e-3 * AT_REST)  # it may go on for a tick of 1 ms
     if arm.sensor is not None:
         graph.until(lambda: arm.frames[-1].header.stamp == last.header.stamp, "the last frame")
         (frame,) = arm.frames_of([ns_from_ros(last.header.stamp)])
@@ -680,20 +579,10 @@ def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> Non
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),
     [
-        (
-            "clik",
-            {"tip_frame": "tool1"},
-            "unknown frame 'tool1' (did you mean 'tool0'?); known: base, ",
-        ),
         ("clik", {"base_frame": "basis"}, "unknown frame 'basis'"),
         ("clik", {"joints": ["elbow_join"]}, "(did you mean 'elbow_joint'?)"),
         ("clik", {"posture": [0.0]}, "posture has 1 values; expected one for each of the 6 joints"),
-        ("dynamic_control", {"tip_frame": "tool1"}, "unknown frame 'tool1' (did you mean 'tool0'?"),
-        (
-            "dynamic_control",
-            {"friction_viscous": [1.0, 1.0]},
-            "friction_viscous has 2 values; expected one for each of the 6 joints",
-        ),
+        ("dynamic_control", {"friction_viscous": [1.0] * 2}, "friction_viscous has 2 values; exp"),
         ("dynamic_control", {"tool_com": [0.1, 0.0]}, "tool_com has 2 values; expected 3"),
         (
             "dynamic_control",
@@ -759,34 +648,15 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),
     [
-        ("clik", {"orientatio": "x"}, "'orientatio' (did you mean 'orientation'?); known: auto"),
-        (
-            "clik",
-            {"orientation": "euler_angels"},
-            "'euler_angels' (did you mean 'euler_angles'?); known: angle_axis, euler_angles",
-        ),
         ("clik", {"euler_sequence": "XXZ"}, "'XXZ'"),
-        ("clik", {"k_Po": 1e9}, "parameter 'k_Po' is 1e+09 1/s; expected between 0 and 10000"),
         *(
             (executable, {name: value}, f"{words} is accepted only with use_sim_time: true")
             for executable in CONTROLLERS
             for name, value, words in UNSAFE
         ),
-        (
-            "dynamic_control",
-            {"max_effort_rat": 1.0},
-            "unknown parameter 'max_effort_rat' (did you mean 'max_effort_rate'?)",
-        ),
-        ("dynamic_control", {"k_Vp": 1e5}, "'k_Vp' is 100000 1/s; expected between 0 and 10000"),
-        ("dynamic_control", {"tool_mass": math.nan}, "'tool_mass' is nan; expected a finite"),
         ("dynamic_control", {"friction_coulomb": [-1.0]}, "is -1 Nm; expected between 0 and 10000"),
-        (
-            "dynamic_control",
-            {"command_type": "joint_trajectory"},
-            "unknown value of parameter 'command_type': 'joint_trajectory'",
-        ),
-        *(("impedance_control", *each) for each in ENDS),
-        ("clik", {"joints": 3}, "parameter 'joints' is 3; expected a list"),
+        ("dynamic_control", {"command_type": "joint_trajectory"}, "value of parameter 'command_ty"),
+        ("impedance_control", {"wrench_pairing": "stamps"}, "'stamps' (did you mean 'stamp'?)"),
         ("reference", {"motion": "line"}, "'line'; known: circle, none, way_points"),
         ("reference", {"motion": "way_points"}, "0 times"),
         ("reference", {"circle_normal": [1.0], "motion": "circle"}, "circle_normal has 1 numbers"),
@@ -795,7 +665,6 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
         ("pybullet_bridge", {"urdf": "/nowhere/a.urdf"}, "the URDF cannot be read"),
         ("pybullet_bridge", {"mode": "lock_step"}, "(did you mean 'lockstep'?)"),
         ("pybullet_bridge", {"initial_positions": [1.0]}, "initial_positions has 1 values"),
-        ("pybullet_bridge", {"friction_viscous": [0.1, 0.1]}, "friction_viscous"),
         ("pybullet_bridge", {"servo_bandwidth": 5000.0}, "must not exceed the rate"),
     ],
 )
@@ -843,17 +712,22 @@ def test_the_file_of_a_node_in_config_is_accepted_by_it(world: World, executable
 # --- types of commands -----------------------------------------------------------------------
 
 
-def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions(world: World) -> None:
-    arms = {}
-    for kind, message in (("joint_trajectory", JointTrajectory), ("forward", Float64MultiArray)):
-        arms[kind] = Arm(world, UR5, f"/{kind}", message)
-        own = {**FRAMES, "command_type": kind, "use_sim_time": True}
-        world.start("clik", own, namespace=f"/{kind}")
-        world.until(lambda a=arms[kind]: (a.send(a.message()), a.commands)[1], "a command")
-    trajectory = arms["joint_trajectory"].commands[0]
-    assert trajectory.joint_names == list(UR5.joints)
-    assert [point.positions.tolist() for point in trajectory.points] == [HOME.tolist()]
-    assert arms["forward"].commands[0].data.tolist() == HOME.tolist()
+@pytest.mark.parametrize(
+    ("executable", "kind", "message", "found"),
+    [
+        ("clik", "joint_trajectory", JointTrajectory, lambda msg: msg.points[0].positions),
+        ("clik", "forward", Float64MultiArray, lambda msg: msg.data),
+        ("dynamic_control", "forward", Float64MultiArray, lambda msg: msg.data),
+    ],
+)
+def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_efforts(
+    world: World, executable: str, kind: str, message: Any, found: Callable[[Any], Any]
+) -> None:
+    arm = Controlled.ARMS[executable](world, UR5, command=message)
+    world.start(executable, {**FRAMES, "command_type": kind, "use_sim_time": True})
+    world.until(lambda: (arm.send(arm.message()), arm.commands)[1], "a command")
+    held = HOME if executable == "clik" else MODEL.dynamic_state(HOME, np.zeros(6)).g
+    np.testing.assert_allclose(found(arm.commands[0]), held, rtol=1e-9)
 
 
 def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world: World) -> None:
@@ -863,6 +737,7 @@ def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world: World)
     q, dq = HOME, np.arange(6) / 10
     commands.publish(Time(sec=5), JointCommand(q, dq))
     (point,) = found[0].points
+    assert found[0].joint_names == list(UR5.joints)
     horizon = ns_from_ros(point.time_from_start) / 1e9
     assert horizon == HORIZON > 0
     np.testing.assert_allclose(point.positions, q + horizon * dq, atol=RELATIVE)
@@ -888,62 +763,27 @@ def test_require_reference_is_silent_until_the_first_reference(world: World) -> 
 # --- reference -------------------------------------------------------------------------------
 
 
-def test_a_target_pose_becomes_a_motion_and_one_in_another_frame_is_refused(world: World) -> None:
-    peer, arm = world.peer, Arm(world, UR5)
-    process = world.start("reference", {**FRAMES, "linear_speed": 0.1, "angular_speed": 0.5})
-    motions = peer.listen(MultiDOFJointTrajectory, "reference")
-    targets = peer.publisher(PoseStamped, "target_pose")
-    p_0, R_0 = pose(HOME)
-    p = p_0 + [0.0, 0.2, 0.0]
-    R = rodrigues(0.4, np.array([0.0, 0.0, 1.0])) @ R_0
-
-    arm.send_next()
-    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
-    motion, start = motion_from_ros(motions[0], "base_link", "tool0", 0.1)
-    assert start is None
-    assert isinstance(motion, Trajectory)
-    assert motion.duration == pytest.approx(2.0)  # 0.2 m at 0.1 m/s
-    np.testing.assert_allclose(motion.frames[-1].p_d, p, atol=RELATIVE)
-    assert angle_between(motion.frames[-1].R_d, R) < THROUGH_A_QUATERNION
-
-    before = peer.counter("reference", "target_pose rejected")
-    wrong = pose_to_ros(p, R, Time(), "camera")
-    norm = pose_to_ros(p, R, Time(), "base_link")
-    norm.pose.orientation.w = 3.0
-    nan = pose_to_ros(p * math.nan, R, Time(), "base_link")
-    for msg, words in (
-        (wrong, "the pose is in the frame 'camera'; expected the base frame 'base_link'"),
-        (norm, "; expected 1"),
-        (nan, "the pose has a non-finite position"),
-    ):
-        targets.publish(msg)
-        assert words in process.log
-    assert peer.counter("reference", "target_pose rejected", before + 3) == before + 3
-
-
 def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used(
     world: World,
 ) -> None:
     peer, arm = world.peer, Arm(world, UR5)
-    process = world.start("reference", FRAMES)
+    process = world.start("reference", {**FRAMES, "motion": "circle"})
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
-    targets = peer.publisher(PoseStamped, "target_pose")
-    p, R = pose(HOME)
     nan = arm.message()
     nan.position[0] = math.nan
-
     arm.send(nan)
-    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
+    world.until_said(process, "no valid joint_states")
     assert "joint_states rejected: joint_states has a non-finite position" in process.log
     assert peer.counter("reference", "joint_states rejected", 1) == 1
     assert motions == []
-    assert process.stop() == 0
+
+
+CIRCLE = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
 
 
 def test_reference_waits_for_as_many_subscribers_as_it_is_told(world: World) -> None:
     peer, arm = world.peer, Arm(world, UR5)
-    motion = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
-    process = world.start("reference", {**FRAMES, **motion, "wait_for_subscribers": 2})
+    process = world.start("reference", {**FRAMES, **CIRCLE, "wait_for_subscribers": 2})
     first = peer.listen(MultiDOFJointTrajectory, "reference")
     arm.send(arm.message())
     peer.status("reference", lambda s: s.message == "ready")
@@ -962,8 +802,7 @@ def test_reference_waits_for_as_many_subscribers_as_it_is_told(world: World) -> 
 
 def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(world: World) -> None:
     peer, arm = world.peer, Arm(world, UR5)
-    motion = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
-    process = world.start("reference", {**FRAMES, **motion})
+    process = world.start("reference", {**FRAMES, **CIRCLE})
 
     def send() -> Trigger.Response:
         return peer.call(Trigger, "/reference/send", Trigger.Request())
@@ -999,23 +838,16 @@ def test_reference_without_a_motion_says_so_when_asked_for_it(world: World) -> N
 # --- the bridge ------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def bridge(shared_world: World) -> Running:
-    """A robot in real time, in the namespace /robot."""
-    slow = {"rate": 100.0, "clock_rate": 100.0, "servo_bandwidth": 50.0}
-    return shared_world.start("pybullet_bridge", {"robot": "ur5", **slow}, namespace="/robot")
-
-
-def test_the_robot_publishes_its_state_wrench_clock_and_description(
-    shared_world: World, bridge: Running
-) -> None:
-    peer = shared_world.peer
+def test_the_robot_publishes_its_state_wrench_clock_and_description(world: World) -> None:
+    slow = {"robot": "ur5", "rate": 100.0, "clock_rate": 100.0, "servo_bandwidth": 50.0}
+    world.start("pybullet_bridge", slow, namespace="/robot")
+    peer = world.peer
     heard: list[Any] = []  # in the order in which it was published
     for kind, topic in ((JointState, "joint_states"), (WrenchStamped, "wrench")):
         peer.node.create_subscription(kind, f"/robot/{topic}", heard.append, 100)
     clocks = peer.listen(Clock, "/clock")
     descriptions = peer.listen(String, "/robot/robot_description", latched=True)
-    shared_world.until(lambda: len(heard) > 40 and clocks and descriptions, "20 of each")
+    world.until(lambda: len(heard) > 40 and clocks and descriptions, "20 of each")
     assert descriptions[0].data == UR5.urdf
     wrenches, states = heard[0::2], heard[1::2]
     assert {type(msg) for msg in wrenches} == {WrenchStamped}
@@ -1028,44 +860,6 @@ def test_the_robot_publishes_its_state_wrench_clock_and_description(
     assert {ns_from_ros(clock.clock) % 10_000_000 for clock in clocks} == {0}
     assert {msg.header.frame_id for msg in wrenches} == {"tool0"}
     assert [ns_from_ros(msg.header.stamp) for msg in wrenches] == stamps  # each before its state
-
-
-def test_a_command_that_is_not_finite_is_rejected_and_a_good_one_moves_the_arm_until_silence(
-    shared_world: World, bridge: Running
-) -> None:
-    peer = shared_world.peer
-    states = peer.listen(JointState, "/robot/joint_states")
-    commands = peer.publisher(JointState, "/robot/joint_reference")
-    shared_world.until(lambda: states, "the robot")
-    name = "robot/pybullet_bridge"
-    before = peer.counter(name, "commands rejected")
-    start = np.array(states[-1].position[:6])
-    bad = JointState(name=list(UR5.joints), position=[math.nan, *start[1:].tolist()])
-    commands.publish(bad)
-    assert peer.counter(name, "commands rejected", before + 1) == before + 1
-    assert "joint_reference has a non-finite position" in bridge.log
-    assert np.isfinite(states[-1].position).all()
-    np.testing.assert_allclose(states[-1].position[:6], start, atol=SIMULATED_POSE)
-
-    goal = start + 0.05
-    good = JointState(name=list(UR5.joints), position=goal.tolist(), velocity=[0.0] * 6)
-
-    def there() -> bool:
-        commands.publish(good)
-        return bool(np.abs(np.array(states[-1].position[:6]) - goal).max() < SIMULATED_POSE)
-
-    shared_world.until(there, "the motion to the goal")
-    status = peer.status(name, lambda s: values(s)["mode"] == "braked")
-    assert (status.level, values(status)["cause"]) == (b"\x02", "silence")
-
-    def send_both() -> None:
-        commands.publish(good)
-        commands.publish(bad)
-
-    warned = peer.status(name, lambda s: s.message == "commanded; a command rejected", send_both)
-    assert warned.level == b"\x01"
-    obeys = peer.status(name, lambda s: s.message == "commanded", lambda: commands.publish(good))
-    assert obeys.level == b"\x00"
 
 
 def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
@@ -1093,30 +887,3 @@ def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
     assert sorted({ns_from_ros(state.header.stamp) for state in states}) == stamps
     assert sorted({ns_from_ros(command.header.stamp) for command in commands}) == stamps
     assert progress() == pytest.approx([0.005 * k for k in range(1, 11)])
-
-
-def test_a_robot_a_controller_and_a_reference_together_reach_a_target_pose(world: World) -> None:
-    peer = world.peer
-    slow = {"rate": 200.0, "servo_bandwidth": 100.0, "command_timeout": 1.0}
-    nodes = [
-        world.start("pybullet_bridge", slow, namespace="/left"),
-        world.start("clik", FRAMES, namespace="/left"),
-        world.start("reference", {**FRAMES, "linear_speed": 0.2}, namespace="/left"),
-    ]
-    states = peer.listen(JointState, "/left/joint_states")
-    targets = peer.publisher(PoseStamped, "/left/target_pose")
-    world.until_said(nodes[1], "holding the measured pose")
-    p_0, R_0 = pose(HOME)
-    p, R = p_0 + [0.0, 0.1, 0.05], rodrigues(0.3, np.array([0.0, 1.0, 0.0])) @ R_0
-    peer.status("left/reference", lambda s: s.message == "ready")
-    targets.publish(pose_to_ros(p, R, Time(), "base_link"))
-    world.until_said(nodes[1], "following a reference")
-
-    def there() -> bool:
-        found, turned = pose(states[-1].position[:6])
-        near = np.linalg.norm(found - p) < SIMULATED_POSE
-        return bool(near and angle_between(turned, R) < SIMULATED_POSE)
-
-    world.until(there, "the arm at the target pose")
-    assert [node.stop() for node in reversed(nodes)] == [0, 0, 0]
-    assert peer.node.count_publishers("/joint_reference") == 0  # all names are relative

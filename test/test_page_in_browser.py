@@ -4,6 +4,7 @@ It needs chromium (``apt install chromium``); without it the tests are skipped, 
 environment variable REQUIRE_CHROMIUM is set.
 """
 
+import math
 import os
 import shutil
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 from synthetic_runs import write_run
+from tolerances import assert_close
 
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.loading import load
@@ -159,18 +161,15 @@ def wait_for(page: Page, condition: str) -> None:
 
 
 def wait_for_plots(page: Page) -> None:
-    """Wait until what is in sight is drawn."""
     wait_for(page, "window.page.plots.filter(p => p.inSight).every(p => p.line && !p.stale)")
 
 
 def in_sight(page: Page, expression: str) -> list[Any]:
     """Return something of each plot ``p`` in sight."""
     wait_for_plots(page)
-    found: list[Any] = page.evaluate(
-        f"window.page.plots.filter(p => p.inSight).map(p => {expression})"
-    )
+    found = page.evaluate(f"window.page.plots.filter(p => p.inSight).map(p => {expression})")
     assert len(found) >= 3
-    return found
+    return list(found)
 
 
 def line_times(page: Page) -> list[float]:
@@ -217,13 +216,12 @@ def coloured(page: Page, condition: str = "a > 0") -> int:
 
 
 def tick(page: Page, boxes: str) -> None:
-    """Click boxes, all at once."""
     page.evaluate("boxes => document.querySelectorAll(boxes).forEach(b => b.click())", boxes)
 
 
-def place_in(page: Page, plot: int, fraction: float) -> tuple[float, float]:
+def place_in(page: Page, plot: int, fraction: float) -> Any:
     """Return where a fraction of the time axis of a plot is in the window."""
-    x, y = page.evaluate(
+    return page.evaluate(
         f"""(() => {{
           const {{graph}} = window.page.plots[{plot}];
           const {{xaxis, yaxis}} = graph._fullLayout;
@@ -232,7 +230,6 @@ def place_in(page: Page, plot: int, fraction: float) -> tuple[float, float]:
                   box.top + yaxis._offset + yaxis._length / 2];
         }})()"""
     )
-    return x, y
 
 
 def point_at(page: Page, plot: int, fraction: float) -> float:
@@ -286,30 +283,31 @@ def test_a_link_opens_its_section_and_plots_in_sight_are_drawn(page: Page) -> No
 # --- one time axis ---------------------------------------------------------------------------
 
 
+def assert_zoomed(page: Page, start: float, end: float, tolerance: float = 0.01) -> None:
+    for shown in in_sight(page, "p.graph.layout.xaxis.range"):
+        assert shown == pytest.approx([start, end], abs=tolerance)
+
+
 def test_zooming_one_plot_moves_all(page: Page) -> None:
     start = point_at(page, 0, 0.25)
     page.mouse.down()
     end = point_at(page, 0, 0.5)
     page.mouse.up()
     wait_for(page, "window.page.cursor.range[0] > 0.1")
-    expected = pytest.approx([start, end], abs=0.01)
-    for shown in in_sight(page, "p.graph.layout.xaxis.range"):
-        assert shown == expected
+    assert_zoomed(page, start, end)
     later = page.locator("[data-quantity='singular_value'] .plot")
     later.scroll_into_view_if_needed()  # also those drawn later
     late = "window.page.plots.find(p => p.element.closest('[data-quantity=singular_value]'))"
     wait_for(page, f"!!{late}.line")
-    for shown in in_sight(page, "p.graph.layout.xaxis.range"):
-        assert shown == expected
+    assert_zoomed(page, start, end)
     page.evaluate("scrollTo(0, 0)")
     wait_for_plots(page)
     page.mouse.dblclick(*place_in(page, 0, 0.5))
     wait_for(page, "window.page.cursor.range[0] === 0")
-    for shown in in_sight(page, "p.graph.layout.xaxis.range"):
-        assert shown == pytest.approx([0, END], abs=1e-6)
+    assert_zoomed(page, 0, END, 1e-6)
 
 
-def test_pointing_at_a_plot_shows_the_instant_in_all_and_in_the_replay(page: Page) -> None:
+def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(page: Page) -> None:
     before = tip(page)
     time = point_at(page, 0, 0.6)
     assert line_times(page) == pytest.approx([time] * len(line_times(page)), abs=0.01)
@@ -318,9 +316,6 @@ def test_pointing_at_a_plot_shows_the_instant_in_all_and_in_the_replay(page: Pag
     page.mouse.move(1, 1)  # away: back to the instant that is kept
     wait_for(page, "window.page.cursor.time === 0")
     assert tip(page) == before
-
-
-def test_a_click_in_a_plot_keeps_the_instant(page: Page) -> None:
     time = point_at(page, 0, 0.4)
     page.mouse.down()
     page.mouse.up()
@@ -329,25 +324,25 @@ def test_a_click_in_a_plot_keeps_the_instant(page: Page) -> None:
     assert line_times(page)[0] == pytest.approx(time, abs=0.01)
 
 
+def test_the_slider_sets_the_time_of_plots_and_replay(page: Page) -> None:
+    page.locator("#time").focus()
+    for key, time in (("End", END), ("Home", 0)):
+        page.keyboard.press(key)
+        assert now(page) == time
+        assert line_times(page)[0] == pytest.approx(time, abs=0.01)
+
+
 # --- the replay ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", [0, 33, 100])
-def test_the_drawn_robot_is_where_the_arm_was(page: Page, step: int) -> None:
-    q = positions(np.linspace(0, END, STEPS))[step]
-    state = robot().state(q, np.zeros(6))
+@pytest.mark.parametrize("step", [0, 33, 33.5, 100])
+def test_the_drawn_robot_is_where_the_arm_was(page: Page, step: float) -> None:
+    q = positions(np.linspace(0, END, STEPS))
+    state = robot().state((q[math.floor(step)] + q[math.ceil(step)]) / 2, np.zeros(6))
     keep(page, step * END / (STEPS - 1))
     found = np.array(tip(page))
-    np.testing.assert_allclose(found[:3], state.p_e, atol=PIXEL)
-    R = EulerParameters(found[6], found[3:6]).R
-    np.testing.assert_allclose(R, state.R_e, atol=PIXEL)
-
-
-def test_between_two_steps_the_robot_is_between_them(page: Page) -> None:
-    q = positions(np.linspace(0, END, STEPS))
-    state = robot().state((q[33] + q[34]) / 2, np.zeros(6))
-    keep(page, 33.5 * END / (STEPS - 1))
-    np.testing.assert_allclose(tip(page)[:3], state.p_e, atol=PIXEL)
+    assert_close(found[:3], state.p_e, PIXEL)
+    assert_close(EulerParameters(found[6], found[3:6]).R, state.R_e, PIXEL)
 
 
 def test_a_run_that_left_all_numbers_rests_at_its_last_finite_pose(page: Page) -> None:
@@ -374,10 +369,9 @@ def test_the_replay_shows_meshes_frames_and_the_wrench(page: Page) -> None:
     assert bare < everything == coloured(page)
     assert floor < bare - 5_000
     part = "window.page.replay.runs[0].parts"
-    offset = page.evaluate(f"{part}.d.position.clone().sub({part}.e.position).toArray()")
-    assert offset == pytest.approx([0.1, 0, 0], abs=PIXEL)
-    offset = page.evaluate(f"{part}.c.position.clone().sub({part}.e.position).toArray()")
-    assert offset == pytest.approx([0.05, 0, 0], abs=PIXEL)
+    for frame, ahead in (("d", 0.1), ("c", 0.05)):
+        offset = f"{part}.{frame}.position.clone().sub({part}.e.position).toArray()"
+        assert page.evaluate(offset) == pytest.approx([ahead, 0, 0], abs=PIXEL)
     up = page.evaluate(
         f"new {part}.f.position.constructor(0, 1, 0).applyQuaternion({part}.f.quaternion).toArray()"
     )
@@ -387,9 +381,7 @@ def test_the_replay_shows_meshes_frames_and_the_wrench(page: Page) -> None:
     assert "5 N = 10 cm" in page.locator("#replay").inner_text()
 
 
-def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(
-    page: Page,
-) -> None:
+def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(page: Page) -> None:
     page.select_option("#speed", "4")
     before = tip(page)
     page.click("#play")
@@ -411,16 +403,6 @@ def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(
     page.keyboard.press("Shift+ArrowLeft")
     assert now(page) == pytest.approx(0.455)
     page.select_option("#speed", "1")
-
-
-def test_the_slider_sets_the_time_of_plots_and_replay(page: Page) -> None:
-    slider = page.locator("#time")
-    slider.focus()
-    page.keyboard.press("End")
-    assert now(page) == END
-    assert line_times(page)[0] == pytest.approx(END, abs=0.01)
-    page.keyboard.press("Home")
-    assert line_times(page)[0] == pytest.approx(0, abs=0.01)
 
 
 def test_dragging_turns_the_view_and_the_wheel_enlarges_it(page: Page) -> None:

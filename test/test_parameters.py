@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +16,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_processes import free_domain
 
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.parameters.clik import ClikParameters
-from eulerparams_control.parameters.fields import from_mapping, parameter
-from eulerparams_control.parameters.reference import ReferenceParameters
+from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
 from eulerparams_control.ros.parameters import declare
-from sim_bridge.bridge_parameters import BridgeParameters
 
 
 @dataclass(frozen=True)
@@ -42,12 +41,12 @@ MakeNode = Callable[..., Node]
 
 
 @pytest.fixture
-def node() -> Iterator[MakeNode]:
+def node(tmp_path: Path) -> Iterator[MakeNode]:
     """Makes a node whose parameters are overridden by those of a YAML file."""
     contexts: list[Context] = []
 
-    def make(folder: Path, overrides: dict[str, Any]) -> Node:
-        file = folder / "parameters.yaml"
+    def make(**overrides: Any) -> Node:
+        file = tmp_path / "parameters.yaml"
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": overrides}}))
         contexts.append(Context())
         options = ["--ros-args", "--params-file", str(file)] if overrides else []
@@ -59,8 +58,8 @@ def node() -> Iterator[MakeNode]:
         context.try_shutdown()
 
 
-def test_without_overrides_the_defaults_hold(node: MakeNode, tmp_path: Path) -> None:
-    own = node(tmp_path, {})
+def test_without_overrides_the_defaults_hold(node: MakeNode) -> None:
+    own = node()
     assert declare(own, Gains) == Gains()
     assert own.get_parameter("k").value == 10.0
     assert own.get_parameter("weights").value == [1.0, 2.0]
@@ -68,27 +67,22 @@ def test_without_overrides_the_defaults_hold(node: MakeNode, tmp_path: Path) -> 
     assert own.get_parameter("names").type_ is Parameter.Type.STRING_ARRAY
 
 
-def test_a_yaml_file_overrides_what_it_names(node: MakeNode, tmp_path: Path) -> None:
-    overrides = {
-        "k": 20.0, "steps": 5, "law": "slow", "strict": False, "weights": [3.0], "names": ["a", "b"]
-    }  # fmt: skip
-    found = declare(node(tmp_path, overrides), Gains)
-    assert from_mapping(Gains, overrides | {"use_sim_time": True}) == found
-    assert found == Gains(20.0, 1.0, 5, "slow", False, (3.0,), (), ("a", "b"), "tool0")
-
-
-def test_a_whole_number_is_taken_where_a_number_is_wanted(node: MakeNode, tmp_path: Path) -> None:
-    found = declare(node(tmp_path, {"k": 20, "weights": [1, 2, 3]}), Gains)
-    assert found.k == 20.0
-    assert isinstance(found.k, float)
-    assert found.weights == (1.0, 2.0, 3.0)
-    assert all(isinstance(weight, float) for weight in found.weights)
-
-
-def test_an_empty_list_in_yaml_is_an_empty_list(node: MakeNode, tmp_path: Path) -> None:
-    found = declare(node(tmp_path, {"weights": [], "names": []}), Gains)
-    assert found.weights == ()
-    assert found.names == ()
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        ({"k": 20.0, "steps": 5, "weights": [3.0]}, Gains(20.0, 1.0, 5, weights=(3.0,))),
+        ({"law": "slow", "names": ["a", "b"]}, Gains(law="slow", names=("a", "b"))),
+        ({"strict": False, "frame": "flange"}, Gains(strict=False, frame="flange")),
+        ({"k": 20, "weights": [1, 2, 3]}, Gains(20.0, weights=(1.0, 2.0, 3.0))),
+        ({"weights": [], "names": []}, Gains(weights=(), names=())),
+    ],
+)
+def test_a_yaml_file_overrides_what_it_names(
+    node: MakeNode, overrides: dict[str, Any], expected: Gains
+) -> None:
+    found = declare(node(**overrides), Gains)
+    assert found == expected == from_mapping(Gains, overrides | {"use_sim_time": True})
+    assert all(isinstance(number, float) for number in (found.k, *found.weights))
 
 
 @pytest.mark.parametrize(
@@ -116,28 +110,24 @@ def test_an_empty_list_in_yaml_is_an_empty_list(node: MakeNode, tmp_path: Path) 
     ],
 )
 def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(
-    node: MakeNode, tmp_path: Path, overrides: dict[str, Any], words: str
+    node: MakeNode, overrides: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(ConfigurationError) as refusal:
-        declare(node(tmp_path, overrides), Gains)
-    assert words in str(refusal.value)
+    with pytest.raises(ConfigurationError, match=re.escape(words)) as refusal:
+        declare(node(**overrides), Gains)
     assert "\n" not in str(refusal.value)
-    with pytest.raises(type(refusal.value)) as of_mapping:
+    with pytest.raises(type(refusal.value), match=re.escape(words)):
         from_mapping(Gains, overrides)
-    assert words in str(of_mapping.value)
 
 
-def test_what_rclpy_declares_itself_is_no_unknown_parameter(node: MakeNode, tmp_path: Path) -> None:
+def test_what_rclpy_declares_itself_is_no_unknown_parameter(node: MakeNode) -> None:
     overrides = {"use_sim_time": True, "qos_overrides./joint_states.subscription.depth": 5}
-    own = node(tmp_path, overrides)
+    own = node(**overrides)
     assert declare(own, Gains) == Gains()
     assert own.get_parameter("use_sim_time").value is True
 
 
-def test_a_parameter_is_described_with_its_unit_bounds_and_choices(
-    node: MakeNode, tmp_path: Path
-) -> None:
-    own = node(tmp_path, {})
+def test_a_parameter_is_described_with_its_unit_bounds_and_choices(node: MakeNode) -> None:
+    own = node()
     declare(own, Gains)
     k, law = own.describe_parameter("k"), own.describe_parameter("law")
     assert (k.description, k.additional_constraints) == ("gain [1/s]", "between 0 and 100")
@@ -153,10 +143,8 @@ def change(own: Node, **values: Any) -> list[str]:
     return [] if result.successful else [result.reason]
 
 
-def test_a_change_is_given_with_what_was_before_and_then_holds(
-    node: MakeNode, tmp_path: Path
-) -> None:
-    own = node(tmp_path, {"k": 5.0})
+def test_a_change_is_given_with_what_was_before_and_then_holds(node: MakeNode) -> None:
+    own = node(k=5.0)
     seen: list[tuple[Gains, Gains]] = []
     start = declare(own, Gains, lambda old, new: seen.append((old, new)))
     assert change(own, k=7.0) == []
@@ -170,8 +158,6 @@ def test_a_change_is_given_with_what_was_before_and_then_holds(
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"k": -1.0}, "parameter 'k' is -1 1/s; expected between 0 and 100"),
-        ({"k": math.nan}, "parameter 'k' is nan; expected a finite number 1/s"),
         ({"k": "much"}, "parameter 'k' is 'much', a str; expected a float"),
         ({"law": "medium"}, "'medium'; known: fast, slow"),
         ({"weights": [1.0, math.inf]}, "parameter 'weights' is inf; expected a finite number"),
@@ -180,25 +166,22 @@ def test_a_change_is_given_with_what_was_before_and_then_holds(
     ],
 )
 def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(
-    node: MakeNode, tmp_path: Path, values: dict[str, Any], words: str
+    node: MakeNode, values: dict[str, Any], words: str
 ) -> None:
-    own = node(tmp_path, {})
+    own = node()
     seen: list[Gains] = []
     declare(own, Gains, lambda _, new: seen.append(new))
     before = {name: own.get_parameter(name).value for name in values}
     (reason,) = change(own, **values)
     assert words in reason
     assert seen == []
-    for name, value in before.items():
-        assert list(own.get_parameter(name).value) == list(value) if name == "weights" else (
-            own.get_parameter(name).value == value
-        )
+    assert {name: own.get_parameter(name).value for name in values} == before
     assert change(own, mass=2.0) == []  # what was refused has left nothing behind
     assert seen == [Gains(mass=2.0)]
 
 
-def test_what_the_node_refuses_is_refused_with_its_reason(node: MakeNode, tmp_path: Path) -> None:
-    own = node(tmp_path, {})
+def test_what_the_node_refuses_is_refused_with_its_reason(node: MakeNode) -> None:
+    own = node()
 
     def refuse_heavy(_: Gains, new: Gains) -> None:
         if new.mass > 5.0:
@@ -211,48 +194,21 @@ def test_what_the_node_refuses_is_refused_with_its_reason(node: MakeNode, tmp_pa
     assert own.get_parameter("mass").value == 5.0
 
 
-def test_without_a_way_to_apply_it_no_parameter_can_be_changed(
-    node: MakeNode, tmp_path: Path
-) -> None:
-    own = node(tmp_path, {})
+def test_without_a_way_to_apply_it_no_parameter_can_be_changed(node: MakeNode) -> None:
+    own = node()
     declare(own, Gains)
     assert change(own, k=1.0) == ["'k' cannot be changed while running"]
     assert own.get_parameter("k").value == 10.0
 
 
-# --- the parameters of the nodes -------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", [ClikParameters, ReferenceParameters, BridgeParameters])
-def test_the_defaults_of_a_node_are_possible_and_described(
-    node: MakeNode, tmp_path: Path, kind: Any
-) -> None:
-    own = node(tmp_path, {})
-    assert declare(own, kind) == kind()
-    for field in dataclasses.fields(kind):
-        assert own.describe_parameter(field.name).description
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (
-            {"orientation": "quaternion"},
-            "known: angle_axis, euler_angles, euler_parameters, relative_euler_angles, "
-            "rotation_vector",
-        ),
-        (
-            {"euler_sequence": "xyz"},
-            "known: XYX, XYZ, XZX, XZY, YXY, YXZ, YZX, YZY, ZXY, ZXZ, ZYX, ZYZ",
-        ),
-        ({"quaternion_sign": "long"}, "known: continuous, hysteretic, separate, shortest"),
-        ({"command_type": "twist"}, "known: forward, joint_state, joint_trajectory"),
-        ({"feedback": "none"}, "known: internal, measured"),
-    ],
-)
-def test_an_unknown_choice_of_clik_lists_those_that_exist(
-    node: MakeNode, tmp_path: Path, overrides: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(UnknownNameError) as refusal:
-        declare(node(tmp_path, overrides), ClikParameters)
-    assert words in str(refusal.value)
+def test_clik_takes_the_choices_that_exist() -> None:
+    choices = {name: field.metadata["choices"] for name, field in fields_of(ClikParameters).items()}
+    angles = ("angle_axis", "euler_angles", "euler_parameters", "relative_euler_angles")
+    assert set(choices["orientation"]) == {*angles, "rotation_vector"}
+    assert set(choices["euler_sequence"]) == {
+        *("XYX", "XYZ", "XZX", "XZY", "YXY", "YXZ"),
+        *("YZX", "YZY", "ZXY", "ZXZ", "ZYX", "ZYZ"),
+    }
+    assert set(choices["quaternion_sign"]) == {"continuous", "hysteretic", "separate", "shortest"}
+    assert set(choices["command_type"]) == {"forward", "joint_state", "joint_trajectory"}
+    assert set(choices["feedback"]) == {"internal", "measured"}

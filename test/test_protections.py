@@ -7,7 +7,6 @@ import ast
 import math
 import re
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
@@ -28,18 +27,14 @@ from ros_processes import (
     Array,
     Controlled,
     Graph,
-    Process,
     assert_holds,
-    environment,
     pose,
     reference,
     values,
 )
 from samples import rodrigues
-from std_msgs.msg import String
-from tolerances import SIMULATED_POSE
+from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
-from eulerparams_control.bags import Bag
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -58,6 +53,9 @@ SILENT = "no valid joint_states within 0.5 s: no commands; is the robot running?
 
 # An arm that moves is faster than this [rad/s].
 MOVES = 1e-3
+
+# A joint may exceed its speed limit by what the discrete time leaves, of the limit.
+SPEED_LIMIT = 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -162,30 +160,31 @@ def test_the_page_names_each_test_of_this_file() -> None:
 # --- states that cannot be believed ----------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("real", "within", "gap", "cause"),  # told by the stamps, or by the clock of the machine
+    [
+        (False, 0.5, 0.5, "after a jump of the stamps by 0.5 s"),
+        (True, 0.1, DT, "after a silence of joint_states of"),
+    ],
+)
 @pytest.mark.parametrize("executable", ALL)
-def test_in_real_time_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
-    world: World, executable: str
+def test_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
+    world: World, executable: str, real: bool, within: float, gap: float, cause: str
 ) -> None:
-    real = {"use_sim_time": False, "max_latency": ANY_LATENCY}
-    node = Controlled(world, executable, FRAMES | real)
+    timing = {"use_sim_time": not real, "max_latency": ANY_LATENCY}
+    node = Controlled(world, executable, FRAMES | timing)
     arm = node.arm
-
-    def moving() -> bool:  # a busy machine may make a silence of its own, which ends the motion
-        node.references.publish(upwards(arm.q))
-        arm.ticks(30)
-        return bool(np.abs(arm.dq).max() > MOVES)
-
-    world.until(moving, "motion")
+    node.follow(upwards(arm.q))
     status = node.peer.status(node.name, lambda s: "no valid joint_states" in s.message)
     assert status.level == b"\x02"
-    assert "no valid joint_states within 0.1 s: no commands; is the robot" in status.message
+    assert f"no valid joint_states within {within} s: no commands; is the" in status.message
     told = "see to the robot and the network; when they are back the arm is held where it is"
     assert values(status)["remedy"] == told
     assert arm.commands == []
-    q, arm.dq = arm.q + 0.05, np.zeros(6)  # the stamps tell of no gap: 1 ms
-    assert_holds(arm.tick(q), q)
+    q, arm.dq = arm.q + 0.05, np.zeros(6)
+    assert_holds(arm.tick(q, dt=gap), q)
     assert_holds(arm.ticks(10)[-1], q)
-    status = node.status(lambda s: "after a silence of joint_states of" in s.message)
+    status = node.status(lambda s: f"holding the measured pose, {cause}" in s.message)
     assert status.level == b"\x01"
     assert values(status)["remedy"] == "send the reference again"
 
@@ -208,48 +207,15 @@ def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_co
     assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
 
 
-@pytest.mark.parametrize("node", ["impedance_control"], indirect=True)
-def test_a_wrench_that_is_not_finite_is_dropped_for_what_it_is_and_stops_nothing(
-    node: Controlled,
+@pytest.mark.parametrize(("name", "frame"), [("tip_frame", "tool1"), ("base_frame", "basis")])
+def test_a_frame_that_the_robot_lacks_is_refused_by_the_reference_node_with_those_it_has(
+    world: World, name: str, frame: str
 ) -> None:
-    arm = node.arm
-    assert arm.sensor is not None
-    before = int(values(node.status()).get("wrench rejected", 0))
-    bad = [(part, value) for part in ("force", "torque") for value in (math.nan, -math.inf)]
-    for part, value in bad:
-        arm.t += MS
-        state = arm.message()
-        wrench = arm.sensor.message(arm, state.header.stamp)
-        getattr(wrench.wrench, part).y = value
-        arm.sensor.wrenches.publish(wrench)
-        arm.states.publish(state)
-        assert_holds(arm.answer(state.header.stamp), HOME)  # by the last good one
-    after = before + len(bad)
-    assert node.peer.counter(node.name, "wrench rejected", after) == after
-    node.graph.until_said(node.process, "wrench rejected: the wrench has a non-finite value: [")
-    assert_holds(arm.tick(HOME), HOME)
-    assert "the contact is" not in node.process.log  # nan N is not a contact that is too large
-
-
-@pytest.mark.parametrize(
-    ("executable", "parameters", "words"),
-    [
-        (
-            "impedance_control",
-            {"tip_frame": "tool1"},
-            "configured: tip_frame: unknown frame 'tool1' (did",
-        ),
-        ("reference", {"tip_frame": "tool1"}, "refused: tip_frame: unknown frame 'tool1' (did"),
-        ("reference", {"base_frame": "basis"}, "refused: base_frame: unknown frame 'basis' (did"),
-    ],
-)
-def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
-    world: World, executable: str, parameters: dict[str, Any], words: str
-) -> None:
-    process = world.start(executable, {**FRAMES, **parameters, "robot_description": ""})
+    process = world.start("reference", FRAMES | {name: frame})
     Arm(world, UR5)
-    status = world.peer.status(executable, lambda s: words in s.message)
+    status = world.peer.status("reference", lambda s: "refused" in s.message)
     assert status.level == b"\x02"
+    assert f"refused: {name}: unknown frame '{frame}' (did" in status.message
     assert "known: base, base_link" in status.message
     assert process.stop() == 0
 
@@ -257,21 +223,25 @@ def test_a_frame_that_the_robot_lacks_is_refused_with_those_it_has(
 # --- references ------------------------------------------------------------------------------
 
 
-def test_a_reference_that_is_not_finite_anywhere_is_refused_and_the_motion_goes_on(
+def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(
     node: Controlled,
 ) -> None:
+    """Not finite at once or in the end, in another frame, or too far; the others: test_messages."""
     arm = node.arm
     node.follow(upwards(arm.q))
     before = node.peer.counter(node.name, "reference rejected")
-    here = DesiredFrame(*pose(arm.q))
+    p, R = pose(arm.q)
+    here = DesiredFrame(p, R)
+    elsewhere = reference(here)
+    elsewhere.header.frame_id = "world"
     bad = [
         reference(*before_it, here._replace(**{name: np.array([0.0, math.nan, 0.0])}), times=times)
         for name in ("p_d", "dp_d", "omega_d", "ddp_d", "domega_d")
-        for before_it, times in (((), (0.0,)), ((here,), (0.5, 1.0)))  # at once, or in the end
+        for before_it, times in (((), (0.0,)), ((here,), (0.5, 1.0)))
     ]
-    for msg in bad:
+    for msg in (elsewhere, reference(DesiredFrame(p + [0.0, 0.3, 0.0], R)), *bad):
         node.references.publish(msg)
-    after = before + len(bad)
+    after = before + 2 + len(bad)
     assert node.peer.counter(node.name, "reference rejected", after) == after
     commands = arm.ticks(100)
     assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)
@@ -293,9 +263,14 @@ def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to
     assert status.level == b"\x01"
     assert "holding the last desired pose: the set-points have stopped" in status.message
     assert values(status)["remedy"] == "see to the node that sends them"
-    arm.ticks(150, dt=0.01)
+    arm.ticks(300, dt=0.004)
     assert np.abs(arm.dq).max() < AT_REST
-    assert np.linalg.norm(pose(arm.q)[0] - p) < 0.01
+    held = p + [0.0, 0.0, 0.05 * 0.1]  # where its twist has led it within reference_timeout
+    brakes = 0.006  # from what it took to catch up with it
+    within = 0.01 if node.name == "impedance_control" else LAW_IN_A_NODE  # its impedance ends there
+    away = pose(arm.q)[0] - held
+    assert np.linalg.norm(away[:2]) < within
+    assert -within < away[2] < brakes + within
     node.references.publish(reference(DesiredFrame(*pose(arm.q))))
     assert node.status(lambda s: "following a reference" in s.message).level == b"\x00"
 
@@ -304,10 +279,16 @@ def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to
 
 
 def watch(node: Controlled, motion: Any, count: int, dt: float) -> list[dict[str, str]]:
-    """Follow a motion for ``count`` ticks of dt [s]; return what /diagnostics said meanwhile."""
+    """Follow a motion for ``count`` ticks of dt [s]; return what /diagnostics said meanwhile.
+
+    Assert that no joint is faster, and no effort larger, than the limits allow.
+    """
     heard = node.peer.listen(DiagnosticArray, "/diagnostics")
     node.references.publish(motion)
-    node.arm.ticks(count, dt)
+    for _ in range(count):
+        command = node.arm.tick(dt=dt)
+        assert (np.abs(node.arm.dq) <= MODEL.limits.velocity * (1 + SPEED_LIMIT)).all()
+        assert (np.abs(command.effort) <= MODEL.limits.effort[: len(command.effort)]).all()
     node.peer.status(node.name)
     own = [s for msg in heard for s in msg.status if s.name == node.name]
     return [values(s) | {"message": s.message} for s in own]
@@ -327,6 +308,7 @@ def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_wher
     for code in ("approaching", "inside", "leaving"):
         words = f"following a reference; slowed down, {code} a kinematic singularity"
         assert any(words in message for message in messages)
+    assert "damped" in {each.get("inverse of J") for each in told}
     paces = [float(each["pace"]) for each in told if "pace" in each]
     assert LEAST <= min(paces) < 0.8
     assert np.linalg.norm(pose(node.arm.q)[0] - goal.p_d) < SIMULATED_POSE
@@ -359,13 +341,15 @@ def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
     frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the pole of ZYZ
     q = inverse_kinematics(MODEL, frame, HOME)
     start_at(node, q)
-    node.change(orientation="euler_angles", euler_sequence="ZYZ")
+    sudden = {"max_angular_acceleration": 1e4, "max_angular_jerk": 1e6}
+    node.change(orientation="euler_angles", euler_sequence="ZYZ", **sudden)
     node.references.publish(reference(frame._replace(omega_d=np.array([0.5, 0.0, 0.0]))))
     commands = node.arm.ticks(300)
     status = node.status(lambda s: "holding still" in s.message)
     assert status.level == b"\x02"
     if node.name == "impedance_control":  # its frame runs away from the arm before
-        assert "from the desired frame; at most" in status.message
+        cause = values(status)["cause"]
+        assert cause in ("not_following", "runaway")
     else:
         assert "T(phi) of the Euler angles ZYZ is singular" in status.message
         assert "another orientation" in values(status)["remedy"]
@@ -424,23 +408,3 @@ def test_a_signal_ends_each_other_node_by_its_own_handler(
     errors = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
     assert len(errors) == code
     assert all("too few poses, 0; expected at least 3" in line for line in errors)
-
-
-def test_a_signal_ends_the_recorder_with_a_whole_bag(graph: Graph, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    options = ["--ros-args", "-p", f"output:={bag}", "-p", "topics:=[/words]"]
-    command = [sys.executable, "-m", "eulerparams_control.bags.recorder", *options]
-    env = environment(graph.folder, graph.domain)
-    recorder = Process(command, graph.folder, "recorder", env)
-    graph.processes.append(recorder)
-    words = graph.peer.publisher(String, "/words")
-    graph.until_said(recorder, "recording 1 topics")
-    graph.until(words.get_subscription_count, "the recorder")
-    for count in range(20):
-        words.publish(String(data=str(count)))
-    assert words.wait_for_all_acked()
-    recorder.signal(signal.SIGTERM)
-    assert recorder.end() == 0
-    assert (bag / "metadata.yaml").exists()
-    assert not Bag(bag).truncated
-    assert [m.message.data for m in Bag(bag).messages()] == [str(count) for count in range(20)]

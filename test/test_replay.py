@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_runs import URDF, write_run
+from synthetic_runs import URDF, recorded, write_run
 
 from eulerparams_control.analysis.decimation import packed, packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
@@ -42,9 +42,8 @@ def unpacked(array: dict[str, str], *shape: int) -> np.ndarray:
 def sphere(count: int) -> Mesh:
     """Return a unit sphere of 2 count (count - 1) triangles, its corners not shared."""
     theta, phi = np.meshgrid(np.linspace(0, np.pi, count), np.linspace(0, 2 * np.pi, count + 1))
-    points = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
-    )
+    sin, cos = np.sin, np.cos
+    points = np.stack([sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)], axis=-1)
     a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
     corners = np.concatenate([np.stack(t, axis=2).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
     return Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
@@ -76,6 +75,7 @@ def drawn(urdf: str) -> tuple[dict[str, Any], list[str]]:
 
 def test_a_mesh_of_fewer_triangles_is_the_same_surface() -> None:
     whole = sphere(100)
+    assert simplified(whole, len(whole.triangles)) is whole
     few = simplified(whole, 2000)
     assert 500 < len(few.triangles) <= 2000
     assert np.linalg.norm(few.vertices, axis=1) == pytest.approx(1, abs=0.02)
@@ -83,11 +83,6 @@ def test_a_mesh_of_fewer_triangles_is_the_same_surface() -> None:
     a, b, c = (few.vertices[few.triangles[:, i]] for i in range(3))
     outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c)
     assert (outward * np.sign(outward.sum()) > -1e-9).mean() > 0.99  # all face the same way
-
-
-def test_a_small_mesh_is_left_as_it_is() -> None:
-    mesh = sphere(5)
-    assert simplified(mesh, len(mesh.triangles)) is mesh
 
 
 def test_vertices_of_one_cell_become_one_and_no_triangle_is_twice() -> None:
@@ -216,22 +211,16 @@ def visual_of(geometry: str) -> str:
 
 
 def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_path: Path) -> None:
-    urdf = with_visual("<mesh filename='package://no_such/rod.dae'/>")
-    box = visual_of("<box size='1 2 3'/>")
+    mesh, box = "package://no_such/rod.dae", visual_of("<box size='1 2 3'/>")
+    urdf = with_visual(f"<mesh filename='{mesh}'/>")
     urdf = urdf.replace('<link name="arm">', f'<link name="arm">{box}')
-    data, missing = drawn(urdf)
-    assert len(data["visuals"]) == 1
-    assert missing == ["package://no_such/rod.dae"]
-    assert data["bones"] == ["hinge", "roll", "end"]
-    run = load(write_run(tmp_path / "run", [0.1, 0.2], urdf=urdf))
-    (note,) = replay([Digest.of(run)]).notes
-    assert note == "Meshes not found, bones are drawn: package://no_such/rod.dae."
-
-
-def test_a_robot_without_any_shape_is_drawn_as_bones() -> None:
-    data, missing = drawn(URDF)
-    assert missing == []
-    assert data["bones"] == ["hinge", "roll", "end"]
+    for shown, count, lacking in ((URDF, 0, []), (urdf, 1, [mesh])):
+        data, missing = drawn(shown)
+        assert len(data["visuals"]) == count
+        assert missing == lacking
+        assert data["bones"] == ["hinge", "roll", "end"]
+    (note,) = replay([Digest.of(recorded(tmp_path / "run", [0.1, 0.2], urdf=urdf))]).notes
+    assert note == f"Meshes not found, bones are drawn: {mesh}."
 
 
 @pytest.mark.parametrize("size", ["1 2", "1 2 nan", "1 2 x"])
@@ -241,7 +230,7 @@ def test_numbers_that_are_none_are_refused(size: str) -> None:
 
 
 def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path: Path) -> None:
-    run = Digest.of(load(write_run(tmp_path / "run", [0.1, 0.2])))
+    run = Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
     found = replay([replace(run, urdf="<robot/>"), run])
     assert found.data["robots"][0] is None
     assert found.data["robots"][1] is not None
@@ -278,13 +267,7 @@ def track(count: int = 3, **values: Any) -> Track:
 
 @pytest.fixture
 def digest(tmp_path: Path) -> Digest:
-    return Digest.of(load(write_run(tmp_path / "run", [0.1, 0.2])))
-
-
-def motion(digest: Digest, **values: Any) -> dict[str, Any]:
-    count = len(next(iter(values.values()))) if values else 3
-    (run,) = replay([replace(digest, track=track(count, **values))]).data["runs"]
-    return dict(run)
+    return Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
 
 
 def test_what_was_not_recorded_is_not_in_the_page(digest: Digest) -> None:
@@ -297,7 +280,7 @@ def test_what_was_not_recorded_is_not_in_the_page(digest: Digest) -> None:
 def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest: Digest) -> None:
     R = np.array([np.eye(3), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], np.full((3, 3), np.nan)])
     p = np.array([[1.0, 2, 3], [4, 5, 6], [7, 8, 9]])
-    run = motion(digest, p_d=p, R_d=R)
+    (run,) = replay([replace(digest, track=track(p_d=p, R_d=R))]).data["runs"]
     half = np.sqrt(0.5)
     quaternions = unpacked(run["d"]["o"], 3, 4)
     assert quaternions[:2] == pytest.approx(np.array([[0, 0, 0, 1], [0, 0, half, half]]))
@@ -308,29 +291,22 @@ def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest: D
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("wild", [np.nan, np.inf, 1e25, 1e300])
 def test_an_arm_beyond_all_numbers_is_held_where_it_was_last(digest: Digest, wild: float) -> None:
-    q = np.array([[0.1, 0.2], [0.3, 0.4], [0.3, wild], [wild, wild]])
+    q = np.array([[wild, 0.2], [0.3, 0.4], [0.3, wild], [wild, wild]])
     p = np.array([[1.0, 0, 0], [2, 0, 0], [wild, 0, 0], [wild] * 3])
     f = np.array([[1.0, 0, 0], [2, 0, 0], [wild, 0, 0], [wild] * 3])
     found = replay([replace(digest, track=track(4, q=q, p_e=p, f=f, p_d=p, mu=f))])
     (run,) = found.data["runs"]
-    expected = np.array([[0.1, 0.2], [0.3, 0.4], [0.3, 0.4], [0.3, 0.4]])
+    expected = np.array([[0.0, 0.0], [0.3, 0.4], [0.3, 0.4], [0.3, 0.4]])  # it begins at zero
     assert unpacked(run["q"], 4, 2) == pytest.approx(expected)
     assert unpacked(run["p"], 4, 3)[:, 0] == pytest.approx(np.array([1, 2, 2, 2]))
     assert found.per_arrow["f"] == 0.5  # of 2 N: the wild ones do not count
     json.loads(as_json(found.data))
 
 
-def test_an_arm_that_begins_beyond_all_numbers_stands_at_zero(digest: Digest) -> None:
-    run = motion(digest, q=np.array([[np.nan] * 2, [0.1, 0.2]]))
-    assert unpacked(run["q"], 2, 2) == pytest.approx(np.array([[0, 0], [0.1, 0.2]]))
-
-
 @pytest.mark.parametrize(
     ("largest", "per_arrow"), [(20.0, 5.0), (21.0, 10.0), (7.0, 2.0), (0.5, 0.2), (380.0, 100.0)]
 )
-def test_the_scale_of_an_arrow_is_a_round_number(
-    digest: Digest, largest: float, per_arrow: float
-) -> None:
+def test_the_scale_of_an_arrow_is_round(digest: Digest, largest: float, per_arrow: float) -> None:
     f = np.array([[0.0, 0, 0], [0, largest, 0], [0, 0, 0]])
     found = replay([replace(digest, track=track(f=f, mu=0 * f))])
     assert found.per_arrow["f"] == pytest.approx(per_arrow)

@@ -5,26 +5,39 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
-from synthetic_runs import write_run
+from synthetic_runs import (
+    DISTANCE,
+    PERIOD_NS,
+    arms_together,
+    topics_of,
+    write_messages,
+    write_run,
+)
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import Options, blocks, load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.reports import _LONGEST, _MOST
-from eulerparams_control.bags import Bag, BagWriter
-from eulerparams_control.bags.format import Topic
+from eulerparams_control.bags import Bag
+from eulerparams_control.bags.format import BagFlaw
+from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.control.speed_scaling import Nearness
+from eulerparams_control.messages.keys import PACE, SATURATED, SLOWED
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros import control_report
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATES = 100  # of a run, one every 10 ms
 HOLDING = "holding still: <b>the arm</b> is blocked"
 
-LATE_NS = 60_000_000  # by which messages of one node overtake those of another
+LATE = 0.06  # [s] by which messages of one node overtake those of another
 
 type Saying = tuple[float, str, bytes, str, str | dict[str, str]]
 """When [s] a node says what, with which level, and what to do; or other keys and their values."""
@@ -41,52 +54,35 @@ STORY: Sequence[Saying] = (
 NEW = [STORY[0], STORY[2], STORY[3], STORY[5], STORY[6]]
 
 
+def saying(
+    t: float, name: str, level: bytes, message: str, keys: dict[str, str], late: float = 0.0
+) -> RawMessage:
+    """Return what a node says at t [s], which comes so much later [s]."""
+    values = [KeyValue(key=key, value=value) for key, value in keys.items()]
+    status = DiagnosticStatus(name=name, level=level, message=message, values=values)
+    sent = START + round(t * 1e9)
+    data = bytes(serialize_message(DiagnosticArray(status=[status])))
+    return RawMessage("/diagnostics", sent + round(late * 1e9), sent, data)
+
+
 def write_story(
-    folder: Path,
-    story: Sequence[Saying],
-    namespace: str = "",
-    late: str = "",
-    lasting: float = 0.0,
+    folder: Path, story: Sequence[Saying], late: str = "", lasting: float = 0.0
 ) -> Path:
     """Write a run in which nodes said something, one of them came late; return its folder."""
-    measured = [0.01 * k for k in range(STATES)]
-    plain = write_run(folder / "plain", measured, lasting=lasting)
-    sayings = []
+    plain = write_run(folder / "plain", [0.01 * k for k in range(STATES)], lasting=lasting)
+    messages = list(Bag(plain).read_raw())
     for t, name, level, message, remedy in story:
         keys = remedy if isinstance(remedy, dict) else {"remedy": remedy}
-        values = [KeyValue(key=key, value=value) for key, value in keys.items()]
-        status = DiagnosticStatus(
-            name=namespace + name, level=level, message=message, values=values
-        )
-        data = bytes(serialize_message(DiagnosticArray(status=[status])))
-        sent = START + round(t * 1e9)
-        sayings.append(("/diagnostics", sent + LATE_NS * (name == late), sent, data))
-    others = [(m.topic, m.log_time, m.publish_time, m.data) for m in Bag(plain).read_raw()]
-    with BagWriter(folder / "run") as bag:
-        for topic, info in Bag(plain).topics.items():
-            bag.add_topic(Topic(topic, info.type))
-        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
-        for topic, came, sent, data in sorted([*others, *sayings], key=lambda one: one[1]):
-            bag.write(topic, data, came, sent)
-    return folder / "run"
+        messages.append(saying(t, name, level, message, keys, LATE * (name == late)))
+    messages.sort(key=lambda one: one.log_time)
+    return write_messages(folder / "run", topics_of(plain), messages)
 
 
 def write_arms(folder: Path, arms: Sequence[str], nodes: Sequence[str]) -> Path:
     """Write a run of several arms, by their namespaces, in which each node said that it is here."""
     plain = write_run(folder / "plain", [0.0] * 30)
-    with BagWriter(folder / "arms") as bag:
-        bag.add_topic(Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"))
-        for arm in arms:
-            for name, info in Bag(plain).topics.items():
-                bag.add_topic(Topic(arm + name, info.type))
-        for m in Bag(plain).read_raw():
-            for arm in arms:
-                bag.write(arm + m.topic, m.data, m.log_time, m.publish_time)
-        for name in nodes:
-            status = DiagnosticStatus(name=name, level=OK, message="here")
-            data = bytes(serialize_message(DiagnosticArray(status=[status])))
-            bag.write("/diagnostics", data, START, START)
-    return folder / "arms"
+    said = [saying(0.0, name, OK, "here", {}) for name in nodes]
+    return arms_together(folder / "arms", dict.fromkeys(arms, plain), said)
 
 
 def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
@@ -119,14 +115,14 @@ def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path: Path) -> Non
 
 def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path: Path) -> None:
     first = write_story(tmp_path / "1", STORY)
-    with BagWriter(tmp_path / "run") as bag:
-        for topic, info in Bag(first).topics.items():
-            bag.add_topic(Topic(topic, info.type))
-        for shift in (0, 2_000_000_000):  # the same stamps again
-            for m in Bag(first).read_raw():
-                bag.write(m.topic, m.data, m.log_time + shift, m.publish_time + shift)
+    again = [  # the same stamps
+        m._replace(log_time=m.log_time + shift, publish_time=m.publish_time + shift)
+        for shift in (0, 2_000_000_000)
+        for m in Bag(first).read_raw()
+    ]
+    run = write_messages(tmp_path / "run", topics_of(first), again)
     for size in (0, 30):
-        digest = Digest.of_parts(blocks(tmp_path / "run", size=size))
+        digest = Digest.of_parts(blocks(run, size=size))
         assert "jump back" in digest.warning
         assert list(digest.reports) == told(NEW)
 
@@ -137,25 +133,30 @@ def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_pat
     assert list(run.reports) == told([before, *NEW, after])
 
 
-def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path: Path) -> None:
-    nodes = ("left/clik", "/left/tool/camera", "right/clik", "fault_injector")
-    both = write_arms(tmp_path, ("/left", "/right"), nodes)
-    for side, names in (
-        ("/left", ["/left/tool/camera", "fault_injector", "left/clik"]),
-        ("/right", ["fault_injector", "right/clik"]),
-    ):
-        run = load(both, namespace=side)
+@pytest.mark.parametrize(
+    ("said", "told_of"),
+    [
+        (
+            ("left/clik", "/left/tool/camera", "right/clik", "fault_injector"),
+            {
+                "/left": ["/left/tool/camera", "fault_injector", "left/clik"],
+                "/right": ["fault_injector", "right/clik"],
+            },
+        ),
+        (("left/clik", "clik"), {"": ["clik"], "/left": ["left/clik"]}),
+        (("/clik",), {"": ["/clik"]}),
+    ],
+)
+def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(
+    tmp_path: Path, said: Sequence[str], told_of: dict[str, list[str]]
+) -> None:
+    bag = write_arms(tmp_path, list(told_of), said)
+    for side, names in told_of.items():
+        run = load(bag, namespace=side)
         assert sorted(report.node for report in run.reports) == names
 
 
-def test_a_name_with_a_slash_before_it_is_told_in_a_bag_without_namespaces(tmp_path: Path) -> None:
-    run = load(write_story(tmp_path, STORY[:1], "/"))
-    assert [report.node for report in run.reports] == ["/clik"]
-
-
-def test_of_what_flickers_the_first_and_the_last_are_told_and_all_errors_of_others(
-    tmp_path: Path,
-) -> None:
+def test_of_what_flickers_first_and_last_are_told_and_all_errors_of_others(tmp_path: Path) -> None:
     count = 2 * _MOST + 30
     story = [(1e-3 * k, "clik", WARN, f"{k}", "") for k in range(count)]
     story.insert(_MOST + 10, (0.0605, "clik", ERROR, "the fault", ""))
@@ -189,24 +190,22 @@ def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_pa
     assert [report.level for report in run.reports] == ["level 7"]
 
 
-def test_the_page_tells_it_as_text(tmp_path: Path) -> None:
-    digest = Digest.of(load(write_story(tmp_path, STORY)))
-    page = tmp_path / "page.html"
-    write_page(page, [digest], "", "")
-    text = page.read_text(encoding="utf-8")
+def page_of(folder: Path, story: Sequence[Saying]) -> str:
+    """Return the page of a run in which that was said."""
+    write_page(folder / "page.html", [Digest.of(load(write_story(folder, story)))], "", "")
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+def test_the_page_tells_it_as_text_if_there_is_anything(tmp_path: Path) -> None:
+    text = page_of(tmp_path / "story", STORY)
     row = text[text.index('<tr class="said-error">') :]
     row = row[: row.index("</tr>")]
     assert '<td class="number">0.304</td><td class="node">clik</td>' in row
     assert "holding still: &lt;b&gt;the arm&lt;/b&gt; is blocked" in row
     assert "send the reference again" in row
     assert text.count('<tr class="said-') == len(NEW)
-
-
-def test_a_page_of_runs_without_reports_has_no_place_for_them(tmp_path: Path) -> None:
-    digest = Digest.of(load(write_story(tmp_path, [])))
-    page = tmp_path / "page.html"
-    write_page(page, [digest], "", "")
-    assert "Reports</h2>" not in page.read_text(encoding="utf-8")
+    assert "Reports</h2>" in text
+    assert "Reports</h2>" not in page_of(tmp_path / "nothing", [])
 
 
 SLOW = {"mode": "following", "pace": "0.98", "frozen": "0"}
@@ -246,11 +245,9 @@ def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
         (0.9, Nearness.INSIDE, "slowed down, inside a kinematic singularity"),
     ],
 )
-def test_a_motion_is_said_to_be_slowed_down_where_it_is(
-    pace: float, singularity: Nearness, words: str
-) -> None:
+def test_a_slowed_motion_is_told(pace: float, singularity: Nearness, words: str) -> None:
     at = SimpleNamespace(now=pace, singularity=singularity, limit=Nearness.CLEAR)
-    controller: Any = SimpleNamespace(guidance=SimpleNamespace(pace=at))
+    controller: Any = SimpleNamespace(guidance=SimpleNamespace(pace=at, scale=at))
     assert control_report._nearness(controller) == words
 
 
@@ -259,10 +256,74 @@ def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> Non
     assert "wait" not in load(path).warning
 
 
-def test_of_an_arm_beside_one_without_a_namespace_what_its_nodes_say_is_told(
-    tmp_path: Path,
+# --- what was made of a reference ------------------------------------------------------------
+
+
+def write_made(folder: Path, rate: float, size: float, of: Sequence[str] = ("clik",)) -> Path:
+    """Write a run that was asked to move by ``DISTANCE``, and moved by a part of it, slower."""
+    plain = write_run(folder / "plain", [0.0] * STATES, lasting=0.4)
+    messages = list(Bag(plain).read_raw())
+    keys = {"mode": "following", PACE: "1", SLOWED: f"{rate}", SATURATED: "7"}
+    messages += [saying(t, "clik", OK, "following", keys) for t in (0.2, 0.7)]
+    motion = Trajectory(
+        [0.0, 0.4 / rate],
+        [DesiredFrame(np.array([1.0, 0.0, z]), np.eye(3)) for z in (0.0, size * DISTANCE)],
+    )
+    for name in of:
+        for k in range(0, STATES - 60, 2):  # then a fault, that ends it
+            frame, stamp = motion.sample(0.01 * k), START + k * PERIOD_NS
+            msg = motion_to_ros(Trajectory([0.0], [frame]), "base", "tip")
+            msg.header.stamp = stamp_to_ros(stamp)
+            messages.append(RawMessage(f"/{name}/desired", stamp, stamp, serialize_message(msg)))
+    messages.sort(key=lambda one: one.log_time)
+    kind = topics_of(plain)["/reference"]
+    topics = topics_of(plain) | {f"/{name}/desired": kind for name in of}
+    return write_messages(folder / "run", topics, messages)
+
+
+@pytest.mark.parametrize("size", [0, 15, 30])
+@pytest.mark.parametrize(
+    ("rate", "part", "words"),
+    [
+        (1.0, 1.0, None),  # to the bit: no warning
+        (0.5, 1.0, ", with time at 50 % at the slowest"),
+        (1.0, 0.5, ""),
+    ],
+)
+def test_what_was_made_of_a_reference_is_compared_with_it(
+    tmp_path: Path, rate: float, part: float, words: str | None, size: int
 ) -> None:
-    both = write_arms(tmp_path, ("", "/left"), ("left/clik", "clik"))
-    for side, name in (("", "clik"), ("/left", "left/clik")):
-        run = load(both, namespace=side)
-        assert [report.node for report in run.reports] == [name]
+    digest = Digest.of_parts(blocks(write_made(tmp_path, rate, part), size=size))
+    assert [one.kind for one in digest.warnings] == [BagFlaw.SHAPED] * (words is not None)
+    if words is not None:
+        s = np.arange(0.0, 1.0, 0.05)  # so much of its time had gone by at the samples
+
+        def gone(s: np.ndarray) -> np.ndarray:
+            return 10 * s**3 - 15 * s**4 + 6 * s**5
+
+        away = 1e3 * DISTANCE * np.abs(gone(s) - part * gone(rate * s)).max()
+        found = f"differ from what was asked, by {away:.3g} mm at most{words}: errors here"
+        assert found in digest.warning
+    fastest = DISTANCE / 0.4 * 15 / 8  # of a quintic from rest to rest
+    (asked,), (made,) = digest.curves["asked_speed"], digest.curves["tip_speed"]
+    assert asked.y.max() == pytest.approx(fastest)
+    here = made.y[np.abs(made.t - 0.2).argmin()]
+    at = min(0.2 * rate / 0.4, 1.0)
+    assert here == pytest.approx(fastest * rate * part * 16 * (at * (1 - at)) ** 2)
+    for name, value in (("pace", 1.0), ("slowed", rate), ("saturation", 7.0)):
+        (curve,) = digest.curves[name]
+        assert (curve.t[0], set(curve.y.tolist())) == (pytest.approx(0.2), {value})
+
+
+def test_of_two_controllers_it_is_not_known_which_one_leads_the_arm(tmp_path: Path) -> None:
+    run = load(write_made(tmp_path, 0.5, 1.0, ("clik", "impedance_control")))
+    assert run.shaped is None
+    assert [one.kind for one in run.warnings] == [BagFlaw.DELAY]
+
+
+def test_the_page_draws_what_was_made_over_what_was_asked(tmp_path: Path) -> None:
+    run = load(write_made(tmp_path, 0.5, 1.0))
+    write_page(tmp_path / "page.html", [Digest.of(run)], "", "")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "What was made of the references" in text
+    assert "as asked: run</li>" in text

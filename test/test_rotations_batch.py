@@ -1,9 +1,14 @@
 """What is calculated for many samples at once is what is calculated for one after the other."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
+from tolerances import assert_close
 
 from eulerparams_control.laws import rotations, rotations_batch
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -43,38 +48,29 @@ def path(seed: int, count: int = 2000) -> Array:
     return np.array(walk)
 
 
+def each_of(one: Callable[..., Any], *samples: Array) -> list[Any]:
+    """Return what is calculated for one sample after the other."""
+    return [one(*sample) for sample in zip(*samples, strict=True)]
+
+
 @pytest.mark.parametrize("seed", [1, 2])
-def test_quaternions_of_many_are_those_of_each(seed: int) -> None:
-    R = rotations_everywhere(seed)
-    Q = rotations_batch.quaternions(R)
-    expected = rotations_batch.stack([EulerParameters.from_R(one) for one in R])
-    np.testing.assert_allclose(Q.eta, expected.eta, **EXACT)
-    np.testing.assert_allclose(Q.eps, expected.eps, **EXACT)
-    np.testing.assert_allclose(rotations_batch.matrices(Q.eta, Q.eps), R, rtol=0, atol=2e-15)
-
-
-def test_exponentials_of_many_are_those_of_each() -> None:
-    x = np.random.default_rng(3).normal(size=(200, 3))
+def test_what_rotations_of_many_are_is_what_those_of_each_are(seed: int) -> None:
+    R, other = rotations_everywhere(seed), rotations_everywhere(seed + 4)
+    eta, eps = Q = rotations_batch.quaternions(R)
+    expected = rotations_batch.stack(each_of(EulerParameters.from_R, R))
+    np.testing.assert_allclose(eta, expected.eta, **EXACT)
+    np.testing.assert_allclose(eps, expected.eps, **EXACT)
+    assert_close(rotations_batch.matrices(eta, eps), R, 2e-15)
+    for sign in (1, -1):
+        signed = EulerParameters(sign * Q.eta, sign * Q.eps)
+        each = each_of(lambda *Q: rotations.rotation_vector(EulerParameters(*Q)), *signed)
+        assert_close(rotations_batch.rotation_vectors(signed), each, 2e-14)
+    angles = rotations_batch.angles_between(R, other)
+    np.testing.assert_allclose(angles, each_of(rotations.angle_between, R, other), **EXACT)
+    x = np.random.default_rng(seed).normal(size=(200, 3))
     x[:50] *= 1e-5
     x[0] = 0
-    np.testing.assert_allclose(rotations_batch.exps(x), [exp(one) for one in x], **EXACT)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_rotation_vectors_of_many_are_those_of_each(sign: int) -> None:
-    Q = rotations_batch.quaternions(rotations_everywhere(4))
-    Q = EulerParameters(sign * Q.eta, sign * Q.eps)
-    each = [
-        rotations.rotation_vector(EulerParameters(eta, eps))
-        for eta, eps in zip(Q.eta, Q.eps, strict=True)
-    ]
-    np.testing.assert_allclose(rotations_batch.rotation_vectors(Q), each, rtol=0, atol=2e-14)
-
-
-def test_angles_between_many_are_those_between_each() -> None:
-    R_1, R_2 = rotations_everywhere(5), rotations_everywhere(6)
-    each = [rotations.angle_between(a, b) for a, b in zip(R_1, R_2, strict=True)]
-    np.testing.assert_allclose(rotations_batch.angles_between(R_1, R_2), each, **EXACT)
+    np.testing.assert_allclose(rotations_batch.exps(x), each_of(exp, x), **EXACT)
 
 
 def test_body_rates_of_many_are_those_of_each() -> None:
@@ -94,11 +90,11 @@ def test_euler_angles_of_many_are_those_of_each(name: str) -> None:
     for one in R:
         previous = sequence.extract(one, previous)
         each.append(previous)
-    np.testing.assert_allclose(phi, each, rtol=0, atol=1e-9)  # next to a pole: its last bits
-    np.testing.assert_allclose([sequence.R(one) for one in phi], R, rtol=0, atol=4e-15)
+    assert_close(phi, each, 1e-9)  # next to a pole: its last bits
+    assert_close([sequence.R(one) for one in phi], R, 4e-15)
     np.testing.assert_allclose(sequence.Ts(phi), [sequence.T(one) for one in phi], **EXACT)
     distances = [sequence.pole_distance(one) for one in R]
-    np.testing.assert_allclose(sequence.pole_distances(R), distances, atol=3e-8)  # arcsin at 1
+    assert_close(sequence.pole_distances(R), distances, 3e-8)  # arcsin at 1
 
 
 OPTIONS = [
@@ -113,25 +109,27 @@ OPTIONS = [
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("name", sorted(OrientationRepresentation.registry))
 def test_displacements_of_many_are_those_of_each(name: str, options: OrientationOptions) -> None:
+    def assert_same(found: Any, expected: Any) -> None:
+        if isinstance(expected, tuple):
+            assert type(found) is type(expected)
+            for one, other in zip(found, expected, strict=True):
+                assert_same(one, other)
+        else:
+            assert_close(found, expected)
+
     orientation = representation(name, options)
     R_d, R_e = path(9), path(10)
     each = OrientationRepresentation.displacements(orientation, R_d, R_e)
-    _assert_close(orientation.displacements(R_d, R_e), each)
+    assert_same(orientation.displacements(R_d, R_e), each)
     begin = orientation.displacements(R_d[:700], R_e[:700])
     rest = orientation.displacements(R_d[700:], R_e[700:], rotations_batch.sample(begin, -1))
-    _assert_close(rest.error, each.error[700:])
-
-
-def test_the_walk_makes_the_sign_flip() -> None:
-    Q = SignRule("hysteretic", 0.2).mutuals(path(10), path(9), None)
-    assert (np.asarray(Q.eta) < 0).any()
-    assert (np.diff(np.sign(Q.eta)) != 0).sum() > 10
+    assert_close(rest.error, each.error[700:])
+    eta = np.asarray(SignRule("hysteretic", 0.2).mutuals(R_e, R_d, None).eta)
+    assert (np.diff(np.sign(eta)) != 0).sum() > 10  # the walk makes the sign flip
 
 
 @pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
 def test_lyapunov_functions_of_many_are_those_of_each(name: str) -> None:
-    from eulerparams_control.laws.impedance_matrices import Impedance
-
     orientation = representation(name)
     rng = np.random.default_rng(11)
     R, x, mu = path(12, 100), rng.normal(size=(100, 3)), rng.normal(size=(100, 3))
@@ -142,12 +140,3 @@ def test_lyapunov_functions_of_many_are_those_of_each(name: str) -> None:
     assert many is not None
     np.testing.assert_allclose(many.V, [one.V for one in each if one], rtol=1e-13)
     np.testing.assert_allclose(many.dV, [one.dV for one in each if one], rtol=1e-12, atol=1e-12)
-
-
-def _assert_close(found: object, expected: object) -> None:
-    if isinstance(expected, tuple):
-        assert type(found) is type(expected)
-        for one, other in zip(found, expected, strict=True):  # type: ignore[call-overload]
-            _assert_close(one, other)
-    else:
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

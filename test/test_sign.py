@@ -5,17 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from representations import make
 from samples import about, generator, pairs_apart, uniform
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.laws.orientation import (
-    SEPARATE,
-    SIGNS,
-    OrientationOptions,
-    SignRule,
-    representation,
-)
+from eulerparams_control.laws.orientation import SEPARATE, SIGNS, SignRule
 from eulerparams_control.laws.rotations import EulerParameters, exp, mutual
 
 Z = np.eye(3)[2]
@@ -24,12 +19,6 @@ NOISE = 0.02  # [rad]
 STEP_OF_THE_WALK = 0.05  # [rad], each component
 
 every_rule = pytest.mark.parametrize("name", SIGNS)
-
-
-def euler_parameters(sign, initial=1):
-    """Return the representation with that rule for the sign."""
-    rule = SignRule(sign, DELTA, initial)
-    return representation("euler_parameters", OrientationOptions(sign=rule))
 
 
 def about_z(theta):
@@ -46,7 +35,6 @@ def choose_all(rule, quaternions):
 
 
 def dot(Q_1, Q_2):
-    """Return the inner product of two quaternions."""
     return Q_1.eta * Q_2.eta + Q_1.eps @ Q_2.eps
 
 
@@ -61,11 +49,6 @@ def random_walk(steps=2000, step=STEP_OF_THE_WALK):
     for x in step * generator(20).normal(size=(steps, 3)) + step * Z:
         walk.append(exp(x) @ walk[-1])
     return [EulerParameters.from_R(R) for R in walk]
-
-
-def noise_at_pi():
-    """Return the quaternions of an error of 180 deg under noise that alternates."""
-    return [about_z(math.pi + NOISE * (-1) ** n) for n in range(100)]
 
 
 # --- the rules -------------------------------------------------------------------------------
@@ -106,15 +89,10 @@ def test_shortest_never_returns_negative_eta_and_jumps_at_180_degrees():
 
 
 @pytest.mark.parametrize("delta", [0.0, 0.05, DELTA, 0.9])
-def test_hysteretic_never_returns_eta_below_minus_delta(delta):
+def test_hysteretic_flips_only_beyond_delta_and_never_returns_eta_below_minus_delta(delta):
     chosen = choose_all(SignRule("hysteretic", delta), random_walk())
     lowest = min(Q.eta for Q in chosen)
     assert -delta <= lowest < -delta + STEP_OF_THE_WALK  # and it gets there
-
-
-@pytest.mark.parametrize("delta", [0.0, 0.05, DELTA, 0.9])
-def test_hysteretic_flips_only_beyond_delta(delta):
-    chosen = choose_all(SignRule("hysteretic", delta), random_walk())
     after_flips = [Q_2.eta for Q_1, Q_2 in pairwise(chosen) if dot(Q_1, Q_2) < 0]
     assert len(after_flips) > 0
     assert min(after_flips) > delta
@@ -144,16 +122,10 @@ def test_hysteretic_flips_at_the_angle_that_delta_stands_for():
     assert after.eta == pytest.approx(DELTA, abs=step)
 
 
-# --- chattering at 180 degrees ---------------------------------------------------------------
-
-
-def test_shortest_chatters_under_noise_at_180_degrees():
-    assert flips(choose_all(SignRule("shortest"), noise_at_pi())) == 99
-
-
-@pytest.mark.parametrize("name", ["hysteretic", "continuous"])
-def test_hysteretic_and_continuous_do_not_chatter_under_noise_at_180_degrees(name):
-    assert flips(choose_all(SignRule(name), noise_at_pi())) == 0
+def test_only_shortest_chatters_under_noise_at_180_degrees():
+    noise = [about_z(math.pi + NOISE * (-1) ** n) for n in range(100)]
+    for name, count in (("shortest", 99), ("hysteretic", 0), ("continuous", 0)):
+        assert flips(choose_all(SignRule(name), noise)) == count
 
 
 # --- where the sign must not be chosen: on each quaternion apart (E14) -------------------------
@@ -161,7 +133,7 @@ def test_hysteretic_and_continuous_do_not_chatter_under_noise_at_180_degrees(nam
 
 @every_rule
 def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name):
-    law = euler_parameters(name)
+    law = make("euler_parameters", sign=name)
     for theta in (0.1, 1.0, 3.0):
         for R_d, R_e in pairs_apart(theta, 30):
             eta = law.displacement(R_d, R_e).Q_de.eta
@@ -177,12 +149,9 @@ def test_separate_is_the_composition_of_two_quaternions_with_positive_eta(apart)
             Q = SignRule(SEPARATE).mutual(R_e, R_d, previous)
             assert Q.eta == expected.eta
             np.testing.assert_array_equal(Q.eps, expected.eps)
-        np.testing.assert_allclose(expected.R, R_e.T @ R_d, rtol=0, atol=ALGEBRAIC)
+        assert_close(expected.R, R_e.T @ R_d)
         negative += expected.eta < 0
     assert negative > 0  # which eta >= 0 of each does not prevent
-
-
-# --- the sign at first, and the way from Q1 to Q2 (E13) -----------------------------------------
 
 
 def test_with_an_initial_sign_of_minus_one_eta_begins_negative_and_stays_on_its_sheet():
@@ -208,20 +177,23 @@ def test_an_unknown_rule_lists_the_known_ones(name):
     assert isinstance(caught.value, ConfigurationError)
 
 
-@pytest.mark.parametrize("delta", [-1e-9, 1.0, 2.0, math.nan, math.inf, -math.inf])
-def test_a_hysteresis_out_of_bounds_is_refused_with_the_bounds(delta):
-    with pytest.raises(ConfigurationError, match=r"hysteresis.*\[0, 1\)") as caught:
-        SignRule("hysteretic", delta)
-    assert str(delta) in str(caught.value)
-
-
-@pytest.mark.parametrize("name", [SEPARATE, "shortest", "hysteretic"])
-def test_only_the_continuous_sign_can_begin_negative(name):
-    with pytest.raises(ConfigurationError, match=r"initial sign of eta is -1.*1, or -1 with cont"):
-        SignRule(name, initial=-1)
-
-
-@pytest.mark.parametrize("initial", [0, 2, -2, math.nan])
-def test_an_impossible_initial_sign_is_refused_with_its_value(initial):
-    with pytest.raises(ConfigurationError, match=f"initial sign of eta is {initial}"):
-        SignRule("continuous", initial=initial)
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        *(
+            (("hysteretic", delta), rf"hysteresis.*{delta}.*\[0, 1\)")
+            for delta in (-1e-9, 1.0, 2.0, math.nan, math.inf, -math.inf)
+        ),
+        *(
+            ((name, DELTA, -1), "initial sign of eta is -1.*1, or -1 with cont")
+            for name in (SEPARATE, "shortest", "hysteretic")
+        ),
+        *(
+            (("continuous", DELTA, initial), f"initial sign of eta is {initial}")
+            for initial in (0, 2, -2, math.nan)
+        ),
+    ],
+)
+def test_impossible_options_are_refused_with_their_value_and_the_bounds(given, text):
+    with pytest.raises(ConfigurationError, match=text):
+        SignRule(*given)

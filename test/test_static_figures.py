@@ -51,9 +51,7 @@ def texts_of(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_writes_one_file_a_format_for_each_quantity_that_was_recorded(
-    run: Digest, tmp_path: Path
-) -> None:
+def test_each_quantity_that_was_recorded_has_one_file_a_format(run: Digest, tmp_path: Path) -> None:
     files = write_figures(tmp_path / "new" / "figures", [run], ("svg", "png", "pdf"))
     expected = {f"{name}.{end}" for name in run.curves for end in ("svg", "png", "pdf")}
     assert {"f.svg", "joint_speeds.pdf", "orientation_error.png"} <= expected
@@ -80,11 +78,8 @@ def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run: Digest) 
     assert all(axes.get_shared_x_axes().joined(first, axes) for axes in others)
     lengths = [float(np.ptp(axes.get_ylim())) for axes in figure.axes]
     assert lengths == pytest.approx(lengths[:1] * 3)
-
-
-def test_each_joint_has_its_own_axes_named_like_it(run: Digest) -> None:
-    figure = quantity_figure([run], JOINT_SPEEDS)
-    assert [axes.get_title("left") for axes in figure.axes] == ["hinge", "roll"]
+    joints = quantity_figure([run], JOINT_SPEEDS).axes
+    assert [axes.get_title("left") for axes in joints] == ["hinge", "roll"]
 
 
 def test_a_figure_is_the_same_text_each_time(run: Digest) -> None:
@@ -121,9 +116,7 @@ def test_a_long_name_is_shortened_in_the_middle() -> None:
 
 @pytest.mark.parametrize("quantity", [JOINT_SPEED, VECTORS[0], POSITION_ERROR])
 @pytest.mark.parametrize("value", [1e25, 1e300, np.inf, np.nan, -1e300])
-def test_a_run_that_diverged_leaves_the_figure_but_does_not_break_it(
-    run: Digest, quantity: Any, value: float
-) -> None:
+def test_a_divergence_breaks_no_figure(run: Digest, quantity: Any, value: float) -> None:
     columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is VECTORS[0] else 1)
     wild = with_curve(run, quantity.name, *columns)
     figure = quantity_figure([run, wild], quantity)
@@ -154,11 +147,8 @@ def test_what_theory_says_is_dashed_and_named(run: Digest) -> None:
     assert figure.axes[0].lines[1].is_dashed()
     assert "by (28) $" in texts_of(figure)
     assert "another" not in texts_of(figure)
-
-
-def test_theory_of_a_vector_is_drawn_with_the_component_it_is_of(run: Digest) -> None:
-    theory = Prediction("f", "(52)", T, np.stack([T, 2 * T], axis=1))
-    drawn = lines_of(quantity_figure([run], VECTORS[0], [theory]))
+    of_two = Prediction("f", "(52)", T, np.stack([T, 2 * T], axis=1))  # of each its component
+    drawn = lines_of(quantity_figure([run], VECTORS[0], [of_two]))
     assert [len(lines) for lines in drawn] == [2, 2, 1]
     assert np.array_equal(drawn[1][1], 2 * T)
 
@@ -176,9 +166,9 @@ def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run: Dig
 
 
 def test_limits_of_the_joints_are_drawn_where_they_are_near(run: Digest) -> None:
-    fast = with_curve(run, "joint_speed", np.full(200, 2.0))
-    assert "limit of the URDF" in texts_of(quantity_figure([fast], JOINT_SPEED))
-    assert float(lines_of(quantity_figure([fast], JOINT_SPEED))[0][1][0]) == 3.0
+    fast = quantity_figure([with_curve(run, "joint_speed", np.full(200, 2.0))], JOINT_SPEED)
+    assert "limit of the URDF" in texts_of(fast)
+    assert float(lines_of(fast)[0][1][0]) == 3.0
     assert "limit of the URDF" not in texts_of(quantity_figure([run], JOINT_SPEED))
 
 

@@ -1,5 +1,8 @@
 """The tolerances of the tests, each with its reason; rad and SI units unless said."""
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 # --- rounding -------------------------------------------------------------------------
 
 # Relative error of a value that is computed without cancellation: 20 roundings of 2.2e-16.
@@ -110,9 +113,10 @@ SMOOTH = 0.3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
 # or to nothing in every tick.
 LAW_IN_A_NODE = 1e-6
-# The blend of a changed law lets go of 1 % of the difference in a tick (time constant 0.1 s); the
-# difference is up to 1.5 times the speed. 1.2 s later e^-12 of it is left; the law's angle is that
-# of a step of 20 ms before, and the axes of a sequence are those of a rotation by some degrees.
-BLEND_PER_TICK, BLENDED = 0.05, 0.06
 # The joint servo of the simulator at rest, rad and m.
 SIMULATED_POSE = 1e-3
+
+
+def assert_close(found: ArrayLike, expected: ArrayLike, atol: float = ALGEBRAIC) -> None:
+    """Assert that no entry is off by more than atol."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)

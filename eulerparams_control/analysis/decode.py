@@ -17,7 +17,7 @@ from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import matrices
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
-from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
 

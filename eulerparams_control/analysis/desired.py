@@ -1,7 +1,7 @@
 """The desired frame at the stamps of a recording, from the references in it.
 
 A reference counts from when the controller said that it began, else from the first tick that was
-sent after it, as ``motion.DesiredMotion`` does it in the controller.
+sent after it, as ``motion.Shaper`` does it in the controller.
 """
 
 from collections.abc import Callable, Mapping

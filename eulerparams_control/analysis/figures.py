@@ -44,6 +44,7 @@ from eulerparams_control.analysis.quantity import (
     VectorQuantity,
 )
 from eulerparams_control.analysis.scale import axis, signed_axis
+from eulerparams_control.analysis.shaping_quantities import DASHED
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.laws.rotations import Array
 
@@ -92,12 +93,21 @@ def panels(
     quantities: list[AnyQuantity] = [*dict.fromkeys((first, *QUANTITIES)), *VECTOR_QUANTITIES]
     quantities += JOINT_QUANTITIES
     _check(predictions, quantities)
-    drawing = Drawing(digests, labels(digests), predictions, _bins(digests))
+    dashed = [*predictions, *_dashed(digests)]
+    drawing = Drawing(digests, labels(digests), dashed, _bins(digests))
     has_first = any(first.name in digest.curves for digest in digests)
     drawn = list(_drawn(drawing, quantities, first if has_first else None))
     if not has_first:
         drawn[0] = _enlarged(drawn[0])
     return Panels(drawn[0], _by_group(drawn[1:]))
+
+
+def _dashed(digests: Sequence[Digest]) -> Iterator[Prediction]:
+    """Yield what is drawn dashed with another quantity, of each run."""
+    for name, quantity in DASHED.items():
+        for label, digest in zip(labels(digests), digests, strict=True):
+            for curve in digest.curves.get(quantity.name, ()):
+                yield Prediction(name, label, curve.t, curve.y, quantity.title)
 
 
 def _check(predictions: Iterable[Prediction], quantities: Sequence[AnyQuantity]) -> None:
@@ -157,7 +167,7 @@ def _panel(quantity: Quantity, drawing: Drawing, group: str, is_first: bool) -> 
     if is_first:
         look["annotations"] = list(approach_notes(approaches, *time_range(digests)))
         look["margin"]["t"] = top_margin(approaches)
-    texts = [prediction.text for prediction in drawing.of(name)]
+    texts = [f"{prediction.name}: {prediction.text}" for prediction in drawing.of(name)]
     figure = Figure("", data, look, 420 if is_first else 300)
     return Panel(name, group, quantity.title, quantity.caption, [figure], texts)
 

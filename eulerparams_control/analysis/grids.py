@@ -170,7 +170,7 @@ def _figure(
 def _panel(
     quantity: JointQuantity | VectorQuantity, drawing: Drawing, group: str, figures: list[Figure]
 ) -> Panel:
-    texts = [prediction.text for prediction in drawing.of(quantity.name)]
+    texts = [f"{one.name}: {one.text}" for one in drawing.of(quantity.name)]
     return Panel(quantity.name, group, quantity.title, quantity.caption, figures, texts)
 
 

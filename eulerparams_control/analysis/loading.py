@@ -20,6 +20,7 @@ from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
 from eulerparams_control.analysis.series import Efforts, Series
+from eulerparams_control.analysis.shaping import Departure, ShapedMotion
 from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
 from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
@@ -132,7 +133,9 @@ class _Reader:
         self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
         self._robot = self._make_robot()
         others = set(arms) - {self._namespace}
-        self._reports = Reports(options.start, options.end)
+        controller = self._topics.get("desired", "").rpartition("/")[0]
+        self._reports = Reports(options.start, options.end, controller)
+        self._rates, self._departure = np.zeros((0, 4)), Departure()
         self._parsers = Parsers(
             bag, self._topics, self._robot, self._namespace, others, self._reports
         )
@@ -181,7 +184,12 @@ class _Reader:
         self._flaws[BagWarning(kind, text)] = None
 
     def _warn_of_delay(self) -> None:
-        """Say from when on a trajectory is later than it was sent to be; set-points are not."""
+        """Say from when on a trajectory is later than it was sent to be; set-points are not.
+
+        Where ~/desired was recorded, it is known by how much.
+        """
+        if "desired" in self._topics:
+            return
         if self._reports.delayed < math.inf and self._desired.knows_trajectories:
             self._warn(
                 BagFlaw.DELAY,
@@ -226,7 +234,8 @@ class _Reader:
         self._messages = queues
         given = False
         for number, message in enumerate(self._bag.read_raw(by_topic)):
-            by_topic[message.topic].add(message)
+            if message.topic in by_topic:  # else its name is damaged
+                by_topic[message.topic].add(message)
             if ends.see(message.log_time, message.topic == states):
                 self._progress(number / total)
                 for part in self._part(ends.count(), last=False):
@@ -289,6 +298,7 @@ class _Reader:
         if last:
             self._check_the_ends(measured)
         self._told = self._reports.take(measured.sent, t, last)
+        self._rates = self._reports.take_rates(measured.sent, t, last)
         self._warn_of_delay()
         whole = self._recording(measured, taken, own, frames)
         inside = self._within(measured)
@@ -320,6 +330,8 @@ class _Reader:
             if latest is None and queue.has_any:
                 text = f"{name} has no stamp within those of joint_states"
                 self._warn(BagFlaw.INCOMPLETE, text)
+            if name == "desired":  # none while a fault lasts
+                continue
             if latest is not None and latest < measured.stamp[-1] - _ANSWERED:
                 end, of = self._times(np.array([latest, measured.stamp[-1]]))
                 text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
@@ -414,6 +426,7 @@ class _Reader:
         motion = series(measured)
         assert motion is not None
         efforts, sensed = taken.get("joint_effort"), taken.get("wrench")
+        shaped = self._shaped(self._within(taken.get("desired")), own, frames)
         return Recording(
             self._bag.path,
             self._robot,
@@ -430,7 +443,19 @@ class _Reader:
             options=self._orientation,
             began=self._start or 0,
             reports=self._told,
+            shaped=shaped,
         )
+
+    def _shaped(
+        self, found: Rows | None, own: NDArray[np.int64], frames: Frames
+    ) -> ShapedMotion | None:
+        if found is None:
+            return None
+        found = found.take(found.stamp >= own[0])  # those before were in the last part
+        made, asked = Frames(*found.values), frames.at(own, found.stamp)
+        shaped = ShapedMotion(self._times(found.stamp), asked, made, self._rates)
+        self._departure.take(shaped)
+        return shaped
 
     def _sensed(self, found: Rows | None) -> SensorSeries | None:
         if found is None:
@@ -480,7 +505,9 @@ class _Reader:
             end = f"{self._end_of_part:.3f} s"
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
-        return *self._bag.warnings, *left_out, *self._flaws
+        words = self._departure.words
+        shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
+        return *self._bag.warnings, *left_out, *self._flaws, *shaped
 
 
 def _namespace(bag: Bag, arms: Sequence[str], wanted: str | None) -> str:

@@ -30,9 +30,9 @@ _VIEWER = Path("viewer", "dist")
 
 
 @cache
-def style() -> str:
-    """Return the style sheet."""
-    return (_ASSETS / "page.css").read_text(encoding="utf-8")
+def style(name: str = "page.css") -> str:
+    """Return a style sheet: of the page, or ``plain.css`` of pages without plots and replay."""
+    return (_ASSETS / name).read_text(encoding="utf-8")
 
 
 @cache

@@ -165,7 +165,7 @@ def _panel(panel: Panel) -> str:
 def _predictions(panel: Panel) -> str:
     """Return what the dashed lines of a plot are."""
     lines = (
-        f"<li>{key('currentColor', prediction_dash(index))}predicted: {escape(text)}</li>"
+        f"<li>{key('currentColor', prediction_dash(index))}{escape(text)}</li>"
         for index, text in enumerate(panel.predictions)
     )
     return f'<ul class="predictions">{"".join(lines)}</ul>' if panel.predictions else ""

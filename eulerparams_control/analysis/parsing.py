@@ -63,6 +63,7 @@ class Parsers:
             "joint_reference": lambda group: list(decode.joint_rows(group, joints, moving)),
             "joint_effort": lambda group: list(decode.joint_rows(group, joints, pulling)),
             "wrench": decode.wrench_rows,
+            "desired": lambda group: list(decode.frame_rows(group, base, tip)),
             "compliant_frame": lambda group: list(decode.frame_rows(group, base, tip)),
         }
         parsers = {

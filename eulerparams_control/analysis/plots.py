@@ -100,7 +100,7 @@ def predicted(drawing: Drawing, name: str, unit: str, column: int = 0) -> list[d
     return [
         {
             "type": "scatter",
-            "name": "predicted" if index == 0 else f"predicted ({index + 1})",
+            "name": escape(prediction.name) + (f" ({index + 1})" if index else ""),
             "meta": "prediction",
             "mode": "lines",
             "line": {"color": GREY, "width": 2, "dash": prediction_dash(index)},

@@ -12,6 +12,8 @@ from eulerparams_control.analysis.contact_quantities import (
     VECTORS,
 )
 from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, Quantity
+from eulerparams_control.analysis.real_time_quantities import PERCENTILES, ROUND_TRIP
+from eulerparams_control.analysis.real_time_quantities import VECTORS as REAL_TIME_VECTORS
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.representation_quantities import (
     ERRORS,
@@ -19,6 +21,7 @@ from eulerparams_control.analysis.representation_quantities import (
     RATES,
     TIP,
 )
+from eulerparams_control.analysis.shaping_quantities import DASHED, SHAPING
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
 
@@ -143,8 +146,8 @@ SINGULAR_VALUE = Quantity(
     "singular_value",
     "Distance to the kinematic singularities",
     "smallest singular value of J",
-    "Smallest singular value of the geometric Jacobian of (20): 0 where the arm itself is "
-    "singular, for every representation.",
+    "Smallest singular value of the geometric Jacobian of (20), its rows of the position over a "
+    "length of the arm: 0 where the arm itself is singular, for every representation.",
     "",
     0.0,
     _smallest_singular_value,
@@ -206,14 +209,22 @@ QUANTITIES = (
     LYAPUNOV,
     *MEASURED_ERRORS,
     SERVO_LAG,
+    ROUND_TRIP,
+    *PERCENTILES,
+    *SHAPING,
 )
 """In the order of the page; the first is the picture that matters, unless another is named."""
 
-VECTOR_QUANTITIES = (*VECTORS, *ERRORS, RATES, *TIP)
+VECTOR_QUANTITIES = (*VECTORS, *ERRORS, RATES, *TIP, *REAL_TIME_VECTORS)
 """In the order of the page."""
 
 JOINT_QUANTITIES = (JOINT_SPEEDS, JOINT_EFFORTS)
 """In the order of the page."""
 
-EVERYTHING: tuple[AnyQuantity, ...] = (*QUANTITIES, *VECTOR_QUANTITIES, *JOINT_QUANTITIES)
-"""In the order of the page."""
+EVERYTHING: tuple[AnyQuantity, ...] = (
+    *QUANTITIES,
+    *VECTOR_QUANTITIES,
+    *JOINT_QUANTITIES,
+    *DASHED.values(),
+)
+"""In the order of the page; the last are drawn dashed with another one."""

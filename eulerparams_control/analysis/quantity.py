@@ -97,9 +97,11 @@ class Prediction(NamedTuple):
         text: what it is, with its equation.
         t: (M,) [s] instants.
         y: (M,) values in the unit of the quantity.
+        name: of the line.
     """
 
     quantity: str
     text: str
     t: Array
     y: Array
+    name: str = "predicted"

@@ -21,6 +21,7 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.lyapunov import LyapunovSeries, lyapunov_series
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, comparable
+from eulerparams_control.analysis.shaping import ShapedMotion
 from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
@@ -56,6 +57,7 @@ class Recording:
         options: of the representation; None: as the parameters say.
         began: [ns] stamp of the first joint_states of the recording.
         reports: what its nodes said of themselves.
+        shaped: from ~/desired; None if there is none.
     """
 
     path: Path
@@ -75,6 +77,7 @@ class Recording:
     options: OrientationOptions | None = None
     began: int = 0
     reports: Sequence[Report] = ()
+    shaped: ShapedMotion | None = None
 
     @property
     def warning(self) -> str:

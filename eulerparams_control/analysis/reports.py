@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eulerparams_control.control.mode import Mode
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.keys import FROZEN, MODE, PACE, REMEDY
+from eulerparams_control.messages.keys import FROZEN, MODE, PACE, REMEDY, SATURATED, SLOWED
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
@@ -43,12 +43,17 @@ class Reports:
 
     Args:
         start, end: [s] of the run that is looked at.
+        controller: the node whose rates of time are kept; "" is none.
 
     Attributes:
         delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
     """
 
-    def __init__(self, start: float = 0.0, end: float = math.inf) -> None:
+    def __init__(
+        self, start: float = 0.0, end: float = math.inf, controller: str = ""
+    ) -> None:
+        self._controller = controller.strip("/")
+        self._rates: list[tuple[int, float, float, float]] = []
         self._start, self._end = start if start > 0 else -math.inf, end
         self._said: dict[str, Report] = {}
         self._new: list[tuple[int, Report]] = []
@@ -63,6 +68,10 @@ class Reports:
         node, message, remedy = map(_short, told)
         if sent < self._until and _waits(values):
             self._waits = min(self._waits, sent)
+        if self._controller and status.name.strip("/") == self._controller:
+            with suppress(ValueError):
+                rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
+                self._rates.append((sent, *map(float, rates)))  # type: ignore[arg-type]
         report = Report(0.0, node, _level(status.level), message, remedy)
         if message and self._said.get(node) != report and sent < self._until:
             self._said[node] = report
@@ -73,6 +82,24 @@ class Reports:
         self._until = min(self._until, sent)
         self._waits = self._waits if self._waits < self._until else math.inf
         self._new = [one for one in self._new if one[0] < self._until]
+        self._rates = [one for one in self._rates if one[0] < self._until]
+
+    def take_rates(self, sent: NDArray[np.int64], t: Array, last: bool) -> Array:
+        """Return what the controller said up to the last state of a part, and forget it.
+
+        Args:
+            sent, t, last: see :meth:`take`.
+
+        Returns:
+            (K, 4) time [s], rate of time, slowest rate of its trajectory, saturated ticks.
+        """
+        order = np.argsort(sent, kind="stable")
+        sent, t = sent[order], t[order]
+        now = sorted(one for one in self._rates if last or one[0] <= sent[-1])
+        self._rates = [] if last else [one for one in self._rates if one[0] > sent[-1]]
+        told = [(_time(at, sent, t), *rates) for at, *rates in now]
+        found = np.array(told, dtype=float).reshape(-1, 4)
+        return found[(found[:, 0] >= self._start) & (found[:, 0] <= self._end)]
 
     def take(self, sent: NDArray[np.int64], t: Array, last: bool) -> list[Report]:
         """Return what was said up to the last state of a part, in its order, and forget it.
@@ -127,7 +154,8 @@ class Kept:
 def _waits(values: Mapping[str, str]) -> bool:
     """Return whether the motion that is followed waits, and comes later than it was sent to be."""
     with suppress(ValueError):  # of somebody else
-        slows = float(values.get(PACE, 1)) < 1 or values.get(FROZEN) == "1"
+        rate = min(float(values.get(PACE, 1)), float(values.get(SLOWED, 1)))
+        slows = rate < 1 or values.get(FROZEN) == "1"
         return values.get(MODE) == Mode.FOLLOWING and slows
     return False
 

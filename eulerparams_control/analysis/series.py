@@ -110,8 +110,12 @@ class Series:
 
     @cached_property
     def smallest_singular_value(self) -> Array:
-        """(N,) smallest singular value of J: distance to the kinematic singularities."""
-        return np.linalg.svd(self.kinematics.J, compute_uv=False)[:, -1]
+        """(N,) smallest singular value of J: distance to the kinematic singularities.
+
+        Its rows for the position are divided by the characteristic length of the arm.
+        """
+        scale = np.array([self.robot.length] * 3 + [1.0] * 3)[:, None]
+        return np.linalg.svd(self.kinematics.J / scale, compute_uv=False)[:, -1]
 
     def pole_distance(self, sequence: EulerSequence) -> Array:
         """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""

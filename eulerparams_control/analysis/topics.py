@@ -10,6 +10,7 @@ TYPES = {
     "joint_reference": "sensor_msgs/msg/JointState",
     "joint_effort": "sensor_msgs/msg/JointState",
     "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "desired": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "wrench": "geometry_msgs/msg/WrenchStamped",
     "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
@@ -18,6 +19,7 @@ TYPES = {
 """Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms
+_OF_A_NODE = "desired"  # below the name of a controller; of two it is not known which leads the arm
 
 
 def namespaces(bag: Bag, names: Mapping[str, str]) -> list[str]:
@@ -52,9 +54,12 @@ def topics(bag: Bag, namespace: str, names: Mapping[str, str]) -> dict[str, str]
     for name in TYPES:
         there = _playing(bag, name)
         own = [topic for topic in there if topic.rpartition("/")[0] == namespace]
+        if name == _OF_A_NODE:
+            below = [topic for topic in there if topic.rsplit("/", 2)[0] == namespace]
+            own = below if len(below) == 1 else []
         if own:
             chosen[name] = own[0]
-        elif len(there) == 1 and (name in _SHARED or not namespace):
+        elif len(there) == 1 and name != _OF_A_NODE and (name in _SHARED or not namespace):
             chosen[name] = there[0]
     for name, topic in names.items():
         chosen[name] = _named(bag, name, topic)

@@ -1,13 +1,16 @@
 """Which measured states are believed, and what they say of the time between them."""
 
+from collections import deque
+from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control.clock import Clock, Instant
-from eulerparams_control.control.mode import Why, restarted
+from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
+from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import LoopGain
 from eulerparams_control.robot.robot import Robot
 
 AT_REST = 0.01
@@ -16,6 +19,9 @@ AT_REST = 0.01
 # A measured position may be this far [rad or m] from where the last one could have led, a speed
 # this many times its limit: further, it is the measurement that is wrong.
 _MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
+
+# States that contradict so many others within this time [s] are those of two robots.
+_CONFLICTS, _CONTEST = 3, 1.0
 
 # So many stamps in a row that are behind, but rise, are those of a clock that was set back.
 _SET_BACK = 3
@@ -28,12 +34,13 @@ _FROZEN = 0.01
 # simulation that was started again: no command acts on it yet.
 _SAME_ARM = 0.03
 
-# Two clocks may drift apart by this [s/s].
-_DRIFT = 1e-4
+# The loop of a gain may turn by so much within a period: beyond the first it is not stable, but
+# for what the measurement of the period is worth; beyond the second it is another loop.  A period
+# may be this part of the timeout of silence.  A verdict is left at this part of its bound.
+_MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 
-# An arm that takes positions is controlled again when its states have been late for so long [s],
-# without a pause of so long [s]: that is how late they are from now on.
-_PATIENCE, _PAUSE = 1.0, 0.2
+# No law integrates over more than so many usual periods at once.
+_LONGEST_STEP = 3.0
 
 
 class Repeat(NamedTuple):
@@ -69,6 +76,7 @@ class Accept(NamedTuple):
 
     Attributes:
         dt: [s] since the last one; 0 at the first, and after a restart.
+        lost: [s] of it that no law is to integrate over: states are missing.
         acted: [s] for which the command before has acted.
         is_first: whether it is the first.
         restart: what happened before it; None if it follows the last one.
@@ -76,52 +84,113 @@ class Accept(NamedTuple):
     """
 
     dt: float
+    lost: float
     acted: float
     is_first: bool
     restart: Restart | None
     is_frozen: bool
 
 
-class Latency:
-    """Tells which states are too old to control by, by clocks that need not agree.
+class Rate(Enum):
+    """Whether states come often enough."""
 
-    What a stamp is behind the steady clock has an unknown part, which is constant but for a
-    drift, and a delay.  The least of it that was seen is taken for the constant, so a state is as
-    late as it is behind the best one.
+    FINE = auto()
+    LOW = auto()  # the law is not what it would be in continuous time
+    TOO_LOW = auto()  # the law is not stable
+    TOO_RARE = auto()  # each state comes after a silence
+
+
+class RateCheck:
+    """Whether the states come often enough for the gains, and for the timeout of silence.
+
+    A loop of the rate k bears steps dt of k dt < 1; below 0.5 it does what it would in continuous
+    time.  A verdict is left only when it is clear of its bound, so that jitter does not toggle it.
 
     Args:
-        most: [s] by which a state may be later than the best one.
+        period: of the states.
+        timeout: [s] of silence.
+
+    Attributes:
+        rate: the verdict.
+        why: the arm is to be held, or a warning; Why() where the rate is fine.
     """
 
-    def __init__(self, most: float) -> None:
-        self.most = most
-        self.forget()
+    def __init__(self, period: NominalPeriod, timeout: float) -> None:
+        self._period, self._timeout = period, timeout
+        self.rate, self.why = Rate.FINE, Why()
+        self._is_known = False  # the period, when this was said
 
-    def forget(self) -> None:
-        """Start again: another clock makes the stamps."""
-        self._least: float | None = None
-        self._at = self._late_since = 0.0  # [s] when a state came last, and the first late one
+    @property
+    def is_too_low(self) -> bool:
+        """Whether nothing may move."""
+        return self.rate in (Rate.TOO_LOW, Rate.TOO_RARE)
 
-    def of(self, t: int, now: float, *, patient: bool) -> float:
-        """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
+    def judge(self, gain: LoopGain | None, hold_rate: float) -> None:
+        """Judge the rate for the fastest gain of the law, and for that of what holds the arm.
 
         Args:
-            t: stamp [ns].
-            now: when it came, steady clock [s].
-            patient: whether states that stay late are those of a clock that was set back.
+            gain: the fastest; None if the law closes no loop.
+            hold_rate: [1/s] of the loop that holds the arm; what does not even bear that is told
+                before the period is known.
         """
-        behind = now - t / 1e9
-        if self._least is None:
-            self._least, self._at = behind, now
-        pause = now - self._at
-        self._least, self._at = min(behind, self._least + _DRIFT * pause), now
-        late = behind - self._least
-        if late <= self.most or pause > _PAUSE:
-            self._late_since = now
-        elif patient and now - self._late_since > _PATIENCE:
-            self._least = behind
-            return 0.0
-        return late
+        period, least = self._period.seconds, self._period.least
+        if period == 0 and hold_rate * least > 1:
+            period = least
+        turn = 0.0 if gain is None else gain.rate * period
+        rate = Rate.FINE
+        if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * self._timeout):
+            rate = Rate.TOO_RARE
+        elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
+            rate = Rate.TOO_LOW
+        elif turn > self._bound(Rate.LOW, _FINE_TURN):
+            rate = Rate.LOW
+        is_known = self._period.seconds > 0
+        if (rate, is_known) == (self.rate, self._is_known):
+            return
+        self.rate, self._is_known, self.why = rate, is_known, Why()
+        if rate is Rate.TOO_RARE:
+            self.why = too_rare(period, self._timeout)
+        elif rate is not Rate.FINE and gain is not None:
+            self.why = too_slow(period, gain, _FINE_TURN, is_held=rate is Rate.TOO_LOW)
+
+    def _bound(self, rate: Rate, bound: float) -> float:
+        """Return the bound of a verdict, which is lower while it lasts."""
+        return _CLEAR * bound if rate is self.rate else bound
+
+
+class Turns:
+    """Counts the turns of continuous joints: many drivers report them within one turn only.
+
+    Args:
+        joints: (n,) which turn without an end.
+        q: (n,) [rad] measured at first.
+    """
+
+    def __init__(self, joints: Array, q: Array) -> None:
+        self._joints, self._q = joints, q
+        self._turns, self._wraps = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
+
+    def unwound(self, q: Array, near: Array | None, *, is_lost: bool) -> Array:
+        """Return measured positions (n,) by whole turns nearest to others.
+
+        Args:
+            q: (n,) as they came.
+            near: (n,) the others; None: those before.
+            is_lost: whether the driver may have lost its count meanwhile.  Then a joint that was
+                never seen to jump by a turn is where it says it is: a command a turn away would
+                move it there.
+        """
+        if not self._joints.any():
+            return q
+        turns = np.round(((self._q if near is None else near) - q) / (2 * np.pi))
+        turns[np.logical_not(self._joints)] = 0.0
+        if is_lost:
+            turns[np.logical_not(self._wraps)] = 0.0
+        else:
+            self._wraps |= turns != self._turns
+        self._turns = turns
+        self._q = q + 2 * np.pi * turns if turns.any() else q
+        return self._q
 
 
 class Admission:
@@ -132,18 +201,32 @@ class Admission:
         timeout: [s] gap in the stamps, or silence, after which the arm may be anywhere.
         max_latency: [s] by which a state may come later than the best one did.
         strict: whether positions and speeds are checked; else stamps and ages only.
+        q: (n,) measured positions at activation.
 
     Attributes:
         clock: of the states that were taken.
+        period: the usual time between them.
+        conflicts: when [s] the last states came that contradict the ones before.
     """
 
-    def __init__(self, robot: Robot, timeout: float, max_latency: float, strict: bool) -> None:
-        self.clock = Clock()
+    def __init__(
+        self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
+    ) -> None:
+        self.clock, self.period = Clock(), NominalPeriod()
+        self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self._robot, self._timeout, self._strict = robot, timeout, strict
+        turning = np.logical_not(robot.is_prismatic)
+        self._turns = Turns(np.logical_and(turning, np.isinf(robot.limits.upper)), q)
         self._latency = Latency(max_latency)
         self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)  # of the last state
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
         self._unmoved = np.zeros(robot.n)  # how far [rad or m] positions that stay should be
+
+    @property
+    def is_contested(self) -> bool:
+        """Whether states contradict each other again and again, as those of two robots do."""
+        conflicts = self.conflicts
+        return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
 
     def refuse(self, at: Instant, q: Array, dq: Array, *, patient: bool = False) -> None:
         """Raise InvalidMessageError unless the state can be one of the robot, and of now.
@@ -157,6 +240,7 @@ class Admission:
         if -self._timeout < dt < 0:
             self._back = self._back + 1 if at.stamp > self._back_at else 1
             self._back_at = at.stamp
+            self.conflicts.append(at.seconds)
             raise InvalidMessageError(
                 f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
             )
@@ -164,29 +248,54 @@ class Admission:
             self._latency.forget()
         self._back = 0
         if self._strict:
-            self._refuse_impossible(dt, q, dq)
+            self._refuse_impossible(at, dt, q, dq)
         if at.receipt is not None and (dt != 0 or self.clock.last is None):
             self._refuse_late(at.stamp, dt, at.receipt, patient)
+
+    def unwound(self, at: Instant, q: Array, command: Array | None) -> Array:
+        """Return measured positions (n,) that go on where joints are continuous.
+
+        Args:
+            at: when they were.
+            q: (n,) as they came, not refused.
+            command: (n,) the last one, to which they are nearest after a gap; None if none is.
+        """
+        dt, silence = self.clock.step(at)
+        is_lost = silence > self._timeout or (at.receipt is None and dt > self._timeout)
+        near = None if self._goes_on(dt, silence) else command
+        return self._turns.unwound(q, near, is_lost=is_lost)
+
+    def _goes_on(self, dt: float, silence: float) -> bool:
+        """Whether a state follows the last one: no silence, no jump of the stamps [s]."""
+        return 0 <= dt <= self._timeout and silence <= self._timeout
 
     def admit(self, at: Instant, q: Array, dq: Array) -> Accept | Repeat:
         """Say what a state is that is not refused: q, dq (n,) measured at an instant."""
         clock, timeout = self.clock, self._timeout
         (dt, silence), last, restart = clock.step(at), clock.last, None
         if last is not None and at.stamp == last.stamp:
-            return Repeat(np.array_equal(q, self._q) and np.array_equal(dq, self._dq), silence)
-        if not (0 <= dt <= timeout and silence <= timeout):
+            is_same = np.array_equal(q, self._q) and np.array_equal(dq, self._dq)
+            if not is_same:
+                self.conflicts.append(at.seconds)
+            return Repeat(is_same, silence)
+        longest = _LONGEST_STEP * self.period.seconds or np.inf
+        self.period.take(dt)
+        if not self._goes_on(dt, silence):
             moved = self._robot.limits.deviation(q, self._q)
             # by the stamps alone a silence and a clock that was set forward look the same
             is_heard = silence <= timeout and (dt < 0 or at.receipt is not None)
             is_same = bool((moved <= _SAME_ARM).all())
             why = restarted(dt, silence, not 0 <= dt <= timeout)
+            if not is_same and silence <= timeout:
+                self.conflicts.append(at.seconds)
             restart = Restart(why, silence > timeout, is_same, is_heard and is_same)
             dt = 0.0
         is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
         acted = dt
         if at.receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
-        return Accept(dt, acted, last is None, restart, is_frozen)
+        lost, acted = max(dt - longest, 0.0), min(acted, longest)
+        return Accept(dt, lost, acted, last is None, restart, is_frozen)
 
     def take(self, at: Instant, q: Array, dq: Array) -> None:
         """Take a state for the last one; what it brings about has happened."""
@@ -199,7 +308,7 @@ class Admission:
         self._unmoved = self._unmoved + dt * np.where(np.abs(dq) > AT_REST, dq, 0.0)
         return bool(np.abs(self._unmoved).max() > _FROZEN)
 
-    def _refuse_impossible(self, dt: float, q: Array, dq: Array) -> None:
+    def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array) -> None:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
         robot = self._robot
         fast = np.abs(dq) > _MOST_SPEED * robot.limits.velocity
@@ -215,6 +324,7 @@ class Admission:
         far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
         if far.any():
             i = int(np.argmax(far))
+            self.conflicts.append(at.seconds)
             raise InvalidMessageError(
                 f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
             )

@@ -1,12 +1,34 @@
 """Time: the steady clock by which messages age, and which time counts for a controller.
 
 Where time is real a state ages by when it came, on the steady clock.  Where time is simulated,
-in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.
+in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.  How often states come
+is measured by :class:`NominalPeriod`, how late one is by :class:`Latency`.
 """
 
+import math
 import time
 from collections.abc import Callable
+from statistics import median
 from typing import NamedTuple
+
+# A period is known after so many steps, a bound of it after so few, by this factor of jitter; it
+# follows further steps by this part of the difference.
+_FIRST, _FEW, _JITTER, _SMOOTHING = 9, 3, 1.5, 0.02
+
+# A step of the stamps [s] that is longer is a jump of the clock, not a loss of messages; one that
+# is longer than the other is not the period of a robot.
+_LONGEST_LOSS, _LONGEST_PERIOD = 0.5, 10.0
+
+# Two clocks may drift apart by this [s/s], a slewed one included.
+_DRIFT = 1.5e-3
+
+# States that have come late for so long [s], without a pause of so long [s], are taken to be no
+# later from then on: the clock of the robot was set, or the network is slower now.
+_PATIENCE, _PAUSE = 1.0, 0.2
+
+# Efforts bear no delay: for them it has to be for so long [s], and the same within so much [s],
+# as that of a clock is and that of a network which is overloaded is not.
+_LONG_PATIENCE, _STEADY = 10.0, 0.02
 
 _now: Callable[[], float] = time.monotonic
 
@@ -83,3 +105,82 @@ class Clock:
         if start is None or self.last is None:
             return 0.0
         return (self.last.stamp - start) / 1e9
+
+
+class NominalPeriod:
+    """The usual time between two states, whatever is lost or late.
+
+    Attributes:
+        seconds: [s] by the stamps; 0 until it is known.
+        least: [s] it is no shorter than that; 0 while nothing is known.
+        missed: states that never came: gaps in their stamps, in usual periods.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self.least, self.missed = 0.0, 0.0, 0
+        self._first: list[float] = []
+
+    def take(self, step: float) -> None:
+        """Take a step [s] of the stamps."""
+        if not 0 < step < _LONGEST_PERIOD:
+            return
+        if len(self._first) < _FIRST:
+            self._first.append(step)
+            if len(self._first) == _FIRST:
+                self.seconds = self.least = median(self._first)
+            elif len(self._first) >= _FEW:
+                self.least = min(self._first) / _JITTER
+            return
+        usual = self.seconds
+        if step < _LONGEST_LOSS:
+            self.missed += max(round(step / usual) - 1, 0)
+        self.seconds += _SMOOTHING * (min(max(step, usual / 2), 2 * usual) - usual)
+        self.least = self.seconds
+
+
+class Latency:
+    """Tells which states are too old to control by, by clocks that need not agree.
+
+    What a stamp is behind the steady clock has an unknown part, which is constant but for a
+    drift, and a delay.  The least of it that was seen is taken for the constant, so a state is as
+    late as it is behind the best one.
+
+    Args:
+        most: [s] by which a state may be later than the best one.
+    """
+
+    def __init__(self, most: float) -> None:
+        self.most = most
+        self.forget()
+
+    def forget(self) -> None:
+        """Start again: another clock makes the stamps."""
+        self._least: float | None = None
+        self._at = 0.0  # [s] when a state came last
+        self._late_since = 0.0  # [s]; and the least and the most that they were behind since
+        self._low, self._high = math.inf, -math.inf
+
+    def of(self, t: int, now: float, *, patient: bool) -> float:
+        """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
+
+        Args:
+            t: stamp [ns].
+            now: when it came, steady clock [s].
+            patient: whether the arm bears states that stay late.
+        """
+        behind = now - t / 1e9
+        if self._least is None:
+            self._least, self._at = behind, now
+        pause = now - self._at
+        self._least, self._at = min(behind, self._least + _DRIFT * pause), now
+        late = behind - self._least
+        if late <= self.most or pause > _PAUSE:
+            self._late_since, self._low, self._high = now, math.inf, -math.inf
+            return late
+        self._low, self._high = min(self._low, behind), max(self._high, behind)
+        if not patient and self._high - self._low > _STEADY:
+            self._late_since, self._low, self._high = now, behind, behind
+        elif now - self._late_since > (_PATIENCE if patient else _LONG_PATIENCE):
+            self._least = self._low
+            return behind - self._low
+        return late

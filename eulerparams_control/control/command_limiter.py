@@ -6,12 +6,11 @@ control the arm any more, :class:`Runaway` says so.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.limits import POSITION_RATE, SHORTEST, JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 
@@ -23,8 +22,14 @@ _RUNAWAY = 1.5
 # is slower than this [rad/s or m/s] does not.
 _SWINGING, _HALTED, _SLOW = 0.5, 0.5, 0.1
 
-# A command may be this much [rad, m, Nm] of rounding beyond the step that the rates allow.
+# An arm gets a time constant of so much [s] to come to limits that were lowered while it moved.
+_LOWERED = 0.5
+
+# A command may be this much [rad, m, rad/s, m/s, Nm] of rounding beyond what it may be.
 _ROUNDING = 5e-13
+
+# No acceleration is larger [rad/s^2 or m/s^2]; no time shorter [s].
+_STEEP, _TINY = 1e9, 1e-300
 
 
 class CommandLimiter:
@@ -32,14 +37,14 @@ class CommandLimiter:
 
     Args:
         limits: of the joints; None bounds nothing, but what is not finite is refused still.
-        effort_rate: [Nm/s] of each effort.
+        effort_rate: [Nm/s] of each effort, or (n,).
 
     Attributes:
         bounded: how many commands had to be changed.
         commands_efforts: whether the command that acts is one of efforts.
     """
 
-    def __init__(self, limits: JointLimits | None, effort_rate: float = math.inf) -> None:
+    def __init__(self, limits: JointLimits | None, effort_rate: Array | float = math.inf) -> None:
         self.limits, self.effort_rate = limits, effort_rate
         self.bounded = 0
         self.forget()
@@ -49,63 +54,133 @@ class CommandLimiter:
         self._last = JointCommand()
         self.commands_efforts = False
 
-    def __call__(self, command: JointCommand, q: Array, elapsed: float) -> JointCommand:
+    def __call__(
+        self, command: JointCommand, q: Array, elapsed: float, dt: float = 0.0
+    ) -> JointCommand:
         """Return the command within all bounds.
 
         Args:
             command: of the scheme.
             q: (n,) measured positions: where the arm is beyond its limits, it may come back.
             elapsed: [s] since the command before.
+            dt: [s] over which its velocity was integrated; 0: over what has elapsed.
 
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
         _refuse_infinite(command)
         if self.limits is not None:
-            safe = self._bounded(command, q, elapsed, self.limits)
-            self.bounded += safe is not command
+            safe = self._bounded(command, q, elapsed, dt, self.limits)
+            if safe is not command:
+                _refuse_infinite(safe)
+                self.bounded += 1
             command = safe
         self._last, self.commands_efforts = command, command.effort is not None
         return command
 
     def _bounded(
-        self, command: JointCommand, q: Array, elapsed: float, limits: JointLimits
+        self, command: JointCommand, q: Array, elapsed: float, dt: float, limits: JointLimits
     ) -> JointCommand:
         """Return the command within the limits, and within reach of the one before."""
-        last = self._last
-        changes: dict[str, Any] = {}
-        step = limits.velocity * elapsed
-        for name, values, low, high, reach in (
-            ("q", command.q, limits.lower, limits.upper, step),
-            ("dq", command.dq, -limits.velocity, limits.velocity, None),
-            ("effort", command.effort, -limits.effort, limits.effort, self.effort_rate * elapsed),
+        q_c, dq, effort = command.q, command.dq, command.effort
+        lasted = dt if dt > 0 else elapsed if elapsed > 0 else SHORTEST
+        if q_c is not None:
+            q_c = self._bounded_position(q_c, q, elapsed, lasted, limits)
+        if dq is not None:
+            chase = None
+            if q_c is not None and command.q is not None and q_c is not command.q:
+                chase = limits.difference(command.q, q_c)
+            dq = self._bounded_velocity(dq, chase, lasted, limits)
+        if effort is not None:
+            effort = self._bounded_effort(effort, elapsed, limits)
+        if q_c is command.q and dq is command.dq and effort is command.effort:
+            return command
+        return command._replace(q=q_c, dq=dq, effort=effort)
+
+    def _bounded_position(
+        self, q_c: Array, q: Array, elapsed: float, lasted: float, limits: JointLimits
+    ) -> Array:
+        """Return q_c (n,) where the motion until now can lead to; the measured q is there."""
+        last, low, high = self._last, limits.lower, limits.upper
+        fastest = limits.velocity
+        if last.dq is not None:  # its limit may have been lowered since
+            fastest = np.maximum(fastest, np.abs(last.dq))
+        reach = fastest * elapsed if elapsed > 0 else np.zeros_like(q_c)
+        bend = limits.acceleration * lasted**2
+        if last.q is None:
+            if _is_within(q_c, low, high):
+                return q_c
+            wanted = q_c
+        else:
+            step = limits.difference(q_c, last.q)
+            led = np.zeros_like(q_c) if last.dq is None else lasted * last.dq
+            wanted = last.q + step
+            if (
+                _is_within(q_c, low, high)
+                and _is_within(step, -reach, reach, _ROUNDING)
+                and _is_within(step - led, -bend, bend, _ROUNDING)
+                and (np.abs(q_c - wanted) <= _ROUNDING).all()
+            ):
+                return q_c
+            wanted = last.q + _clip(_clip(step, led - bend, led + bend), -reach, reach)
+        low, high = np.minimum(low, q), np.maximum(high, q)  # it may be beyond, and come back
+        if last.q is not None:
+            low = np.maximum(np.minimum(low, last.q), last.q - reach)
+            high = np.minimum(np.maximum(high, last.q), last.q + reach)
+        return _same(q_c, _clip(wanted, low, high))
+
+    def _bounded_velocity(
+        self, dq: Array, chase: Array | None, lasted: float, limits: JointLimits
+    ) -> Array:
+        """Return dq (n,) where the velocity until now can have come to.
+
+        Args:
+            dq: (n,) commanded.
+            chase: (n,) by which the position lags behind its command; None: it does not.
+            lasted: [s] since the velocity until now.
+            limits: of the joints.
+        """
+        before = np.zeros_like(dq) if self._last.dq is None else self._last.dq
+        change, wanted = limits.acceleration * lasted, dq
+        speed = np.abs(before)  # beyond its limit where that was lowered: then all brake together
+        slower = max(0.0, 1 - float((change / np.maximum(speed, _TINY)).min()))
+        most = np.maximum(limits.velocity, slower * speed)
+        if chase is not None:
+            lag, a = np.abs(chase), np.minimum(limits.acceleration, _STEEP)
+            wanted = dq + np.copysign(np.minimum(POSITION_RATE * lag, np.sqrt(a * lag)), chase)
+        elif _is_within(dq, -most, most) and _is_within(dq - before, -change, change, _ROUNDING):
+            return dq
+        return _same(dq, _clip(_clip(wanted, before - change, before + change), -most, most))
+
+    def _bounded_effort(self, effort: Array, elapsed: float, limits: JointLimits) -> Array:
+        """Return the efforts (n,) within their limits and rates."""
+        low, high, last = -limits.effort, limits.effort, self._last.effort
+        reach = self.effort_rate * max(elapsed, _TINY)
+        if _is_within(effort, low, high) and (
+            last is None or _is_within(effort - last, -reach, reach, _ROUNDING)
         ):
-            before = None if reach is None else getattr(last, name)
-            if values is None or _is_within(values, low, high, before, reach):
-                continue
-            if name == "q":  # where the arm is beyond its limits it may be, and come back
-                low, high = np.minimum(low, q), np.maximum(high, q)
-            if before is not None:
-                low, high = np.minimum(low, before), np.maximum(high, before)
-                low, high = np.maximum(low, before - reach), np.minimum(high, before + reach)
-            changes[name] = np.minimum(np.maximum(values, low), high)
-        changed: dict[str, Any] = {
-            name: values
-            for name, values in changes.items()
-            if not np.array_equal(values, getattr(command, name))
-        }
-        return command._replace(**changed) if changed else command
+            return effort
+        if last is not None:
+            low = np.maximum(np.minimum(low, last), last - reach)
+            high = np.minimum(np.maximum(high, last), last + reach)
+        return _same(effort, _clip(effort, low, high))
+
+
+def _clip(values: Array, low: Array, high: Array) -> Array:
+    clipped: Array = np.minimum(np.maximum(values, low), high)
+    return clipped
 
 
 def _is_within(
-    values: Array, low: Array, high: Array, before: Array | None, reach: Array | float | None
+    values: Array, low: Array | float, high: Array | float, rounding: float = 0.0
 ) -> bool:
-    """Whether values (n,) are within limits, and within reach of those before."""
-    if not ((values <= high).all() and (values >= low).all()):
-        return False
-    if before is None or reach is None:
-        return True
-    return bool((np.abs(values - before) <= reach + _ROUNDING).all())
+    """Whether values (n,) are within bounds."""
+    return bool((values <= high + rounding).all() and (values >= low - rounding).all())
+
+
+def _same(values: Array, bounded: Array) -> Array:
+    """Return ``values`` itself where nothing was bounded."""
+    return values if np.array_equal(values, bounded) else bounded
 
 
 def _refuse_infinite(command: JointCommand) -> None:
@@ -124,6 +199,7 @@ class Runaway:
 
     def __init__(self) -> None:
         self._halted = 0.0  # for how long [s] it was to stop
+        self._limits: Array | None = None  # (n,) of the speeds, as the arm can have come to them
 
     def update(self, dt: float, dq: Array, limits: Array, is_stopped: bool) -> int | None:
         """Take measured speeds; return the joint that begins to run away, None if none does.
@@ -135,6 +211,9 @@ class Runaway:
             is_stopped: whether the efforts are to hold the arm.
         """
         self._halted = self._halted + dt if is_stopped else 0.0
+        if self._limits is not None:
+            limits = np.maximum(limits, math.exp(-dt / _LOWERED) * self._limits)
+        self._limits = limits
         most = _SWINGING if self._halted > _HALTED else _RUNAWAY
         excess = np.abs(dq) - np.maximum(most * limits, _SLOW)
         joint = int(excess.argmax())

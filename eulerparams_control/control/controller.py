@@ -5,20 +5,33 @@ gives it measured states and references.  A step is four stages: admit the state
 mode, ask the mode for a command, limit it.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eulerparams_control.control.admission import AT_REST, Admission, Repeat
-from eulerparams_control.control.clock import Instant
+from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.mode import Cause, Mode, ModeEvent, Why, stuck, why_of
-from eulerparams_control.control.modes import Guidance, Release
+from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.mode import (
+    DEACTIVATED,
+    HALTED,
+    Cause,
+    Mode,
+    ModeEvent,
+    Why,
+    contested,
+    stuck,
+    why_of,
+)
+from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
-from eulerparams_control.control.speed_scaling import SpeedScaling
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
-from eulerparams_control.motion.desired_motion import SetPoint
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
 __all__ = ["Controller", "ControllerOptions"]
@@ -31,6 +44,7 @@ class Controller:
         scheme: the control scheme.
         options: how it treats time and references.
         q: (n,) measured positions at activation; their pose is held at first.
+        effort: (n,) that act then, from which the commanded ones begin; None: not known.
 
     Attributes:
         guidance: the scheme on its desired motion.
@@ -38,19 +52,21 @@ class Controller:
         supervisor: keeps the mode.
     """
 
-    def __init__(self, scheme: Scheme, options: ControllerOptions, q: Array) -> None:
+    def __init__(
+        self, scheme: Scheme, options: ControllerOptions, q: Array, effort: Array | None = None
+    ) -> None:
         self.scheme, self.options = scheme, options
         self.limiter = CommandLimiter(*scheme.bounds)
-        self.guidance = Guidance(scheme, SpeedScaling(self.limiter.limits, options.slow_below))
+        self.guidance = Guidance(scheme, self.limiter.limits, options)
         self._admission = Admission(
-            scheme.robot, options.state_timeout, options.max_latency, options.check_states
+            scheme.robot, options.state_timeout, options.max_latency, options.check_states, q
         )
-        clock = self._admission.clock
-        self.supervisor = Supervisor(self.guidance, self.limiter, clock, options)
+        self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
         self._q, self._dq, self._dt = q, np.zeros_like(q), 0.0
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
+        scheme.start_from(effort)
 
     @property
     def mode(self) -> Mode:
@@ -73,15 +89,32 @@ class Controller:
         return self.supervisor.resets
 
     @property
-    def is_at_rest(self) -> bool:
-        """Whether the arm was measured to be at rest."""
-        return bool((np.abs(self._dq) < AT_REST).all())
+    def period(self) -> NominalPeriod:
+        """The usual time between two states."""
+        return self._admission.period
 
-    def law_changed(self) -> None:
+    @property
+    def is_contested(self) -> bool:
+        """Whether states contradict each other again and again."""
+        return self._admission.is_contested
+
+    def contest(self, names: Sequence[str]) -> None:
+        """Hold from the next state on, as nodes of these names publish states in turns."""
+        if self.why.cause is not Cause.TWO_PUBLISHERS:
+            self.supervisor.change(ModeEvent.FAULT, contested(names))
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the arm was measured to be at rest, and is not told to move."""
+        command = self._command
+        told = 0.0 if command is None or command.dq is None else command.dq
+        return bool((np.maximum(np.abs(self._dq), np.abs(told)) < AT_REST).all())
+
+    def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
+        self.options = options
         self.limiter.limits, self.limiter.effort_rate = self.scheme.bounds
-        self.guidance.pace.limits = self.limiter.limits
-        self.guidance.forget()
+        self.guidance.change(self.limiter.limits, options)
 
     def follow(
         self, motion: Trajectory | SetPoint, start: int | None, now: float | None = None
@@ -99,15 +132,37 @@ class Controller:
         """
         self.supervisor.follow(motion, start, now, self._q)
 
-    def halt(self) -> None:
-        """Hold from the next state on, until the next reference; command nothing now."""
-        self.supervisor.change(ModeEvent.HALT, Why(Cause.HALT))
+    def aim(self, frame: DesiredFrame, now: float | None = None) -> None:
+        """Go to a pose, as fast as the limits allow; a stream of poses is followed as it comes.
 
-    def stop(self) -> JointCommand:
-        """Return the command that holds still, and hold until the next reference."""
-        command = self.scheme.hold(self._dt, self._q, self._dq)
-        self.halt()
-        return command
+        Raises:
+            InvalidMessageError: see :meth:`follow`.
+        """
+        self.supervisor.follow(Goal(frame), None, now, self._q)
+
+    def jog(self, twist: Array, now: float | None = None) -> None:
+        """Move with a twist (6,) [m/s, rad/s] of the tip, base frame, for ``target_timeout``.
+
+        Raises:
+            InvalidMessageError: see :meth:`follow`.
+        """
+        self.supervisor.follow(Jog(twist, self.options.target_timeout), None, now, self._q)
+
+    def halt(self) -> None:
+        """Hold from the next state on, until :meth:`resume`; command nothing now."""
+        self.supervisor.change(ModeEvent.HALT, HALTED)
+
+    def end(self) -> None:
+        """Hold from the next state on, for good: after this nothing will be commanded."""
+        self.supervisor.change(ModeEvent.END, DEACTIVATED)
+
+    def resume(self) -> None:
+        """Hold the measured pose from the next state on, ready to follow; if it was stopped.
+
+        Raises:
+            InvalidMessageError: after a defect, while the arm runs away, or while it moves.
+        """
+        self.supervisor.resume(self._q, is_at_rest=self.is_at_rest)
 
     def fail_for_good(self, error: Exception) -> None:
         """Hold from the next state on because of a defect; no reference is followed any more."""
@@ -131,8 +186,10 @@ class Controller:
         """
         at, supervisor = Instant(t, now), self.supervisor
         self._admission.refuse(at, q, dq, patient=not self.limiter.commands_efforts)
+        q = self._admission.unwound(at, q, None if self._command is None else self._command.q)
         if supervisor.mode.mode is Mode.WAITING:
             supervisor.begin(q)  # others may move the arm until then
+            self.scheme.start_from(None)
             return None
         state = self._admission.admit(at, q, dq)
         if isinstance(state, Repeat):
@@ -141,19 +198,25 @@ class Controller:
         self._admission.take(at, q, dq)  # only now: a restart that fails is one again
         self._q, self._dq, self._dt = q, dq, state.dt
         supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
-        self._command = self._limit(supervisor.ask(t, state.dt, q, dq), state.acted)
+        dt = state.dt
+        if state.lost and not self.limiter.commands_efforts:  # the arm has stayed where it was told
+            self.guidance.wait(state.lost)
+            dt -= state.lost
+        self._command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)
         if self._command is not None:
             supervisor.left = at
         return self._command
 
-    def _limit(self, command: JointCommand | None, acted: float) -> JointCommand | None:
+    def _limit(
+        self, command: JointCommand | None, acted: float, dt: float
+    ) -> JointCommand | None:
         """Return the command within all bounds, or gravity compensation where there is none."""
         supervisor, release = self.supervisor, self._release
         if supervisor.mode.mode is Mode.DISTRUSTING:
             return None
         try:
             if command is not None:
-                command, release.is_reached = self.limiter(command, self._q, acted), False
+                command, release.is_reached = self.limiter(command, self._q, acted, dt), False
                 return command
         except UnsafeCommandError as error:
             supervisor.change(ModeEvent.FAULT, why_of(error))
@@ -184,7 +247,7 @@ class Controller:
         command = self._command
         if command is None or command.effort is not None or command.dq is None:
             return False
-        return self.is_at_rest and bool((np.abs(command.dq) < AT_REST).all())
+        return self.is_at_rest
 
     def last_command(self) -> JointCommand | None:
         """Return the command after which none will follow; None: the brakes act, or are to.

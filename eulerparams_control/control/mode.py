@@ -1,6 +1,8 @@
 """The modes of a controller, what changes them, and the table of transitions."""
 
-from enum import Enum, StrEnum, auto
+import math
+from collections.abc import Sequence
+from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
 
 from eulerparams_control.errors import (
@@ -9,6 +11,7 @@ from eulerparams_control.errors import (
     SingularityError,
     UnsafeCommandError,
 )
+from eulerparams_control.laws.scheme import LoopGain
 
 
 class Mode(StrEnum):
@@ -32,8 +35,13 @@ class Cause(StrEnum):
     STAMP_JUMP = "stamp_jump"
     COMMAND_SILENCE = "command_silence"  # states came, but had no answer for a while
     STREAM_ENDED = "stream_ended"
+    NO_WRENCH = "no_wrench"  # none that is to be believed: the compliant frame is frozen
+    WRENCH_STUCK = "wrench_stuck"  # the sensor repeats itself: the same
     # held still
     HALT = "halt"
+    DEACTIVATED = "deactivated"  # until the arm is at rest; then nothing is commanded
+    REFERENCE_LEAPS = "reference_leaps"  # when it begins
+    NEVER_BEGINS = "never_begins"  # set-points come, stamped too far ahead
     SINGULARITY = "singularity"
     NOT_FOLLOWING = "not_following"  # the arm does not follow its commands
     UNSAFE_COMMAND = "unsafe_command"
@@ -41,7 +49,18 @@ class Cause(StrEnum):
     STAMP_STUCK = "stamp_stuck"  # states change, or go on, under one stamp
     FROZEN_ENCODER = "frozen_encoder"
     RUNAWAY = "runaway"
+    TWO_PUBLISHERS = "two_publishers"  # of joint_states, which contradict each other
+    RATE_TOO_LOW = "rate_too_low"  # of joint_states, for the gains or for state_timeout
     DEFECT = "defect"
+
+
+class Latch(IntEnum):
+    """What leads out of a stop; of two stops the one that is harder to leave counts."""
+
+    NONE = 0  # the arm is not stopped
+    PAUSE = 1  # a reference after a pause of its source, or ~/resume: after a fault
+    RESUME = 2  # ~/resume alone: after a halt
+    NEVER = 3  # nothing but deactivate and activate: after a defect, and at the end
 
 
 class Why(NamedTuple):
@@ -72,6 +91,8 @@ class ModeEvent(Enum):
     FAULT = auto()
     DEFECT = auto()
     HALT = auto()
+    END = auto()  # of control: the arm is brought to rest, and then let alone
+    RESUME = auto()
     RUNS_AWAY = auto()
     FROZEN = auto()
     RECOVERED = auto()  # the arm is at rest again, or its positions change again
@@ -81,6 +102,7 @@ _ENDS = {
     ModeEvent.FAULT: Mode.STOPPED,
     ModeEvent.DEFECT: Mode.STOPPED,
     ModeEvent.HALT: Mode.STOPPED,
+    ModeEvent.END: Mode.STOPPED,
     ModeEvent.RUNS_AWAY: Mode.RELEASING,
     ModeEvent.FROZEN: Mode.RELEASING,
     ModeEvent.DISTRUST: Mode.DISTRUSTING,
@@ -91,7 +113,7 @@ TRANSITIONS: dict[Mode, dict[ModeEvent, Mode]] = {
     Mode.WAITING: {ModeEvent.REFERENCE: Mode.FOLLOWING},
     Mode.HOLDING: _ENDS,
     Mode.FOLLOWING: _ENDS | {ModeEvent.RESTART: Mode.HOLDING},
-    Mode.STOPPED: _ENDS,
+    Mode.STOPPED: _ENDS | {ModeEvent.RESUME: Mode.HOLDING},
     Mode.RELEASING: {
         ModeEvent.RECOVERED: Mode.STOPPED,
         ModeEvent.DISTRUST: Mode.DISTRUSTING,
@@ -107,11 +129,42 @@ def transition(mode: Mode, event: ModeEvent) -> Mode:
     return TRANSITIONS[mode].get(event, mode)
 
 
+_LATCHES = {
+    ModeEvent.FAULT: Latch.PAUSE,
+    ModeEvent.RUNS_AWAY: Latch.PAUSE,
+    ModeEvent.FROZEN: Latch.PAUSE,
+    ModeEvent.HALT: Latch.RESUME,
+    ModeEvent.END: Latch.NEVER,
+    ModeEvent.DEFECT: Latch.NEVER,
+}
+
+
+def latched(before: Latch, event: ModeEvent) -> Latch:
+    """Return what leads out of a stop after an event."""
+    if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and before is not Latch.NEVER:
+        return Latch.NONE
+    return max(before, _LATCHES.get(event, Latch.NONE))
+
+
 AGAIN = "send the reference again"
 
 REPORT_IT = "report it; deactivate and activate to begin anew"
 """What to do about a defect."""
 
+CALL_RESUME = "call ~/resume"
+"""What to do about a halt."""
+
+HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
+DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to begin anew", note="deactivation")
+
+ON_THE_PATH = frozenset((Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS))
+"""Causes for which the tip brakes along its path: the law still holds."""
+
+NEVER_BEGINS = Why(
+    Cause.NEVER_BEGINS,
+    "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
+    f"see to the clocks, or stamp them 0; then {AGAIN}",
+)
 ARM_MOVED = Why(
     Cause.ARM_MOVED, "the arm moved before the reference began; send it again", AGAIN
 )
@@ -121,6 +174,16 @@ FROZEN_ENCODER = Why(
     f"see to the robot's driver or encoders, then {AGAIN}",
 )
 SILENT = Why(Cause.COMMAND_SILENCE, remedy=AGAIN, note="a silence of its commands")
+
+
+def leaps(distance: float, angle: float) -> Why:
+    """Return why an arm is held whose reference began far away [m, rad] from where it was."""
+    return Why(
+        Cause.REFERENCE_LEAPS,
+        f"the reference began {distance:.3f} m and {math.degrees(angle):.1f} deg away from the "
+        "desired frame of then",
+        "begin where the arm is, or raise max_jump_position and max_jump_rotation",
+    )
 
 
 def stuck(fault: str) -> Why:
@@ -135,6 +198,48 @@ def runs_away(joint: str, speed: float) -> Why:
         f"the arm runs away, {joint} at {speed:.3g} rad/s: no commands until it stands",
         f"see to delays and to the model of the arm, or lower the gains; then {AGAIN}",
     )
+
+
+def contested(names: Sequence[str]) -> Why:
+    """Return why an arm is held of which nodes of these names publish states in turns."""
+    return Why(
+        Cause.TWO_PUBLISHERS,
+        f"joint_states contradict each other, and are published by {', '.join(names)}",
+        f"end all but the driver of the robot; then {AGAIN}",
+    )
+
+
+def too_rare(period: float, timeout: float) -> Why:
+    """Return why an arm is held whose states come every period [s], one after each timeout [s]."""
+    return Why(
+        Cause.RATE_TOO_LOW,
+        f"joint_states come every {period:.3g} s, but state_timeout is {timeout:g} s: each one "
+        "comes after a silence",
+        f"let the driver publish {2 / timeout:.3g} times a second or more, or set state_timeout "
+        f"to {2 * period:.2g} s; then {AGAIN}",
+    )
+
+
+def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Why:
+    """Return why an arm is held, or is to be, whose states come too seldom for a gain.
+
+    Args:
+        period: [s] of the states.
+        gain: that is the fastest.
+        most: its loop may turn by so much [1] within a period.
+        is_held: whether the arm is held; else it is a warning.
+    """
+    text = (
+        f"joint_states come {1 / period:.3g} times a second, too seldom for {gain.name} "
+        f"{gain.value:g}, whose loop has {gain.rate:.3g} 1/s"
+    )
+    remedy = (
+        f"let the driver publish {gain.rate / most:.3g} times a second or more, or set "
+        f"{gain.name} to {gain.at(most / period):.3g} or less"
+    )
+    if is_held:
+        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {AGAIN}")
+    return Why(remedy=remedy, note=text)
 
 
 def why_of(error: EulerParamsError) -> Why:

@@ -1,7 +1,7 @@
 """The modes of a controller as small classes: each owns its data and says what to command.
 
-What they share, the law on its desired motion, is :class:`Guidance`; what ends efforts that
-must not act any more is :class:`Release`.
+What they share, the law on its motion, is :class:`Guidance`; what ends efforts that must not act
+any more is :class:`Release`.
 """
 
 from typing import ClassVar
@@ -9,106 +9,24 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.mode import Cause, Mode, ModeEvent, Why, transition
-from eulerparams_control.control.speed_scaling import SpeedScaling
-from eulerparams_control.errors import FollowingError, SingularityError, UnsafeCommandError
+from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.mode import (
+    CALL_RESUME,
+    Cause,
+    Latch,
+    Mode,
+    ModeEvent,
+    Why,
+    latched,
+    transition,
+)
+from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
-from eulerparams_control.motion.desired_motion import DesiredMotion
+from eulerparams_control.laws.scheme import JointCommand, Scheme
 
 # An arm that ran away has to be at rest for so long [s], within so much [rad or m], until it gets
 # efforts again: it may be at a turning point.  Its speed may be noisy.
 _REST_TIME, _SAME_PLACE = 0.2, 2e-3
-
-
-class LawError(Exception):
-    """The law has no answer, or the arm does not follow it.
-
-    Attributes:
-        error: what the law raised.
-    """
-
-    def __init__(self, error: SingularityError | FollowingError) -> None:
-        super().__init__(str(error))
-        self.error = error
-
-
-class Guidance:
-    """The law on its desired motion, at the pace that the arm bears.
-
-    Attributes:
-        scheme: the control scheme.
-        motion: what it follows, or the frame that it holds.
-        pace: at which the motion is followed.
-        tick_now: the last tick of the scheme; None before the first.
-        saturated: how many ticks a limit has changed.
-        dt: [s] of the last tick.
-    """
-
-    def __init__(self, scheme: Scheme, pace: SpeedScaling) -> None:
-        self.scheme, self.pace = scheme, pace
-        self.tick_now: Tick | None = None
-        self.saturated, self.dt = 0, 0.0
-        self._ticks: tuple[Tick | None, Tick | None] = None, None  # the last one, the one before
-
-    def begin(self, q: Array, *, acts: bool) -> None:
-        """Hold the pose at the measured q (n,), with zero error.
-
-        Args:
-            q: (n,) measured.
-            acts: whether the command before still acts, so that none may jump.
-        """
-        (self.scheme.resume if acts else self.scheme.reset)(q)
-        self.pace.forget()
-        self.motion = DesiredMotion(self.scheme.start_frame())
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget the ticks: they are of another law, or of another motion."""
-        self._ticks = None, None
-
-    def halt(self) -> None:
-        """Hold the frame of now."""
-        self.motion.hold(self.scheme.start_frame())
-        self._ticks = None, self._ticks[1]
-
-    def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
-
-        Raises:
-            LawError: if the law has no finite answer, or the arm does not follow.
-        """
-        scheme, motion, pace = self.scheme, self.motion, self.pace
-        s = 0.0 if scheme.is_frozen else pace.now
-        if s < 1:
-            motion.wait(round((1 - s) * dt * 1e9))
-        desired = motion.sample(t)
-        if s > 0:
-            desired = desired.at_pace(pace.now, pace.rate)
-        try:
-            tick = scheme.tick(dt, q, dq, desired)
-        except (SingularityError, FollowingError) as error:
-            raise LawError(error) from error
-        pace.update(dt, tick.state.q, tick.state.dq, tick.state.J)
-        self._ticks, self.dt = (tick, self._ticks[0]), dt
-        self.tick_now = tick
-        self.saturated += tick.saturated
-        return tick.command
-
-    def lyapunov(self) -> tuple[float, float, float] | None:
-        """Return V, its derivative by the paper, and as measured over the last tick.
-
-        None if the representation has no Lyapunov function, or there are no two ticks yet.
-        """
-        now, before = self.tick_now, self._ticks[1]
-        if now is None or before is None or self.dt == 0:
-            return None
-        if type(now.x_de) is not type(before.x_de):  # the representation was replaced
-            return None
-        V_now, V_before = self.scheme.lyapunov(now), self.scheme.lyapunov(before)
-        if V_now is None or V_before is None:
-            return None
-        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self.dt
 
 
 class Release:
@@ -155,10 +73,12 @@ class ControlMode:
         why: why it was entered.
         is_halted: whether the arm is held still instead of moved.
         is_runaway: whether the arm has to come to rest before it is commanded again.
+        latch: what leads out of it, if the arm is stopped.
     """
 
     mode: ClassVar[Mode]
     is_halted = is_runaway = False
+    latch = Latch.NONE
 
     def __init__(self, why: Why) -> None:
         self.why = why
@@ -171,17 +91,32 @@ class ControlMode:
 
     def after(self, event: ModeEvent, why: Why) -> "ControlMode":
         """Return the mode after an event."""
-        return _CLASSES[transition(self.mode, event)].entered(self, event, why)
+        latch = latched(self.latch, event)
+        after = _CLASSES[transition(self.mode, event)].entered(self, event, why)
+        after.latch = latch
+        return after
 
     @classmethod
     def entered(cls, before: "ControlMode", event: ModeEvent, why: Why) -> "ControlMode":
         """Return the mode that follows another."""
-        return cls(before.why if before.is_latched else why)
+        return cls(before.why if before.has_defect else why)
 
     @property
     def is_latched(self) -> bool:
-        """Whether no reference leads out of it."""
+        """Whether nothing leads out of it."""
+        return self.latch is Latch.NEVER
+
+    @property
+    def has_defect(self) -> bool:
+        """Whether a defect is why; whatever comes later, that is what has to be told."""
         return self.why.cause is Cause.DEFECT
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        if self.latch is Latch.RESUME and self.why.fault:
+            return f"{self.why.remedy}; {CALL_RESUME}"
+        return self.why.remedy
 
 
 class Waiting(ControlMode):
@@ -218,7 +153,7 @@ class Following(ControlMode):
 
 
 class Stopped(ControlMode):
-    """The joints are held where they were when this began."""
+    """The tip brakes along its path, if the law may; then the joints are held."""
 
     mode = Mode.STOPPED
     is_halted = True
@@ -226,7 +161,9 @@ class Stopped(ControlMode):
     def command(
         self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
     ) -> JointCommand | None:
-        """Return what holds the joints."""
+        """Return the command of the law while it brakes, then what holds the joints."""
+        if guidance.is_braking:
+            return guidance.tick(t, dt, q, dq)
         return guidance.scheme.hold(dt, q, dq)
 
     @classmethod
@@ -234,7 +171,7 @@ class Stopped(ControlMode):
         """Return the mode that follows another; it began when the arm was first held."""
         if isinstance(before, Stopped) and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
             return before
-        if before.is_latched or event is ModeEvent.RECOVERED:
+        if before.has_defect or event is ModeEvent.RECOVERED:
             return cls(before.why)
         return cls(why._replace(at=before.why.at) if before.is_halted else why)
 
@@ -262,10 +199,10 @@ class Releasing(ControlMode):
     def entered(cls, before: ControlMode, event: ModeEvent, why: Why) -> ControlMode:
         """Return the mode that follows another; one that goes on keeps what it knows."""
         if isinstance(before, Releasing):
-            if why.fault and not before.is_latched:
+            if why.fault and not before.has_defect:
                 before.why = why._replace(at=before.why.at)
             return before
-        if before.is_latched:
+        if before.has_defect:
             why = before.why
         elif before.is_halted:
             why = why._replace(at=before.why.at)
@@ -288,6 +225,7 @@ class Distrusting(ControlMode):
         super().__init__(inner.why)
         self.until, self.inner = until, inner
         self.is_halted, self.is_runaway = inner.is_halted, inner.is_runaway
+        self.latch = inner.latch
 
     def after(self, event: ModeEvent, why: Why) -> ControlMode:
         """Return the mode that was held back, or go on holding back what follows it."""

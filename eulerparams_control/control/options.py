@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields
 from typing import Any
 
+from eulerparams_control.motion.motion_limits import MotionLimits
+
 
 @dataclass(frozen=True)
 class ControllerOptions:
@@ -17,6 +19,9 @@ class ControllerOptions:
         check_states: whether states that the robot cannot have reached are refused.
         slow_below: smallest singular value of J below which the motion slows down; 0 never.
         max_latency: [s] by which a state may come later than the best one did.
+        target_timeout: [s] for which a twist goes on without a successor.
+        speed_override: rate of time of what is followed; 0 halts on the path.
+        motion: limits of the tip; None shapes nothing.
     """
 
     state_timeout: float = 0.1
@@ -27,10 +32,20 @@ class ControllerOptions:
     check_states: bool = False
     slow_below: float = 0.05
     max_latency: float = 0.05
+    target_timeout: float = 0.1
+    speed_override: float = 1.0
+    motion: MotionLimits | None = None
+
+    @property
+    def max_jump(self) -> tuple[float, float]:
+        """By how much a reference may be away [m], [rad]."""
+        return self.max_jump_position, self.max_jump_rotation
 
     @classmethod
     def of(cls, parameters: Any) -> "ControllerOptions":
         """Return the options that the parameters of a node say; with limits states are checked."""
-        names = {field.name for field in fields(cls)} - {"check_states"}
+        names = {field.name for field in fields(cls)} - {"check_states", "motion"}
         values = {name: getattr(parameters, name) for name in names}
-        return cls(**values, check_states=parameters.enforce_limits)
+        return cls(
+            **values, check_states=parameters.enforce_limits, motion=parameters.motion_limits()
+        )

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eulerparams_control.control.mode import Latch
 from eulerparams_control.control.modes import ControlMode
 from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.motion.desired_motion import SetPoint
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# After a fault a stream of set-points is followed again when it has paused this long [s]; one of
-# motions that are shorter than that, when it has paused for the other time.
-_PAUSE, _SHORT_PAUSE = 0.5, 0.2
+# After a fault references are followed again when they have paused this long [s].
+_PAUSE = 0.5
 
 
 @dataclass
@@ -34,35 +34,26 @@ class References:
     max_jump_rotation: float
     last: float = -math.inf
 
-    def refuse_after_fault(
-        self, motion: Trajectory | SetPoint, mode: ControlMode, t: float
-    ) -> None:
-        """Raise InvalidMessageError while a fault is to be seen to before anything moves.
+    def refuse_after_fault(self, mode: ControlMode, t: float) -> None:
+        """Raise InvalidMessageError while a fault, or a halt, is to be seen to first.
 
-        References that come one after the other, set-points or short motions, have to pause: who
-        sends them may not have noticed.
+        After a fault what moves the arm has to pause, whatever its duration: who sends it may not
+        have noticed.  After a halt only a resume leads on.
 
         Args:
-            motion: that comes.
             mode: of the controller.
-            t: when [s].
+            t: when something came that is to move the arm [s].
         """
         why = mode.why
-        if mode.is_latched or mode.is_runaway:
-            raise InvalidMessageError(f"the arm is held ({why.fault}); {why.remedy}")
         since, self.last = t - self.last, t
-        if not (mode.is_halted and why.fault):
+        if mode.latch is Latch.NONE:
             return
-        if isinstance(motion, SetPoint):
-            paused, pause = min(since, t - why.at), _PAUSE
-        elif motion.duration < _PAUSE:
-            paused, pause = since, _SHORT_PAUSE
-        else:
-            return
-        if paused < pause:
+        held = f"the arm is held ({why.fault or why.cause})"
+        if mode.latch is not Latch.PAUSE or mode.is_runaway:
+            raise InvalidMessageError(f"{held}; {mode.remedy}")
+        if min(since, t - why.at) < _PAUSE:
             raise InvalidMessageError(
-                f"the arm is held ({why.fault}); references that come one after the other are "
-                f"followed again when they have paused for {pause} s"
+                f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
             )
 
     def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:

@@ -1,13 +1,14 @@
 """The pace: how a motion slows down towards kinematic singularities and joint limits.
 
 The desired motion goes on along its path, but later: at the pace s its time runs s times as
-fast.  Nothing is stopped where the damped inverse and the limits suffice.
+fast.  Nothing is stopped where the damped inverse and the limits suffice.  What is said here is
+how fast it may run; how it gets there is up to :class:`TimeScale`.
 
     towards a singularity    s = sigma_min / threshold, where sigma_min of J is below it
     away from one            twice that
     towards a limit          the joint is to be no faster than POSITION_RATE times its distance
 
-Notation: ``sigma`` smallest singular value of J, ``s`` pace, ``ds`` [1/s] its rate.
+Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 """
 
 from enum import IntEnum
@@ -20,9 +21,6 @@ from eulerparams_control.laws.rotations import Array
 
 LEAST = 0.1
 """The slowest pace: a motion that comes to a halt would never lead out again."""
-
-# The pace changes by no more than this [1/s].
-_RATE = 5.0
 
 # The arm is looked at again after this time [s]: it goes not far meanwhile.
 _LOOK = 0.005
@@ -51,31 +49,34 @@ class SpeedScaling:
     Args:
         limits: of the joints; None slows nothing down.
         threshold: singular value below which the motion slows down; 0 never.
+        length: characteristic length of the arm [m], by which J is without units.
 
     Attributes:
-        now: s, from ``LEAST`` to 1.
-        rate: ds [1/s].
+        wanted: s, from ``LEAST`` to 1.
         singularity: how near the arm is to a kinematic singularity.
         limit: how near it is to a limit of a joint, and ``joint``: the index of which.
     """
 
-    def __init__(self, limits: JointLimits | None, threshold: float = 0.05) -> None:
-        self.limits, self.threshold = limits, threshold
+    def __init__(
+        self, limits: JointLimits | None, threshold: float = 0.05, length: float = 1.0
+    ) -> None:
+        self.limits, self.threshold, self._length = limits, threshold, length
         self.forget()
 
     def forget(self) -> None:
         """Start again, at full pace."""
-        self.now, self.rate = 1.0, 0.0
+        self.wanted = 1.0
         self.singularity = self.limit = Nearness.CLEAR
         self.joint = 0
         self._sigma: float | None = None
-        self._wanted, self._since = 1.0, _LOOK
+        self._since = _LOOK
 
-    def update(self, dt: float, q: Array, dq: Array, J: Array) -> None:
+    def update(self, dt: float, now: float, q: Array, dq: Array, J: Array) -> None:
         """Choose the pace for the next step.
 
         Args:
             dt: [s] of the step.
+            now: s.
             q, dq: (n,) positions and velocities at which the loop is closed.
             J: (6, n) there.
         """
@@ -83,16 +84,11 @@ class SpeedScaling:
         if self._since >= _LOOK:
             self._since = 0.0
             self._look_at_singularity(J)
-            self._wanted = min(self._by_singularity(), self._by_limits(q, dq))
-        if self._wanted == self.now:
-            self.rate = 0.0
-        elif dt > 0:
-            step = min(max(self._wanted - self.now, -_RATE * dt), _RATE * dt)
-            self.now, self.rate = self.now + step, step / dt
+            self.wanted = min(self._by_singularity(), self._by_limits(now, q, dq))
 
     def _look_at_singularity(self, J: Array) -> None:
         """Say how near the singularity is, and whether it comes nearer."""
-        sigma, before = smallest_singular_value(J), self._sigma
+        sigma, before = smallest_singular_value(J, self._length), self._sigma
         self._sigma = sigma
         if sigma >= self.threshold:
             self.singularity = Nearness.CLEAR
@@ -111,7 +107,7 @@ class SpeedScaling:
         ratio = self._sigma / self.threshold
         return min(1.0, max(LEAST, 2 * ratio if self.singularity is Nearness.LEAVING else ratio))
 
-    def _by_limits(self, q: Array, dq: Array) -> float:
+    def _by_limits(self, now: float, q: Array, dq: Array) -> float:
         """Return the pace at which no joint is faster than it may be so near to its limit."""
         self.limit = Nearness.CLEAR
         if self.limits is None:
@@ -132,4 +128,4 @@ class SpeedScaling:
             self.joint = nearest
         if speed[joint] <= _SLOW:
             return 1.0
-        return min(1.0, max(LEAST, self.now * float(ratio[joint])))
+        return min(1.0, max(LEAST, now * float(ratio[joint])))

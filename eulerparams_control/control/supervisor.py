@@ -2,36 +2,40 @@
 
 from contextlib import suppress
 
-from eulerparams_control.control.admission import Accept, Restart
-from eulerparams_control.control.clock import Clock, Instant
+from eulerparams_control.control.admission import Accept, Admission, RateCheck, Restart
+from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter, Runaway
+from eulerparams_control.control.guidance import Guidance, LawError
 from eulerparams_control.control.mode import (
     ARM_MOVED,
     FROZEN_ENCODER,
+    NEVER_BEGINS,
+    ON_THE_PATH,
     REPORT_IT,
     SILENT,
     Cause,
+    Latch,
+    Mode,
     ModeEvent,
     Why,
+    leaps,
     runs_away,
     why_of,
 )
 from eulerparams_control.control.modes import (
     ControlMode,
     Distrusting,
-    Guidance,
     Holding,
-    LawError,
     Releasing,
     Waiting,
 )
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
-from eulerparams_control.errors import FollowingError, defect
+from eulerparams_control.errors import FollowingError, InvalidMessageError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.motion.desired_motion import SetPoint
-from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.motion.references import Goal, Jog
+from eulerparams_control.motion.shaper import Reference
 
 
 class Supervisor:
@@ -40,23 +44,30 @@ class Supervisor:
     Args:
         guidance: the law on its desired motion.
         limiter: of the commands.
-        clock: of the states.
+        admission: of the states.
         options: how time and references are treated.
 
     Attributes:
         mode: the present mode.
         resets: how often the states started again after a jump of the stamps, or a silence.
         left: when the last command left; None before the first.
+        rate: whether the states come often enough.
     """
 
     def __init__(
-        self, guidance: Guidance, limiter: CommandLimiter, clock: Clock, options: ControllerOptions
+        self,
+        guidance: Guidance,
+        limiter: CommandLimiter,
+        admission: Admission,
+        options: ControllerOptions,
     ) -> None:
-        self._guidance, self._limiter, self._clock = guidance, limiter, clock
+        self._guidance, self._limiter, self._clock = guidance, limiter, admission.clock
         self._scheme, self._timeout = guidance.scheme, options.state_timeout
         self._references = References(options.max_jump_position, options.max_jump_rotation)
-        self._runaway = Runaway()
+        self._runaway, self._is_strict = Runaway(), options.check_states
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
+        self._admission = admission
+        self.rate = RateCheck(admission.period, options.state_timeout)
         self.resets = 0
         self.left: Instant | None = None
 
@@ -68,25 +79,49 @@ class Supervisor:
 
     def change(self, event: ModeEvent, why: Why = Why()) -> None:  # noqa: B008  it is frozen
         """Go over to the mode after an event."""
-        was_halted = self.mode.is_halted
+        was_halted, guidance = self.mode.is_halted, self._guidance
         self.mode = self.mode.after(event, why if why.at else why._replace(at=self._clock.now()))
-        if self.mode.is_halted and not was_halted:
-            self._guidance.halt()
+        if not self.mode.is_halted:
+            return
+        if why.cause not in ON_THE_PATH or self.mode.mode is not Mode.STOPPED:
+            if guidance.is_braking or not was_halted:
+                guidance.halt()
+        elif not was_halted:
+            guidance.brake()
 
     def follow(
-        self, motion: Trajectory | SetPoint, start: int | None, now: float | None, q: Array
+        self, motion: Reference, start: int | None, now: float | None, q: Array
     ) -> None:
         """Follow a motion, the arm being at q (n,); see ``Controller.follow``."""
         clock, desired = self._clock, self._guidance.motion
-        self._references.refuse_after_fault(motion, self.mode, clock.time(now))
+        self._references.refuse_after_fault(self.mode, clock.time(now))
+        if self.rate.is_too_low:
+            raise InvalidMessageError(f"{self.rate.why.fault}; {self.rate.why.remedy}")
         was_halted = self.mode.is_halted
-        here = self._scheme.frame_at(q) if was_halted else desired.last
-        self._references.refuse_jump(motion, clock.late(start), here)
+        here = self._scheme.frame_at(q) if was_halted else desired.expected
+        if self._guidance.is_braking:
+            raise InvalidMessageError("the arm brakes; send it when it is at rest")
+        if not isinstance(motion, (Goal, Jog)):
+            self._references.refuse_jump(motion, clock.late(start), here)
         if was_halted:  # only now: what is refused does not move what is held
             self._scheme.resume(q)
             desired.hold(here)
         desired.follow(motion, start)
         self.change(ModeEvent.REFERENCE)
+
+    def resume(self, q: Array, *, is_at_rest: bool) -> None:
+        """Go on from a stop, holding the pose at q (n,); see ``Controller.resume``."""
+        mode = self.mode
+        if mode.latch is Latch.NONE:
+            return
+        held = f"the arm is held ({mode.why.fault or mode.why.cause})"
+        if mode.is_latched or mode.mode not in (Mode.STOPPED, Mode.WAITING):
+            raise InvalidMessageError(f"not resumed: {held}; {mode.remedy}")
+        if mode.mode is Mode.STOPPED:
+            if not is_at_rest:
+                raise InvalidMessageError(f"not resumed: {held}, and moves; ask when it is at rest")
+            self._guidance.begin(q, acts=True)
+        self.change(ModeEvent.RESUME)
 
     def begin_again(self, at: Instant, state: Accept, q: Array) -> None:
         """Begin at q (n,) where the state is the first, or follows a gap."""
@@ -110,6 +145,8 @@ class Supervisor:
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
             self.change(ModeEvent.TRUST)
+        if self._is_rate_too_low():
+            return
         if state.is_frozen:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
@@ -118,6 +155,23 @@ class Supervisor:
             self.begin(q)  # the robot has braked since
             self.change(ModeEvent.RESTART, SILENT)
         self._watch(state.dt, q, dq)
+
+    def _is_rate_too_low(self) -> bool:
+        """Hold an arm whose states come too seldom; return whether even that is not possible."""
+        scheme, rate = self._scheme, self.rate
+        if not self._is_strict:  # a simulation without limits may diverge
+            return False
+        rate.judge(scheme.fastest_gain, scheme.hold_rate)
+        if not rate.is_too_low:
+            return False
+        if scheme.hold_rate * self._admission.period.least > 1:
+            self.change(ModeEvent.FROZEN, rate.why)  # there is no loop that could
+            return True
+        why = self.mode.why
+        said_before = why.cause is Cause.RATE_TOO_LOW and why.fault != rate.why.fault
+        if said_before or not self.mode.is_halted:  # it was said before the rate was known
+            self.change(ModeEvent.FAULT, rate.why)
+        return False
 
     def _see_first(self, at: Instant, q: Array) -> None:
         motion = self._guidance.motion
@@ -149,6 +203,15 @@ class Supervisor:
             name, speed = self._scheme.robot.joints[joint], dq[joint]
             self.change(ModeEvent.RUNS_AWAY, runs_away(name, speed))
 
+    def _look_at_references(self, t: int) -> None:
+        """Stop where a reference began that leaps, or where none of a stream begins, t [ns]."""
+        motion = self._guidance.motion
+        if motion.leap is not None:
+            why, motion.leap = leaps(*motion.leap), None
+            self.change(ModeEvent.FAULT, why)
+        elif motion.is_stalled(t):
+            self.change(ModeEvent.FAULT, NEVER_BEGINS)
+
     def fail_for_good(self, error: Exception) -> None:
         """Hold from now on because of a defect; no reference is followed any more."""
         self.change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), REPORT_IT))
@@ -161,7 +224,9 @@ class Supervisor:
         scheme = self._scheme
         try:
             try:
-                return self.mode.command(self._guidance, t, dt, q, dq)
+                command = self.mode.command(self._guidance, t, dt, q, dq)
+                self._look_at_references(t)
+                return command
             except LawError as law:
                 if isinstance(law.error, FollowingError):
                     scheme.resume(q)

@@ -4,7 +4,9 @@ Notation: ``dp_de`` (3,) [m] p_d - p_e, ``x_de`` the orientation displacement of
 representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 """
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,18 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.inverse import DampedInverse
-from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.limits import SHORTEST, Difference, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.laws.scheme import (
+    Bounds,
+    ErrorBounds,
+    JointCommand,
+    LoopGain,
+    Scheme,
+    Tick,
+    check_gains,
+)
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
 
@@ -33,6 +43,7 @@ class ClikLaw:
         inverse: of the Jacobian.
         posture: (n,) [rad or m] to which a redundant arm tends, or None.
         k_posture: gain of that tendency [1/s].
+        difference: of two positions of the joints.
     """
 
     orientation: OrientationRepresentation
@@ -41,38 +52,58 @@ class ClikLaw:
     inverse: DampedInverse = field(default_factory=DampedInverse)
     posture: Array | None = None
     k_posture: float = 1.0
+    difference: Difference = field(default=np.subtract, compare=False)
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
 
-    def velocity(self, state: RobotState, desired: DesiredFrame, previous: Any) -> tuple[Any, ...]:
+    def velocity(
+        self, state: RobotState, desired: DesiredFrame, previous: Any, dt: float = 0.0
+    ) -> tuple[Any, ...]:
         """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.
 
         dq = J^-1 [dp_d + k_Pp dp_de; omega(x_de)], eqs. (23), (28), where omega is
         omega_d + k_Po eps_de for Euler parameters.
 
+        A gain k that acts for dt is (1 - exp(-k dt)) / dt: the error of (25), de = -k e, then
+        decays by exp(-k dt) as in continuous time, where k itself would multiply it by 1 - k dt,
+        a limit cycle from k dt = 2 on (exact discretization, Franklin, Powell and Workman,
+        Digital Control of Dynamic Systems, sec. 4.3).  So does that of the orientation, whose
+        angle decays at the rate k_Po times the slope of the representation where it is small.
+
         Args:
             state: kinematics of the arm.
             desired: the desired frame.
             previous: x_de of the tick before, or None.
+            dt: for how long dq will act [s]; 0: in continuous time.
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
         dp_de = desired.p_d - state.p_e  # eq. (21)
         x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
+        k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, self.orientation.slope * dt)
         v = np.concatenate(
             (
-                desired.dp_d + self.k_Pp * dp_de,
-                self.orientation.resolved_velocity(x_de, desired.omega_d, self.k_Po),
+                desired.dp_d + k_Pp * dp_de,
+                self.orientation.resolved_velocity(x_de, desired.omega_d, k_Po),
             )
         )
         J_inverse = self.inverse(state.J)
         dq = J_inverse @ v  # eqs. (23), (28)
         if self.posture is not None:
-            dq_0 = self.k_posture * (self.posture - state.q)
+            dq_0 = _over(self.k_posture, dt) * self.difference(self.posture, state.q)
             dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
         return dq, dp_de, x_de
+
+    @cached_property
+    def fastest_gain(self) -> LoopGain:
+        """The gain of the faster error equation: dx_de + k x_de = 0, errors being small."""
+        return max(
+            LoopGain("k_Pp", self.k_Pp, self.k_Pp),
+            LoopGain("k_Po", self.k_Po, self.k_Po * self.orientation.slope),
+            key=lambda gain: gain.rate,
+        )
 
     def lyapunov(self, x_de: Any, _omega_de: Array) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""
@@ -93,6 +124,7 @@ class Clik(Scheme):
         limits: that bound the command; None if there are none.
         blend_time: [s] in which the command goes over to a law that replaces another.
         max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
+        max_error: of the tip, while limits are on.
 
     Raises:
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
@@ -105,7 +137,8 @@ class Clik(Scheme):
         feedback: str = "internal",
         limits: JointLimits | None = None,
         blend_time: float = 0.1,
-        max_deviation: float = 0.3,
+        max_deviation: float = 0.1,
+        max_error: ErrorBounds = ErrorBounds(),  # noqa: B008  it is frozen
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
@@ -113,7 +146,7 @@ class Clik(Scheme):
         self.feedback = feedback
         self.limits = limits
         self._blend = Blend(blend_time)
-        self.max_deviation = max_deviation
+        self.max_deviation, self.max_error = max_deviation, max_error
         self._x_de: Any = None
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
@@ -124,7 +157,7 @@ class Clik(Scheme):
         Raises:
             ConfigurationError: if its posture has the wrong size.
         """
-        _checked(law, self.robot)
+        law = _checked(law, self.robot)
         if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation
         self.law = law
@@ -135,6 +168,11 @@ class Clik(Scheme):
         """The limits of the joints."""
         return Bounds(self.limits)
 
+    @property
+    def fastest_gain(self) -> LoopGain:
+        """That of the law."""
+        return self.law.fastest_gain
+
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
         self._q = q.copy()
@@ -142,12 +180,25 @@ class Clik(Scheme):
         self._x_de = None
         self._blend.reset()
 
+    def resume(self, q: Array) -> None:
+        """Restart at the measured q (n,), by the turns of the joints that were commanded."""
+        self.reset(self._q + self.robot.limits.difference(q, self._q))
+
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return the command that holds still: the integrated q, no velocity."""
-        self._dq = np.zeros_like(self._q)
+        """Return the command that holds still: it brakes as fast as the limits allow."""
+        before, self._dq = self._dq, np.zeros_like(self._q)
+        if self.limits is not None:
+            self._q = self._integrate(dt, before)
+            self._dq, _ = self.limits.limit_velocity(
+                self._q, self._dq, dt if dt > 0 else SHORTEST, before
+            )
         self._x_de = None
         self._blend.reset()
         return JointCommand(self._q, self._dq)
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the integrated q, no velocity."""
+        return JointCommand(self._q, np.zeros_like(self._q))
 
     def start_frame(self) -> DesiredFrame:
         """Return the pose of the tip at the integrated q."""
@@ -158,9 +209,10 @@ class Clik(Scheme):
 
         Raises:
             SingularityError: if the law has no finite answer; nothing is integrated then.
-            FollowingError: if the measured q is too far from the integrated one.
+            FollowingError: if the measured q is too far from the integrated one, or the tip from
+                the desired frame.
         """
-        q_c = self._integrate(dt)
+        q_c = self._integrate(dt, self._dq)
         if not np.all(np.isfinite(q_c)):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         self._refuse_deviation(q_c, q)
@@ -168,19 +220,23 @@ class Clik(Scheme):
             state = self.robot.state(q_c, self._dq)
         else:
             state = self.robot.state(q, dq)
-        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de)
+        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt)
         dq_c = dq_c + self._blend.offset(dt, dq_c)
-        saturated = False
+        saturated, excess = False, 1.0
         if not np.all(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
-            dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, max(dt, 1e-3))
+            self.max_error.refuse(desired, state)
+            excess = self.limits.excess(dq_c)
+            lasts = dt if dt > 0 else SHORTEST
+            dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, lasts, self._dq)
         self._q, self._dq, self._x_de = q_c, dq_c, x_de
-        return Tick(JointCommand(q_c, dq_c), state, desired, dp_de, x_de, saturated)
+        command = JointCommand(q_c, dq_c)
+        return Tick(command, state, desired, dp_de, x_de, saturated, excess=excess)
 
-    def _integrate(self, dt: float) -> Array:
-        """Return q (n,) after dt [s] of the velocity commanded last."""
-        q = self._q + dt * self._dq
+    def _integrate(self, dt: float, dq: Array) -> Array:
+        """Return q (n,) after dt [s] of the velocity dq (n,)."""
+        q = self._q + dt * dq
         if self.limits is None or self.limits.contain(q):
             return q
         # where it started outside, only outward motion is cut
@@ -204,11 +260,17 @@ class Clik(Scheme):
             )
 
 
+def _over(k: float, dt: float) -> float:
+    """Return the gain k [1/s] that acts for dt [s]."""
+    return -math.expm1(-k * dt) / dt if dt > 0 else k
+
+
 def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
-    """Return the law, whose posture fits the robot."""
+    """Return the law of the robot, whose posture fits it."""
     if law.posture is not None and law.posture.shape != (robot.n,):
         raise ConfigurationError(
             f"posture has {law.posture.size} values; expected one for each of the {robot.n} "
             f"joints {', '.join(robot.joints)}"
         )
-    return law
+    inverse = replace(law.inverse, length=robot.length)
+    return replace(law, difference=robot.limits.difference, inverse=inverse)

@@ -11,12 +11,13 @@ about the origin of the frames; base frame if not said otherwise.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, cross, exp
@@ -48,6 +49,7 @@ class ComplianceLaw:
         translation: M_p, D_p, K_p.
         rotation: M_o, D_o, K_o.
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
+        bounds: of the displacement and its speed.
 
     Raises:
         ConfigurationError: if the impedance is too fast, or has no form in the representation.
@@ -57,6 +59,7 @@ class ComplianceLaw:
     translation: Impedance
     rotation: Impedance
     frame: str = "base"
+    bounds: ComplianceBounds = field(default_factory=ComplianceBounds)
 
     def __post_init__(self) -> None:
         if self.frame not in TRANSLATIONAL_FRAMES:
@@ -178,11 +181,23 @@ class CompliantFrame:
             last = wrench if self._wrench is None else self._wrench
             before = self._driven_by(self._desired or desired, last, None)
         now = self._driven_by(desired, wrench, before)
+        start, v = self.now, self._velocity(self._desired or desired)
         if dt > 0:
             self._integrate(dt, before, now)
         self._desired, self._wrench, self._input = desired, wrench, now
-        self.now = self._frame(desired, now)
+        self.now = frame = self._frame(desired, now)
+        if dt > 0 and start is not None:
+            self.now = self._law.bounds.keep(frame, desired, start, v, dt)
+        if self.now is not frame:
+            self.begin(desired, self.now)
         return self.now
+
+    def _velocity(self, desired: DesiredFrame) -> Array:
+        """Return the velocity (6,) of the compliant relative to the desired frame."""
+        if self.now is None:
+            return np.zeros(6)
+        linear, angular = self.now.dp_d - desired.dp_d, self.now.omega_d - desired.omega_d
+        return np.concatenate((linear, angular))
 
     # --- integration -------------------------------------------------------------------
 

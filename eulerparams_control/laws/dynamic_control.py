@@ -7,28 +7,35 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from eulerparams_control.errors import (
-    ConfigurationError,
-    FollowingError,
-    RobotError,
-    SingularityError,
-)
+from eulerparams_control.errors import ConfigurationError, RobotError, SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.inverse import DampedInverse
-from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.limits import SHORTEST, Difference, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, angle_between
-from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, check_gains
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import (
+    Bounds,
+    ErrorBounds,
+    JointCommand,
+    LoopGain,
+    Scheme,
+    Tick,
+    check_gains,
+)
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
 _HOLD_K, _HOLD_D = 400.0, 40.0
+
+# Time constant [s] of the acceleration that disturbances cause.
+_DRIFT_TIME = 0.005
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
@@ -78,6 +85,18 @@ class ResolvedAcceleration:
         )
         return np.concatenate((a_p, a_o)), dp_de, x_de
 
+    @cached_property
+    def fastest_gain(self) -> LoopGain:
+        """The gain of the fastest pole: ddx + k_V dx + k_P x = 0, errors being small."""
+        k_Po = self.k_Po * self.orientation.slope
+        return max(
+            LoopGain("k_Vp", self.k_Vp, self.k_Vp / 2),
+            LoopGain("k_Pp", self.k_Pp, math.sqrt(self.k_Pp), order=2),
+            LoopGain("k_Vo", self.k_Vo, self.k_Vo / 2),
+            LoopGain("k_Po", self.k_Po, math.sqrt(k_Po), order=2),
+            key=lambda gain: gain.rate,
+        )
+
     def lyapunov(self, x_de: Any, omega_de: Array) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
         return self.orientation.lyapunov_2(x_de, omega_de, self.k_Po, self.k_Vo)
@@ -94,6 +113,7 @@ class InverseDynamics:
         posture: (n,) [rad or m] to which a redundant arm tends, or None.
         k_posture: gain of that tendency [1/s^2].
         k_null: damping [1/s] of motions that do not move the tip.
+        difference: of two positions of the joints.
     """
 
     inverse: DampedInverse = field(default_factory=DampedInverse)
@@ -103,6 +123,7 @@ class InverseDynamics:
     posture: Array | None = None
     k_posture: float = 10.0
     k_null: float = 10.0
+    difference: Difference = field(default=np.subtract, compare=False)
 
     def __post_init__(self) -> None:
         check_gains(self, "k_posture", "k_null")
@@ -117,7 +138,7 @@ class InverseDynamics:
         J_inverse = self.inverse(J)
         ddq_0 = -self.k_null * dq
         if self.posture is not None:
-            ddq_0 += self.k_posture * (self.posture - q)
+            ddq_0 += self.k_posture * self.difference(self.posture, q)
         return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
 
     def effort(self, state: DynamicState, ddq: Array, h: Array | None = None) -> Array:
@@ -137,6 +158,15 @@ class InverseDynamics:
             tau += state.arm.J.T @ h  # eq. (48)
         return tau
 
+    def added(self, state: DynamicState) -> Array | float:
+        """Return the efforts (n,) that the robot adds by itself to those commanded."""
+        added: Array | float = 0.0
+        if not self.gravity:
+            added = added + state.g
+        if not self.coriolis:
+            added = added + state.C_dq
+        return added
+
 
 @dataclass(frozen=True)
 class EffortLimits:
@@ -144,7 +174,7 @@ class EffortLimits:
 
     Attributes:
         joints: limits of the joints; None disables the others too.
-        rate: [Nm/s] of each effort.
+        rate: [Nm/s] of each effort, or (n,).
         error_position: [m] between the desired and the actual frame.
         error_rotation: [rad] between them.
 
@@ -153,37 +183,21 @@ class EffortLimits:
     """
 
     joints: JointLimits | None = None
-    rate: float = math.inf
+    rate: Array | float = math.inf
     error_position: float = math.inf
     error_rotation: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in ("rate", "error_position", "error_rotation"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
+        if not np.all(np.asarray(self.rate) > 0):
+            raise ConfigurationError(f"rate is {self.rate}; expected > 0")
+        object.__setattr__(self, "_errors", ErrorBounds(self.error_position, self.error_rotation))
 
     def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
-        if self.joints is None:
-            return
-        dp_de = desired.p_d - arm.p_e
-        distance = math.sqrt(dp_de @ dp_de)
-        if distance > self.error_position:
-            raise FollowingError(
-                f"the tip is {distance:.3f} m from the desired frame; at most "
-                f"{self.error_position} m is allowed: is the arm braked or blocked? then send "
-                "the reference again; is the computer late? then lower the gains k_P and k_V; else "
-                "raise max_error_position"
-            )
-        if self.error_rotation < math.pi:
-            angle = angle_between(desired.R_d, arm.R_e)
-            if angle > self.error_rotation:
-                raise FollowingError(
-                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
-                    f"at most {math.degrees(self.error_rotation):.1f} deg is allowed: is the arm "
-                    "blocked, or the orientation singular? then send the reference again, else "
-                    "raise max_error_rotation"
-                )
+        if self.joints is not None:
+            self._errors.refuse(desired, arm)
+
+    _errors: ErrorBounds = field(default=ErrorBounds(), init=False)
 
 
 class DynamicControl(Scheme):
@@ -193,7 +207,8 @@ class DynamicControl(Scheme):
         robot: the arm.
         law: resolves the acceleration of the tip.
         dynamics: makes efforts of it.
-        limits: that bound the command.
+        limits: that bound the command; the first effort is within its rate of the one at which
+            the robot begins, see :meth:`start_from`.
         blend_time: [s] in which the command goes over to a law that replaces another.
 
     Raises:
@@ -213,6 +228,7 @@ class DynamicControl(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self._x_de: Any = None
+        self._start: Array | None = None
         self.law, self.dynamics = law, _checked(dynamics, robot)
         _check_model(robot)
         self.reset(np.zeros(robot.n))
@@ -225,7 +241,7 @@ class DynamicControl(Scheme):
         Raises:
             ConfigurationError: if the posture or the friction has the wrong size.
         """
-        _checked(dynamics, self.robot)
+        dynamics = _checked(dynamics, self.robot)
         if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation
         self.law, self.dynamics, self.limits = law, dynamics, limits
@@ -233,19 +249,45 @@ class DynamicControl(Scheme):
             self._blend.replace(self._ddq)
 
     @property
+    def fastest_gain(self) -> LoopGain:
+        """That of the law."""
+        return self.law.fastest_gain
+
+    @property
+    def hold_rate(self) -> float:
+        """The rate [1/s] of the loop by which the joints are held."""
+        return max(math.sqrt(_HOLD_K), _HOLD_D / 2)
+
+    @property
     def bounds(self) -> Bounds:
         """The limits of the joints, and the rate of the efforts."""
         return Bounds(self.limits.joints, self.limits.rate)
+
+    def start_from(self, effort: Array | None) -> None:
+        """Begin at the efforts (n,) that the robot reports, if it does; else at its weight.
+
+        A robot that compensates its weight itself begins at none.
+        """
+        if effort is None or not (self.dynamics.gravity and effort.any()):
+            self._start = None
+        else:
+            self._start = self.robot.limits.limit_effort(effort)[0]
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,)."""
         self._q = q.copy()
         self._ddq = np.zeros_like(q)
+        self._drift: Array | None = None
+        self._dq: Array | None = None
         self._saturated = False
-        self._tau: Array | None = None  # the first effort is not bounded in its rate
+        self._tau: Array | None = None
         self._x_de = None
         self._held: Array | None = None
         self._blend.reset()
+
+    def skip(self) -> None:
+        """Forget the speeds of the tick before, which tell how the joints drift."""
+        self._dq = None
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
@@ -254,14 +296,14 @@ class DynamicControl(Scheme):
         self._tau = tau
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return efforts that hold the joints where they were when this began.
+        """Return efforts that hold the joints where they came to rest after this began.
 
         tau = B (k (q_held - q) - d dq) + C dq + g: it needs neither J nor the orientation.
         Friction, which helps to stop, is not compensated.
         """
         state = self.robot.dynamic_state(q, dq)
         if self._held is None:
-            self._held = q.copy()
+            self._held = q + self._braking_distance(dq)
         self._q, self._x_de = q, None
         self._blend.reset()
         ddq = _HOLD_K * self.robot.limits.difference(self._held, q) - _HOLD_D * dq
@@ -270,6 +312,12 @@ class DynamicControl(Scheme):
             return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
         except SingularityError:  # the measured state gives no finite frame
             return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
+
+    def _braking_distance(self, dq: Array) -> Array:
+        """Return how far (n,) the joints go until they have stopped within their accelerations."""
+        if self.limits.joints is None:
+            return np.zeros_like(dq)
+        return dq * float((np.abs(dq) / self.limits.joints.acceleration).max()) / 2
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the gravitational efforts at q (n,): nothing in them gets stale."""
@@ -316,7 +364,10 @@ class DynamicControl(Scheme):
             raise SingularityError("the law asks for an infinite joint acceleration")
         tau, self._saturated = self._command(state, ddq, dt, self.dynamics, h)
         self._x_de = x_de
-        return Tick(JointCommand(effort=tau), state.arm, desired, dp_de, x_de, self._saturated)
+        joints = self.limits.joints
+        excess = 1.0 if joints is None else joints.excess_of_acceleration(state.arm.dq, ddq)
+        command = JointCommand(effort=tau)
+        return Tick(command, state.arm, desired, dp_de, x_de, self._saturated, excess=excess)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
@@ -337,28 +388,41 @@ class DynamicControl(Scheme):
         """
         joints, slowed, cut, ramped = self.limits.joints, False, False, False
         if joints is not None:
-            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt)
-        tau = dynamics.effort(state, ddq, h)
+            drift = self._drift_now(state.arm.dq, dt)
+            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt, drift)
+        tau, added = dynamics.effort(state, ddq, h), dynamics.added(state)
         if not np.isfinite(tau).all():
             raise SingularityError("the joints are measured at a state of infinite efforts")
         if joints is not None:
-            tau, cut = joints.limit_effort(tau)
-            tau, ramped = self._limit_rate(tau, dt)
-        self._ddq, self._tau = ddq, tau
+            limited, cut = joints.limit_effort(tau + added)
+            tau, ramped = self._limit_rate(limited - added if cut else tau, state, dt)
+        self._ddq, self._tau, self._start = ddq, tau, None
+        self._dq = None if cut or ramped else state.arm.dq
         return tau, slowed or cut or ramped
 
-    def _limit_rate(self, tau: Array, dt: float) -> tuple[Array, bool]:
-        if self._tau is None:
-            return tau, False
-        step = self.limits.rate * dt
-        change = tau - self._tau
+    def _drift_now(self, dq: Array, dt: float) -> Array:
+        """Return by how much (n,) [rad/s^2] the joints accelerate more than commanded."""
+        drift = np.zeros_like(dq) if self._drift is None else self._drift
+        if self._dq is not None and dt > 0:  # the efforts before were as wanted
+            more = (dq - self._dq) / dt - self._ddq
+            drift = drift + (1 - math.exp(-dt / _DRIFT_TIME)) * (more - drift)
+        self._drift = drift
+        return drift
+
+    def _limit_rate(self, tau: Array, state: DynamicState, dt: float) -> tuple[Array, bool]:
+        before, step = self._tau, self.limits.rate * dt
+        if before is None:
+            weight = state.g if self.dynamics.gravity else np.zeros_like(tau)
+            before = weight if self._start is None else self._start
+            step = self.limits.rate * max(dt, SHORTEST)
+        change = tau - before
         if (np.abs(change) <= step).all():
             return tau, False
-        return self._tau + np.minimum(np.maximum(change, -step), step), True
+        return before + np.minimum(np.maximum(change, -step), step), True
 
 
 def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
-    """Return the inverse dynamics, whose posture and friction fit the robot."""
+    """Return the inverse dynamics of the robot, whose posture and friction fit it."""
     given = {"posture": dynamics.posture}
     if dynamics.friction is not None:
         given["friction_viscous"] = dynamics.friction.viscous
@@ -369,7 +433,8 @@ def _checked(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
                 f"{name} has {values.size} values; expected one for each of the {robot.n} "
                 f"joints {', '.join(robot.joints)}"
             )
-    return dynamics
+    inverse = replace(dynamics.inverse, length=robot.length)
+    return replace(dynamics, difference=robot.limits.difference, inverse=inverse)
 
 
 def _check_model(robot: Robot) -> None:

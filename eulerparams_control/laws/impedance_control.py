@@ -23,8 +23,8 @@ from eulerparams_control.laws.dynamic_control import (
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array, exp
-from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick
+from eulerparams_control.laws.rotations import Array, angle_between, exp
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
@@ -42,10 +42,24 @@ class MotionLoop(Protocol):
     def bounds(self) -> Bounds:
         """See Scheme."""
 
+    @property
+    def fastest_gain(self) -> LoopGain | None:
+        """See Scheme."""
+
+    @property
+    def hold_rate(self) -> float:
+        """See Scheme."""
+
     def reset(self, q: Array) -> None:
         """See Scheme."""
 
     def resume(self, q: Array) -> None:
+        """See Scheme."""
+
+    def start_from(self, effort: Array | None) -> None:
+        """See Scheme."""
+
+    def skip(self) -> None:
         """See Scheme."""
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
@@ -76,6 +90,8 @@ class NoMotionLoop:
     def __init__(self, robot: Robot, limits: EffortLimits) -> None:
         self.robot, self._limits = robot, limits
 
+    fastest_gain, hold_rate = None, 0.0  # the loops are those of the robot
+
     @property
     def bounds(self) -> Bounds:
         """The limits of the joints."""
@@ -85,6 +101,12 @@ class NoMotionLoop:
         """Begin: there is nothing to forget."""
 
     resume = reset
+
+    def start_from(self, effort: Array | None) -> None:
+        """Begin: there are no efforts."""
+
+    def skip(self) -> None:
+        """Go on: there are no rates."""
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return no command."""
@@ -117,6 +139,8 @@ class ImpedanceLaw:
         wrench: how the contact is made of what the sensor says.
         centre: frame of the compliance seen from the tip.
         max_force, max_moment: [N], [Nm] of the contact that stop the motion.
+        max_jump_position, max_jump_rotation: [m], [rad] by which the compliant frame may be
+            displaced when a wrench is measured again; more stops the motion.
         inner_loop: whether the motion loop follows the compliant frame; else the impedance
             acts on the measured frame itself, without rejecting disturbances.
     """
@@ -127,6 +151,8 @@ class ImpedanceLaw:
     inner_loop: bool = True
     max_force: float = math.inf
     max_moment: float = math.inf
+    max_jump_position: float = math.inf
+    max_jump_rotation: float = math.inf
 
     def refuse_wrench(self, w: Array) -> None:
         """Raise FollowingError for a contact wrench (6,) that is too large."""
@@ -140,6 +166,19 @@ class ImpedanceLaw:
                     f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "
                     f"the tool, then send the reference again, or raise {name}"
                 )
+
+
+    def refuse_return(self, desired: DesiredFrame, compliant: DesiredFrame) -> None:
+        """Raise FollowingError if a wrench is measured again while the frames are far apart."""
+        distance = float(np.linalg.norm(compliant.p_d - desired.p_d))
+        angle = angle_between(desired.R_d, compliant.R_d)
+        if not (distance <= self.max_jump_position and angle <= self.max_jump_rotation):
+            raise FollowingError(
+                f"the wrench is back, but the compliant frame is {distance:.3f} m, {angle:.3f} rad "
+                "from the desired one, to which it would be pulled; at most "
+                f"{self.max_jump_position:g} m, {self.max_jump_rotation:g} rad (max_jump_position, "
+                "max_jump_rotation) are allowed: send the reference again"
+            )
 
 
 class ImpedanceControl(Scheme):
@@ -209,9 +248,28 @@ class ImpedanceControl(Scheme):
         self._blend.replace(self._w)
 
     @property
+    def fastest_gain(self) -> LoopGain | None:
+        """That of the motion loop; the compliant frame takes the steps that it needs."""
+        return self.motion.fastest_gain
+
+    @property
+    def hold_rate(self) -> float:
+        """That of the motion loop."""
+        return self.motion.hold_rate
+
+    def skip(self) -> None:
+        """Forget the speeds of the tick before, which the acceleration of the tool is made of."""
+        self._dq = None
+        self.motion.skip()
+
+    @property
     def is_frozen(self) -> bool:
         """Whether the compliant frame is at rest because no wrench is known."""
         return self._sensed is None
+
+    def start_from(self, effort: Array | None) -> None:
+        """Begin at the efforts (n,) that the robot reports, if it does."""
+        self.motion.start_from(effort)
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
@@ -243,6 +301,7 @@ class ImpedanceControl(Scheme):
         self._fade.reset()
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._dq, self._x_de = None, None
+        self._was_frozen = False
         self._held: DesiredFrame | None = None
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
@@ -303,6 +362,7 @@ class ImpedanceControl(Scheme):
             self._x_de,
             tick.saturated,
             None if self.is_frozen else self._w,
+            tick.excess,
         )
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
@@ -347,7 +407,11 @@ class ImpedanceControl(Scheme):
         """Return the compliant frame of the centre of compliance."""
         actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
         if self.is_frozen:
+            self._was_frozen = self._compliant.now is not None
             return self._compliant.freeze(dt, actual)
+        if self._was_frozen and self._compliant.now is not None:
+            self.law.refuse_return(desired, self._compliant.now)
+        self._was_frozen = False
         w = at_point(self._w, actual.p_d - arm.p_e)
         if self._compliant.now is None or not self.law.inner_loop:
             self._compliant.begin(desired, actual)

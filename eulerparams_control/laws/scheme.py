@@ -2,14 +2,15 @@
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, FollowingError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
 
@@ -35,11 +36,55 @@ class Bounds(NamedTuple):
 
     Attributes:
         joints: limits of the joints; None if there are none.
-        effort_rate: [Nm/s] of each effort.
+        effort_rate: [Nm/s] of each effort, or (n,).
     """
 
     joints: JointLimits | None
-    effort_rate: float = math.inf
+    effort_rate: Array | float = math.inf
+
+
+@dataclass(frozen=True)
+class ErrorBounds:
+    """Errors of the tip at which the motion is stopped.
+
+    Attributes:
+        position: [m] between the desired and the actual frame.
+        rotation: [rad] between them; pi or more: none stops it.
+
+    Raises:
+        ConfigurationError: if one is not positive.
+    """
+
+    position: float = math.inf
+    rotation: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("position", "rotation"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(
+                    f"max_error_{name} is {getattr(self, name)}; expected > 0"
+                )
+
+    def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
+        """Raise FollowingError if the tip is too far from the desired frame."""
+        dp_de = desired.p_d - arm.p_e
+        distance = math.sqrt(dp_de @ dp_de)
+        if distance > self.position:
+            raise FollowingError(
+                f"the tip is {distance:.3f} m from the desired frame; at most {self.position} m is "
+                "allowed: is the arm braked or blocked, or at a limit of its joints? then send the "
+                "reference again; is the computer late? then lower the gains k_P and k_V; else "
+                "raise max_error_position"
+            )
+        if self.rotation < math.pi:
+            angle = angle_between(desired.R_d, arm.R_e)
+            if angle > self.rotation:
+                raise FollowingError(
+                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+                    f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
+                    "blocked, or the orientation singular? then send the reference again, else "
+                    "raise max_error_rotation"
+                )
 
 
 class Tick(NamedTuple):
@@ -53,6 +98,7 @@ class Tick(NamedTuple):
         x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
         wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
+        excess: by how much the joint speeds asked for by the law are beyond their limits; >= 1.
     """
 
     command: JointCommand
@@ -62,6 +108,27 @@ class Tick(NamedTuple):
     x_de: Any
     saturated: bool
     wrench: Array | None = None
+    excess: float = 1.0
+
+
+class LoopGain(NamedTuple):
+    """A gain, and how fast the loop is that it closes.
+
+    Attributes:
+        name: of the gain.
+        value: of it.
+        rate: [1/s] of the loop.
+        order: the rate goes as the gain to the power of 1 / order.
+    """
+
+    name: str
+    value: float
+    rate: float
+    order: int = 1
+
+    def at(self, rate: float) -> float:
+        """Return the gain with which the loop has another rate [1/s]."""
+        return self.value * float((rate / self.rate) ** self.order)
 
 
 def check_gains(law: object, *names: str) -> None:
@@ -90,6 +157,9 @@ class Scheme(ABC):
         """Bounds on the commands: the limits of the robot, unless the scheme has others."""
         return Bounds(self.robot.limits)
 
+    def start_from(self, effort: Array | None) -> None:  # noqa: B027  not all command efforts
+        """Take the efforts (n,) that act until the first command; None: they are not known."""
+
     @abstractmethod
     def reset(self, q: Array) -> None:
         """Forget the past; begin at the measured positions q (n,)."""
@@ -106,6 +176,19 @@ class Scheme(ABC):
             dt: [s] since the command before.
             q, dq: (n,) measured now.
         """
+
+    @property
+    def fastest_gain(self) -> LoopGain | None:
+        """The gain that asks for the most states a second; None if no loop is closed here."""
+        return None
+
+    @property
+    def hold_rate(self) -> float:
+        """The rate [1/s] of the loop by which :meth:`hold` holds the arm; 0 if there is none."""
+        return 0.0
+
+    def skip(self) -> None:  # noqa: B027  most schemes keep no rates
+        """Forget rates of what is measured: more time has gone by than the next tick is told."""
 
     @property
     def is_frozen(self) -> bool:

@@ -16,9 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, cross
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
+
+# A sensor that repeats its value for so long [s], while a joint has moved so far [rad or m], is
+# stuck: a slow one may repeat it for a while.
+_REPEATS, _MOVED = 0.1, 0.02
 
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
@@ -156,6 +161,31 @@ class WrenchChain:
         return self._low
 
 
+class StuckSensor:
+    """Tells whether a sensor repeats its value to the bit while the arm moves: it measures no more.
+
+    A real one never does so for long; a driver that has lost it may.  Zero is believed: it is what
+    an ideal sensor says that bears nothing, a simulated one for instance.
+
+    Args:
+        limits: of the joints.
+    """
+
+    def __init__(self, limits: JointLimits) -> None:
+        self._limits = limits
+        self._is_stuck = False
+        self._w: Array | None = None  # measured last, since when [s], and where the arm was (n,)
+        self._since, self._q = 0.0, np.zeros(len(limits.upper))
+
+    def update(self, w: Array, q: Array, now: float) -> bool:
+        """Take a new measurement w (6,) at the positions q (n,) and the time now [s]."""
+        if self._w is None or not np.array_equal(w, self._w):
+            self._w, self._q, self._since, self._is_stuck = w, q, now, False
+        elif w.any() and now - self._since > _REPEATS:
+            self._is_stuck |= bool((self._limits.deviation(q, self._q) > _MOVED).any())
+        return self._is_stuck
+
+
 class RestingWrench:
     """The last measurements, for the mean wrench while the arm is at rest.
 
@@ -182,7 +212,7 @@ class RestingWrench:
     @property
     def is_still(self) -> bool:
         """Whether no joint moved by more than ``_STILL`` meanwhile."""
-        q = np.array([q for _, q, _ in self._samples])
+        q = np.unwrap([q for _, q, _ in self._samples], axis=0)  # drivers wrap continuous joints
         return bool((np.ptp(q, axis=0) <= _STILL).all())
 
     def mean(self, chain: WrenchChain, robot: Robot, last: int = 0) -> Array:

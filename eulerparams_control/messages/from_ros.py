@@ -14,8 +14,8 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
-from eulerparams_control.motion.desired_motion import SetPoint
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, Placement
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
 from eulerparams_control.parameters.schemes import COMMANDS
 
@@ -95,6 +95,11 @@ class _JointReader:
         self._names: list[str] | None = None
         self._index = np.zeros(0, dtype=int)
 
+    def concerns(self, msg: Any) -> bool:
+        """Whether a message is meant for us: it has one of the joints, or no names at all."""
+        names = msg.name
+        return names == self._names or not names or not set(self._joints).isdisjoint(names)
+
     def _match(self, msg: Any) -> None:
         """Find the joints among the names of a message."""
         names = list(msg.name)
@@ -132,7 +137,12 @@ class JointStateReader(_JointReader):
     Args:
         joints: the active joints.
         needs_velocity: whether a message without velocities is refused.
+
+    Attributes:
+        has_velocity: whether the last message had velocities; where all are NaN it has none.
     """
+
+    has_velocity = True
 
     def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
@@ -148,13 +158,27 @@ class JointStateReader(_JointReader):
         if msg.name != self._names:
             self._match(msg)
         q = self._pick(msg.position, msg, "position")
-        if self._needs_velocity and not len(msg.velocity):
+        self.has_velocity = len(msg.velocity) > 0 and not self._are_unknown(msg)
+        if self._needs_velocity and not self.has_velocity:
             raise InvalidMessageError(
-                "joint_states has no velocities; efforts need the measured ones: let the driver of "
-                "the robot publish them"
+                f"joint_states has no velocities{', all are NaN' if len(msg.velocity) else ''}; "
+                "efforts need the measured ones: let the driver of the robot publish them"
             )
-        dq = self._pick(msg.velocity, msg, "velocity") if len(msg.velocity) else np.zeros(len(q))
+        dq = self._pick(msg.velocity, msg, "velocity") if self.has_velocity else np.zeros(len(q))
         return ns_from_ros(msg.header.stamp), q, dq
+
+    def effort_from_ros(self, msg: Any) -> Array | None:
+        """Return the efforts (n,) of a message; None where it has none that can be used."""
+        try:
+            return self._pick(msg.effort, msg, "effort")
+        except InvalidMessageError:
+            return None
+
+    def _are_unknown(self, msg: Any) -> bool:
+        """Whether all velocities are NaN, as joint_state_broadcaster fills what hardware lacks."""
+        if len(msg.velocity) != len(msg.name) or not math.isnan(msg.velocity[self._index[0]]):
+            return False
+        return bool(np.isnan(np.asarray(msg.velocity)[self._index]).all())
 
 
 class CommandReader(_JointReader):
@@ -263,22 +287,37 @@ def _frame_from_ros(point: Any, index: int) -> DesiredFrame:
     return DesiredFrame(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
 
 
-def pose_from_ros(msg: Any, base_frame: str) -> tuple[Array, Array]:
-    """Return p (3,) [m] and R (3, 3) of a pose in the base frame.
+def pose_from_ros(msg: Any, carrier: Placement) -> DesiredFrame:
+    """Return the frame at rest of a pose that is stated in a frame, seen from the base.
+
+    Args:
+        msg: geometry_msgs/PoseStamped.
+        carrier: where the frame of the message is, seen from the base.
 
     Raises:
-        InvalidMessageError: if the frame is another, or a value is impossible.
+        InvalidMessageError: if a value is impossible.
     """
-    if msg.header.frame_id != base_frame:
-        raise InvalidMessageError(
-            f"the pose is in the frame '{shown(msg.header.frame_id)}'; expected the base frame "
-            f"'{base_frame}'"
-        )
-    position = msg.pose.position
-    p = np.array([position.x, position.y, position.z])
+    p = vector_from_ros(msg.pose.position)
     if not _are_possible(p):
         raise InvalidMessageError(f"the pose has a {_fault(p)} position {p.tolist()}")
-    return p, quaternion_from_ros(msg.pose.orientation).R
+    R = quaternion_from_ros(msg.pose.orientation).R
+    return DesiredFrame(carrier.p + carrier.R @ p, carrier.R @ R)
+
+
+def twist_from_ros(msg: Any, axes: Array) -> Array:
+    """Return a twist (6,) [m/s, rad/s] in the base frame, linear part first.
+
+    Args:
+        msg: geometry_msgs/TwistStamped: of the tip, in the axes of a frame.
+        axes: (3, 3) of that frame, seen from the base.
+
+    Raises:
+        InvalidMessageError: if a value is impossible.
+    """
+    parts = np.array([vector_from_ros(msg.twist.linear), vector_from_ros(msg.twist.angular)])
+    if not _are_possible(parts):
+        raise InvalidMessageError(f"the twist has a {_fault(parts)} value: {parts.tolist()}")
+    return np.ravel(parts @ axes.T)
 
 
 def wrench_from_ros(msg: Any, frame_id: str) -> Array:

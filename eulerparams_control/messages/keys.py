@@ -47,5 +47,11 @@ BEGAN = "reference began at [ns]"
 PACE = "pace"
 """How fast the time of the desired motion runs: 1 is as asked."""
 
+SLOWED = "slowed trajectory"
+"""The slowest rate of the time of a trajectory that is slowed for the limits of the tip; else 1."""
+
+SATURATED = "saturated ticks"
+"""How many commands limits have changed since activation."""
+
 FROZEN = "frozen"
 """1 while the desired motion waits, because what it needs is not known; else 0."""

@@ -12,6 +12,7 @@ domega_d`` [m/s^2, rad/s^2], all in the base frame, of the tip.
 import bisect
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,15 @@ from eulerparams_control.laws.rotations import (
     log,
     right_jacobian,
 )
-from eulerparams_control.laws.rotations_batch import body_rates_of, exps, turn
+from eulerparams_control.laws.rotations_batch import (
+    body_rates_of,
+    exps,
+    quaternions,
+    rotation_vectors,
+    transposed,
+    turn,
+    turn_back,
+)
 from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
 
 # Points of one trajectory: more would be a message of megabytes.
@@ -42,46 +51,38 @@ class _Segment:
         begin = (np.zeros(3), start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d)
         self.coefficients = np.hstack(
             [
-                _quintic(
+                quintic(
                     (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
                 ),
-                _quintic(begin, _rotation_vector_at_end(start, end), duration),
+                quintic(begin, rotation_vector_at_end(start, end), duration),
             ]
         )
 
     def sample(self, t: float) -> DesiredFrame:
-        row, drow, ddrow = _powers(t) @ self.coefficients
+        row, drow, ddrow = powers(t) @ self.coefficients
         x = with_an_angle(row[3:])
         R_d = self.R_0 @ exp(x)
         omega, domega = body_rates(x, drow[3:], ddrow[3:])  # in the desired frame
         return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
 
-    def samples(self, t: Array) -> DesiredFrame:
-        """Return the frames at the times t (M,) [s] as one, its fields stacked."""
-        rows, drows, ddrows = np.moveaxis(_powers_of(t) @ self.coefficients, 1, 0)
-        x = rows[:, 3:]
-        R_d = self.R_0 @ exps(x)
-        omega, domega = body_rates_of(x, drows[:, 3:], ddrows[:, 3:])
-        return DesiredFrame(
-            rows[:, :3], R_d, drows[:, :3], turn(R_d, omega), ddrows[:, :3], turn(R_d, domega)
-        )
 
-
-def _rotation_vector_at_end(
+def rotation_vector_at_end(
     start: DesiredFrame, end: DesiredFrame
 ) -> tuple[Array, Array, Array]:
     """Return x, dx, ddx at the end of a segment: the inverse of ``_Segment.sample``."""
     x = log(start.R_d.T @ end.R_d)
+    if not (end.omega_d.any() or end.domega_d.any()):
+        return x, np.zeros(3), np.zeros(3)
     J_r = right_jacobian(x)
     dx = np.linalg.solve(J_r, end.R_d.T @ end.omega_d)
     _, dJ_dx = body_rates(x, dx, np.zeros(3))
     return x, dx, np.linalg.solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
 
 
-def _quintic(
-    start: tuple[Array, Array, Array], end: tuple[Array, Array, Array], T: float
+def quintic(
+    start: tuple[Array, Array, Array], end: tuple[Array, Array, Array], T: float | Array
 ) -> Array:
-    """Return the coefficients (6, 3), constant first, of value, rate and acceleration given."""
+    """Return the coefficients (6, ..., 3), constant first, of values, rates and accelerations."""
     x_0, v_0, a_0 = start
     x_1, v_1, a_1 = end
     h = x_1 - x_0 - v_0 * T - a_0 * T**2 / 2
@@ -99,7 +100,7 @@ def _quintic(
     )
 
 
-def _powers(t: float) -> Array:
+def powers(t: float) -> Array:
     """Return the matrix (3, 6) that makes value, rate and acceleration of coefficients."""
     t2 = t * t
     t3 = t2 * t
@@ -113,7 +114,7 @@ def _powers(t: float) -> Array:
 
 
 def _powers_of(t: Array) -> Array:
-    """Return the matrices (M, 3, 6) of ``_powers`` for t (M,)."""
+    """Return the matrices (M, 3, 6) of ``powers`` for t (M,)."""
     powers = np.zeros((len(t), 3, 6))
     for n in range(6):
         powers[:, 0, n] = t**n
@@ -122,15 +123,29 @@ def _powers_of(t: Array) -> Array:
     return powers
 
 
-def _repeated(frame: DesiredFrame, count: int) -> DesiredFrame:
-    """Return a frame ``count`` times, its fields stacked."""
-    return DesiredFrame(*(np.repeat(value[None], count, axis=0) for value in frame))
+def _segments(frames: DesiredFrame, index: NDArray[np.intp], T: Array) -> tuple[Array, Array]:
+    """Return R_0 (K, 3, 3) and the coefficients (K, 6, 6) of K segments, as ``_Segment`` has them.
 
-
-def _write(frames: DesiredFrame, here: NDArray[np.bool_], part: DesiredFrame) -> None:
-    """Put some frames into others, both stacked."""
-    for field, values in zip(frames, part, strict=True):
-        field[here] = values
+    Args:
+        frames: stacked.
+        index: (K,) of the frame at which each segment begins.
+        T: (K,) [s] that it takes.
+    """
+    start, end = (DesiredFrame(*(field[k] for field in frames)) for k in (index, index + 1))
+    R_0, R_1, none = start.R_d, end.R_d, np.zeros((len(index), 3))
+    x = rotation_vectors(quaternions(transposed(R_0) @ R_1))
+    units = (np.broadcast_to(axis, x.shape) for axis in np.eye(3))
+    J_r = np.stack([body_rates_of(x, unit, none)[0] for unit in units], axis=2)
+    dx = np.linalg.solve(J_r, turn_back(R_1, end.omega_d)[:, :, None])[:, :, 0]
+    dJ_dx = body_rates_of(x, dx, none)[1]
+    ddx = np.linalg.solve(J_r, (turn_back(R_1, end.domega_d) - dJ_dx)[:, :, None])[:, :, 0]
+    begin = none, turn_back(R_0, start.omega_d), turn_back(R_0, start.domega_d)
+    duration = T[:, None]
+    p = quintic(
+        (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
+    )
+    both = np.concatenate((p, quintic(begin, (x, dx, ddx), duration)), axis=2)
+    return R_0, np.moveaxis(both, 0, 1)
 
 
 class Trajectory:
@@ -177,19 +192,35 @@ class Trajectory:
 
     def samples(self, t: Array) -> DesiredFrame:
         """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
-        found = _repeated(self.frames[0].at_rest(), len(t))
-        last = len(self.times) - 1
-        at = np.searchsorted(self.times, t, side="right") - 1
-        for index in np.unique(at[at >= 0]).tolist():
-            here = at == index
-            if index < last:
-                part = self._segment(index).samples(t[here] - self.times[index])
-            else:
-                part = _repeated(self.frames[-1].at_rest(), int(here.sum()))
-            _write(found, here, part)
-        end = t == self.times[-1]
-        _write(found, end, _repeated(self.frames[-1], int(end.sum())))
+        frames, times, last = self._stacked, np.array(self.times), len(self.times) - 1
+        at = np.searchsorted(times, t, side="right") - 1
+        found = DesiredFrame(*(field[np.maximum(at, 0)] for field in frames))
+        rests = (at < 0) | (t > times[-1])
+        for field in found[2:]:
+            field[rests] = 0.0
+        inside = np.flatnonzero((at >= 0) & (at < last))
+        if len(inside):
+            used, which = np.unique(at[inside], return_inverse=True)
+            R_0, coefficients = _segments(frames, used, np.diff(times)[used])
+            rows = _powers_of(t[inside] - times[at[inside]]) @ coefficients[which]
+            value, rate, acceleration = np.moveaxis(rows, 1, 0)
+            R_d = R_0[which] @ exps(value[:, 3:])
+            omega, domega = body_rates_of(value[:, 3:], rate[:, 3:], acceleration[:, 3:])
+            part = (value[:, :3], R_d, rate[:, :3], turn(R_d, omega), acceleration[:, :3])
+            for field, values in zip(found, (*part, turn(R_d, domega)), strict=True):
+                field[inside] = values
         return found
+
+    @cached_property
+    def _stacked(self) -> DesiredFrame:
+        """The frames as one, each field stacked."""
+        return DesiredFrame(*(np.array(field) for field in zip(*self.frames, strict=True)))
+
+    def lasting(self, duration: float) -> "Trajectory":
+        """Return the same way in ``duration`` [s], at rest at its points."""
+        begin, end = self.times[0], self.times[-1]
+        times = [begin + duration * (t - begin) / (end - begin) for t in self.times]
+        return Trajectory(times, [frame.at_rest() for frame in self.frames])
 
     def _segment(self, index: int) -> _Segment:
         duration = self.times[index + 1] - self.times[index]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.scheme import ErrorBounds
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.parameters.schemes import POSITION
@@ -20,7 +21,7 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     )
     feedback: str = parameter("internal", "which q closes the loop", choices=FEEDBACKS)
     max_deviation: float = parameter(
-        0.3,
+        0.1,
         "a joint farther from its command than this stops the motion",
         unit="rad",
         bounds=(0.001, 100.0),
@@ -40,11 +41,16 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
             self.k_posture,
         )
 
+    def max_error(self) -> ErrorBounds:
+        """Return the errors of the tip that stop the motion."""
+        return ErrorBounds(self.max_error_position, self.max_error_rotation)
+
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
         """Return CLIK for a robot."""
-        return Clik(robot, self.law(), self.feedback, limits, max_deviation=self.max_deviation)
+        deviation, error = self.max_deviation, self.max_error()
+        return Clik(robot, self.law(), self.feedback, limits, 0.1, deviation, error)
 
     def change_scheme(self, scheme: Clik, limits: JointLimits | None) -> None:
         """Let a running CLIK go over to these parameters."""
         scheme.replace_law(self.law())
-        scheme.limits = limits
+        scheme.limits, scheme.max_error = limits, self.max_error()

@@ -1,11 +1,12 @@
 """Parameters that every control node has."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (
@@ -20,6 +21,7 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.robot import Robot
@@ -35,7 +37,10 @@ PAIRINGS = (LATEST, "stamp")
 """Which message belongs to a state: the newest, or the one of the same stamp."""
 
 SIMULATED_ONLY = frozenset(
-    ("enforce_limits", "quaternion_sign", "quaternion_initial_sign", "velocity_scale")
+    (
+        *("enforce_limits", "shape_motion", "velocity_scale"),
+        *("quaternion_sign", "quaternion_initial_sign"),
+    )
 )
 """Parameters with values that are for simulations only, see ``for_simulation``."""
 
@@ -93,6 +98,50 @@ class ControlParameters:
         bounds=(0.001, 100.0),
         live=True,
     )
+    max_joint_acceleration: tuple[float, ...] = parameter(
+        (10.0,),
+        "one, or one a joint",
+        unit="rad/s^2",
+        bounds=(0.01, 1e6),
+        live=True,
+    )
+    max_error_position: float = parameter(
+        0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True
+    )
+    max_error_rotation: float = parameter(
+        0.5,
+        "a larger orientation error stops the motion; pi: none does",
+        unit="rad",
+        bounds=(1e-3, math.pi),
+        live=True,
+    )
+    shape_motion: bool = parameter(
+        True, "make references smooth, within the limits of the tip; false only with use_sim_time"
+    )
+    max_linear_speed: float = parameter(
+        0.25, "of the tip", unit="m/s", bounds=(0.001, 100.0), live=True
+    )
+    max_angular_speed: float = parameter(
+        1.0, "of the tip", unit="rad/s", bounds=(0.001, 100.0), live=True
+    )
+    max_linear_acceleration: float = parameter(
+        1.0, "of the tip", unit="m/s^2", bounds=(0.01, 1e4), live=True
+    )
+    max_angular_acceleration: float = parameter(
+        4.0, "of the tip", unit="rad/s^2", bounds=(0.01, 1e4), live=True
+    )
+    max_linear_jerk: float = parameter(
+        20.0, "of the tip", unit="m/s^3", bounds=(0.1, 1e6), live=True
+    )
+    max_angular_jerk: float = parameter(
+        80.0, "of the tip", unit="rad/s^3", bounds=(0.1, 1e6), live=True
+    )
+    speed_override: float = parameter(
+        1.0,
+        "rate of time of what is followed: 0 halts on the path, 1 is as asked",
+        bounds=(0.0, 1.0),
+        live=True,
+    )
     command_type: str = parameter(
         "joint_state", "message type of the command", choices=COMMAND_TYPES
     )
@@ -107,6 +156,9 @@ class ControlParameters:
     )
     reference_timeout: float = parameter(
         0.1, "a single streamed frame holds its twist for", unit="s", bounds=(0.0, 60.0)
+    )
+    target_timeout: float = parameter(
+        0.1, "a target_twist goes on for", unit="s", bounds=(0.0, 1.0)
     )
     max_jump_position: float = parameter(
         0.05, "a reference may begin this far away", unit="m", bounds=(0.0, 100.0)
@@ -124,7 +176,10 @@ class ControlParameters:
         0, "of the command, before the first state is answered", bounds=(0, 100)
     )
     state_rate: float = parameter(
-        50.0, "rate of ~/pose, ~/error and ~/lyapunov at most", unit="Hz", bounds=(0.0, 10000.0)
+        50.0,
+        "rate of ~/pose, ~/desired, ~/error and ~/lyapunov at most",
+        unit="Hz",
+        bounds=(0.0, 10000.0),
     )
     autostart: bool = parameter(True, "configure and activate as soon as possible")
 
@@ -146,6 +201,8 @@ class ControlParameters:
         """What is set that is for simulations only; "" if nothing."""
         if not self.enforce_limits:
             return "enforce_limits: false"
+        if not self.shape_motion:
+            return "shape_motion: false"
         if self.quaternion_sign == SEPARATE:
             return f"quaternion_sign: {SEPARATE}"
         if self.quaternion_initial_sign < 0:
@@ -155,8 +212,22 @@ class ControlParameters:
         return ""
 
     def limits(self, robot: Robot) -> JointLimits | None:
-        """Return what bounds the commands for a robot; None if nothing does."""
-        return robot.limits.scaled(self.velocity_scale) if self.enforce_limits else None
+        """Return what bounds the commands for a robot; None if nothing does.
+
+        Raises:
+            ConfigurationError: if there is neither one limit nor one a joint.
+        """
+        acceleration = each_joint("max_joint_acceleration", self.max_joint_acceleration, robot)
+        if not self.enforce_limits:
+            return None
+        return replace(robot.limits.scaled(self.velocity_scale), acceleration=acceleration)
+
+    def motion_limits(self) -> MotionLimits | None:
+        """Return the limits of the tip; None if nothing bounds it."""
+        if not (self.enforce_limits and self.shape_motion):
+            return None
+        names = (field.name for field in fields(MotionLimits))
+        return MotionLimits(**{name: getattr(self, f"max_{name}") for name in names})
 
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""
@@ -180,3 +251,17 @@ class ControlParameters:
     def posture_or_none(self) -> Array | None:
         """Return the posture (n,) [rad or m], or None."""
         return np.array(self.posture) if self.posture else None
+
+
+def each_joint(name: str, given: tuple[float, ...], robot: Robot) -> Array:
+    """Return one value a joint (n,) where one, or one a joint, is given.
+
+    Raises:
+        ConfigurationError: if it is another number of values.
+    """
+    if len(given) not in (1, robot.n):
+        raise ConfigurationError(
+            f"{name} has {len(given)} values; expected one for each of the {robot.n} joints "
+            f"{', '.join(robot.joints)}, or one for all"
+        )
+    return np.full(robot.n, given[0]) if len(given) == 1 else np.array(given)

@@ -14,8 +14,11 @@ class DynamicParameters(EffortParameters, scheme="dynamic_control"):
 
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:
         """Return dynamic control for a robot."""
-        return DynamicControl(robot, self.law(), self.dynamics(robot), self.effort_limits(limits))
+        bounds = self.effort_limits(robot, limits)
+        return DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
 
     def change_scheme(self, scheme: DynamicControl, limits: JointLimits | None) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        scheme.replace_law(self.law(), self.dynamics(scheme.robot), self.effort_limits(limits))
+        robot = scheme.robot
+        bounds = self.effort_limits(robot, limits)
+        scheme.replace_law(self.law(), self.dynamics(robot), bounds)

@@ -1,6 +1,5 @@
 """Parameters of the schemes that command efforts, and what is made of them."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,7 @@ from eulerparams_control.laws.dynamic_control import (
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.parameters.common import ControlParameters, each_joint
 from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
 
@@ -69,17 +67,11 @@ class EffortParameters(ControlParameters):
     tool_inertia: tuple[float, ...] = parameter(
         (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
     )
-    max_effort_rate: float = parameter(
-        1e4, "of each joint; too little cannot stop it", unit="Nm/s", bounds=(100.0, 1e9), live=True
-    )
-    max_error_position: float = parameter(
-        0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True
-    )
-    max_error_rotation: float = parameter(
-        0.5,
-        "a larger orientation error stops the motion; pi: none does",
-        unit="rad",
-        bounds=(1e-3, math.pi),
+    max_effort_rate: tuple[float, ...] = parameter(
+        (1000.0,),
+        "one, or one a joint; too little cannot stop the arm",
+        unit="Nm/s",
+        bounds=(100.0, 1e9),
         live=True,
     )
 
@@ -102,8 +94,13 @@ class EffortParameters(ControlParameters):
     def dynamics(self, robot: Robot) -> InverseDynamics:
         """Return the inverse dynamics of a robot with these parameters."""
         friction = JointFriction(
-            _each("friction_viscous", self.friction_viscous, robot.friction.viscous, robot),
-            _each("friction_coulomb", self.friction_coulomb, robot.friction.coulomb, robot),
+            *(
+                each_joint(name, given, robot) if given else stated
+                for name, given, stated in (
+                    ("friction_viscous", self.friction_viscous, robot.friction.viscous),
+                    ("friction_coulomb", self.friction_coulomb, robot.friction.coulomb),
+                )
+            )
         )
         return InverseDynamics(
             self.inverse(),
@@ -115,11 +112,10 @@ class EffortParameters(ControlParameters):
             self.k_null,
         )
 
-    def effort_limits(self, limits: JointLimits | None) -> EffortLimits:
-        """Return what bounds the efforts."""
-        return EffortLimits(
-            limits, self.max_effort_rate, self.max_error_position, self.max_error_rotation
-        )
+    def effort_limits(self, robot: Robot, limits: JointLimits | None) -> EffortLimits:
+        """Return what bounds the efforts; raises ConfigurationError."""
+        rate = each_joint("max_effort_rate", self.max_effort_rate, robot)
+        return EffortLimits(limits, rate, self.max_error_position, self.max_error_rotation)
 
     def tool(self) -> Tool | None:
         """Return the tool; None if it has no mass.
@@ -158,15 +154,3 @@ def require_size(name: str, values: tuple[float, ...], size: int) -> None:
     """Raise ConfigurationError unless there are ``size`` values."""
     if len(values) != size:
         raise ConfigurationError(f"{name} has {len(values)} values; expected {size}")
-
-
-def _each(name: str, given: tuple[float, ...], stated: Array, robot: Robot) -> Array:
-    """Return one value a joint (n,): those given, or as the URDF states them."""
-    if not given:
-        return stated
-    if len(given) not in (1, robot.n):
-        raise ConfigurationError(
-            f"{name} has {len(given)} values; expected one for each of the {robot.n} joints "
-            f"{', '.join(robot.joints)}, or one for all"
-        )
-    return np.full(robot.n, given[0]) if len(given) == 1 else np.array(given)

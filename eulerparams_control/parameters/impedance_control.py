@@ -1,11 +1,13 @@
 """Parameters of the node ``impedance_control``, and what is made of them."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
+from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.impedance_control import (
@@ -125,14 +127,29 @@ class ImpedanceParameters(
     wrench_frame: str = parameter(
         "", "link of the sensor, fixed to the tip; empty: the frame_id of the wrench"
     )
+    max_displacement_position: float = parameter(
+        0.3,
+        "of the compliant from the desired frame; there it ends",
+        unit="m",
+        bounds=(1e-4, 100.0),
+        live=True,
+    )
+    max_displacement_rotation: float = parameter(
+        1.5, "the same for the rotation; pi: none", unit="rad", bounds=(1e-3, math.pi), live=True
+    )
+    max_compliant_speed: float = parameter(
+        1.0,
+        "of the compliant relative to the desired frame",
+        unit="m/s, rad/s",
+        bounds=(0.001, 1e3),
+        live=True,
+    )
     max_contact_force: float = parameter(
-        200.0, "a larger one stops the motion", unit="N", bounds=(0.0, 1e6), live=True
+        140.0, "a larger one stops the motion", unit="N", bounds=(0.0, 1e6), live=True
     )
     max_contact_torque: float = parameter(
-        60.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
+        40.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
     )
-    damping_eps: float = other_default(EffortParameters, "damping_eps", 0.2)
-    damping_max: float = other_default(EffortParameters, "damping_max", 0.2)
     max_error_position: float = parameter(
         0.04,
         "a tip farther from the compliant frame stops the motion",
@@ -201,7 +218,15 @@ class ImpedanceParameters(
     def impedance_law(self, robot: Robot) -> ImpedanceLaw:
         """Return all that the impedance is made of; raises ConfigurationError."""
         compliance = ComplianceLaw(
-            self.representation(), self.translation(), self.rotation(), self.translational_frame
+            self.representation(),
+            self.translation(),
+            self.rotation(),
+            self.translational_frame,
+            ComplianceBounds(
+                self.max_displacement_position,
+                self.max_displacement_rotation,
+                self.max_compliant_speed,
+            ),
         )
         options = self.wrench_options(robot)
         if options.tool is not None:
@@ -213,6 +238,19 @@ class ImpedanceParameters(
             self.inner_loop,
             self.max_contact_force,
             self.max_contact_torque,
+            self.max_jump_position,
+            self.max_jump_rotation,
+        )
+
+    def advice(self) -> str:
+        """Return what is to be said of an impedance that is possible, but weak; "" if nothing."""
+        least = self.representation().least_moment(self.rotation().K)
+        if least >= self.max_contact_torque:
+            return ""
+        return (
+            f"K_o balances at most {least:.3g} Nm about one of its axes, less than "
+            f"max_contact_torque {self.max_contact_torque:g} Nm: under more the compliant frame "
+            "turns to max_displacement_rotation; raise K_o, or lower max_contact_torque"
         )
 
     def make_scheme(
@@ -225,7 +263,7 @@ class ImpedanceParameters(
             limits: of its joints; None is none.
             chain: that makes the contact of what is sensed; None: a new one.
         """
-        bounds = self.effort_limits(limits)
+        bounds = self.effort_limits(robot, limits)
         motion: MotionLoop = NoMotionLoop(robot, bounds)
         if self.command_type != NO_COMMANDS:
             motion = DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
@@ -233,7 +271,7 @@ class ImpedanceParameters(
 
     def change_scheme(self, scheme: ImpedanceControl, limits: JointLimits | None) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        robot, bounds = scheme.robot, self.effort_limits(limits)
+        robot, bounds = scheme.robot, self.effort_limits(scheme.robot, limits)
         scheme.replace_law(self.impedance_law(robot), self.law(), self.dynamics(robot), bounds)
 
     def _refuse_tool(self, tool: Tool, compliance: ComplianceLaw) -> None:

@@ -38,12 +38,6 @@ class ReferenceParameters:
     circle_ramp: float = parameter(
         1.0, "to get up to speed; 0 starts at speed", unit="s", bounds=(0.0, 1e6)
     )
-    linear_speed: float = parameter(
-        0.1, "of the motion to target_pose, on average", unit="m/s", bounds=(1e-4, 10.0)
-    )
-    angular_speed: float = parameter(
-        0.5, "of the motion to target_pose, on average", unit="rad/s", bounds=(1e-3, 10.0)
-    )
     wait_for_subscribers: int = parameter(
         1, "of the topic reference, before the motion is sent", bounds=(0, 100)
     )

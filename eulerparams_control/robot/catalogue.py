@@ -57,7 +57,7 @@ def load_robot(name_or_path: str) -> RobotDescription:
         return _describe(Path(name_or_path).stem, Path(name_or_path), {})
     file = config_file("robots", name_or_path)
     entry = _read_entry(file)
-    return _describe(name_or_path, _resolve(str(entry["urdf"]), file.parent), entry)
+    return _describe(name_or_path, find_urdf(str(entry["urdf"]), file.parent), entry)
 
 
 def _read_entry(path: Path) -> dict[str, Any]:
@@ -75,7 +75,7 @@ def _read_entry(path: Path) -> dict[str, Any]:
     return entry
 
 
-def _resolve(urdf: str, folder: Path) -> Path:
+def find_urdf(urdf: str, folder: Path) -> Path:
     """Return the file of ``PACKAGE:PATH``, or of a path relative to ``folder``."""
     package, separator, path = urdf.partition(":")
     if not separator:

@@ -16,9 +16,13 @@ from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
-from eulerparams_control.robot.urdf import UrdfTree, joint_friction, joint_limits
+from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute, joint_friction, joint_limits
 
 _REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+# The characteristic length of an arm, of its reach.
+_OF_REACH = 0.8
+
 _LINK = pin.FrameType.BODY  # a joint may have the name of a link
 
 
@@ -95,6 +99,9 @@ class Robot:
         joints: the n active joints, base to tip.
         limits: of the active joints.
         friction: of the active joints, as the URDF states it.
+        length: characteristic length [m]: 0.8 times the sum of the distances between the origins
+            of successive joints, up to the tip, and of the ranges of those that slide; that of
+            a UR5 is 0.99 m.
         is_prismatic: (n,) which of the active joints slide; the others turn.
         locked: joints between base and tip that could move, but are held at 0 in the model.
         mount: joints between the root and the base that could move, held at 0 in the model too.
@@ -140,6 +147,7 @@ class Robot:
         self._model = _reduced_model(urdf, self.joints)
         self._model.gravity.linear = np.array(gravity, dtype=float)
         self._tip = self._model.getFrameId(self.tip_frame, _LINK)
+        self.length = self._characteristic_length()
         if tool is not None:
             self._carry(tool)
         self._data = self._model.createData()
@@ -148,6 +156,31 @@ class Robot:
         self._R_base, self._p_base = self._base_placement()
         self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
+
+    def refuse_locked(self) -> None:
+        """Raise RobotError, with what helps, if a joint from base to tip moves, but is not active.
+
+        Such a joint is held at 0 in the model, and nowhere else.
+        """
+        if not self.locked:
+            return
+        joints = self._tree.joints
+        between = f"between {self.base_frame} and {self.tip_frame}"
+        for joint in self.locked:
+            mimic, kind = joints[joint].find("mimic"), joints[joint].get("type")
+            if mimic is None and kind in MOVING:
+                continue
+            what = f"is {kind}" if mimic is None else f"mimics {attribute(mimic, 'joint')}"
+            motor = "" if mimic is None else ", or remove its <mimic> if it has a motor of its own"
+            raise RobotError(
+                f"{joint} {between} {what}, which a chain of independent joints cannot have: set "
+                f"tip_frame to {self._tree.end(joint, 'parent')} or a link before it, or make "
+                f'the joint type="fixed" in the URDF{motor}'
+            )
+        raise RobotError(
+            f"{', '.join(self.locked)} can move {between}, but is not among the active joints; set "
+            "joints: []"
+        )
 
     @property
     def gravity(self) -> Array:
@@ -181,6 +214,33 @@ class Robot:
         relative = tip.actInv(there)
         R = relative.rotation.copy()
         return Placement(R, relative.translation + R @ np.array(offset))
+
+    def link_at(self, frame: str, q: Array) -> Placement:
+        """Return where a link is at q (n,), seen from the base frame.
+
+        Args:
+            frame: the link; "" is the base frame.
+            q: (n,) positions of the active joints.
+
+        Raises:
+            RobotError: if there is no such link, or another joint moves it against the base.
+        """
+        if frame in ("", self.base_frame):
+            return AT_ORIGIN
+        tree, frame = self._tree, _frame(self._tree, frame, "frame_id")
+        carried, base = (set(tree.chain(tree.root, link)) for link in (frame, self.base_frame))
+        others = sorted((carried ^ base).difference(self.joints))
+        moving = [joint for joint in others if tree.joints[joint].get("type") != "fixed"]
+        if moving:
+            raise RobotError(
+                f"where the frame '{frame}' is depends on {', '.join(moving)}, which is not among "
+                f"the active joints {', '.join(self.joints)}; name a frame that these carry"
+            )
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, self._configuration(q))
+        there = pin.updateFramePlacement(model, data, model.getFrameId(frame, _LINK))
+        R, p = self._R_base.T, there.translation - self._p_base
+        return Placement(R @ there.rotation, R @ p)
 
     def state(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).
@@ -238,6 +298,13 @@ class Robot:
         if not self._base_is_root:
             dJ_dq = np.concatenate((self._R_base.T @ dJ_dq[:3], self._R_base.T @ dJ_dq[3:]))
         return DynamicState(arm, dJ_dq, B, C_dq, g)
+
+    def _characteristic_length(self) -> float:
+        links = [*self._model.jointPlacements[2:], self._model.frames[self._tip].placement]
+        ranges = (self.limits.upper - self.limits.lower)[self.is_prismatic]
+        reach = sum(float(np.linalg.norm(link.translation)) for link in links)
+        reach += float(ranges[np.isfinite(ranges)].sum())
+        return _OF_REACH * reach if reach > 0 else 1.0
 
     def _carry(self, tool: Tool) -> None:
         """Add a tool to the model of the link that carries the tip."""

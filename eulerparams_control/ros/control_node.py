@@ -5,28 +5,41 @@ published under the stamp of the joint_states that it answers.
 """
 
 import importlib
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
-from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
+from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros, shown
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.schemes import SchemeInfo
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.managed_node import ManagedNode
-from eulerparams_control.ros.publishers import refuse_two_publishers
+from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
+from eulerparams_control.ros.targets import Targets
 
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
+
+# Of the joints of others so many are named.
+_SHOWN = 5
+
+_NOT_ACTIVE = "not active: nothing is commanded"
 
 
 class ControlNode(ManagedNode):
@@ -35,7 +48,8 @@ class ControlNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__()
         self._report = ControlReport(self, self._health, self._input)
-        self._reference: Subscription | None = None
+        self._leading: dict[str, Subscription] = {}  # what leads the arm, by topic
+        self._targets = Targets()
         self._reference_stamp: int | None = None
         self._is_heard = False
         rate = self._params.state_rate
@@ -44,11 +58,14 @@ class ControlNode(ManagedNode):
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
+        self.create_service(Trigger, "~/halt", self._on_halt)
+        self.create_service(Trigger, "~/resume", self._on_resume)
         self._try_start()
 
     def is_complete(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come."""
-        return self._params.reference_pairing == LATEST or self._reference_stamp == t
+        is_led = self._params.reference_pairing != LATEST and bool(self._leading)
+        return not is_led or self._reference_stamp == t
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take what else was measured for the state q, dq (n,), before it is answered."""
@@ -57,15 +74,18 @@ class ControlNode(ManagedNode):
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
         return {}
 
-    def note(self, text: str) -> None:
-        """Show a warning with the state from now on; "" takes it back."""
-        self._report.note(text)
+    def note(self, why: Why) -> None:
+        """Show a warning with the state from now on; Why() takes it back."""
+        self._report.note(why)
 
     def _activated(self) -> None:
         # only now: who publishes a reference can see by it that somebody follows
-        self._reference = self._listen(
-            MultiDOFJointTrajectory, "reference", self._on_reference, QOS
-        )
+        for topic, kind, lead in (
+            ("reference", MultiDOFJointTrajectory, self._follow),
+            ("target_pose", PoseStamped, self._aim),
+            ("target_twist", TwistStamped, self._jog),
+        ):
+            self._leading[topic] = self._listen(kind, topic, partial(self._lead, topic, lead), QOS)
         self._is_heard = False
         self._report.activated()
         self._say()
@@ -74,9 +94,8 @@ class ControlNode(ManagedNode):
         self._report.forget()  # the state names the orientation
 
     def _deactivated(self) -> None:
-        if self._reference is not None:
-            self.destroy_subscription(self._reference)
-            self._reference = None
+        while self._leading:
+            self.destroy_subscription(self._leading.popitem()[1])
 
     # --- messages ----------------------------------------------------------------------
 
@@ -96,6 +115,9 @@ class ControlNode(ManagedNode):
     def _on_joint_states(self, msg: JointState) -> None:
         if self._robot is None:
             return
+        if not self._input.concerns(msg):
+            self._say_strange(msg)
+            return
         was_answered = self._input.unanswered is None
         try:
             self._input.take(msg)
@@ -105,6 +127,15 @@ class ControlNode(ManagedNode):
         if not was_answered and self._controller is not None:
             self._health.count("states dropped, waiting for what belongs to them")
         self._answer()
+
+    def _say_strange(self, msg: JointState) -> None:
+        """Say whose joint_states come, as long as none of the arm do."""
+        if self._robot is not None and self._input.measured is None:
+            self._health.complain(
+                f"joint_states of {', '.join(map(shown, msg.name[:_SHOWN]))} came, but none yet of "
+                f"{', '.join(self._robot.joints)}",
+                about="strange joint_states",
+            )
 
     def _answer(self) -> None:
         """Answer the last state, once all that belongs to it is there."""
@@ -125,7 +156,9 @@ class ControlNode(ManagedNode):
         except InvalidMessageError as error:
             states.refused()
             self._health.reject("joint_states", error)
+            self._see_rivals(controller)
             return
+        self._see_rivals(controller)
         if command is not None:
             self._stamp = stamp
             self._commands.publish(stamp, command)
@@ -133,6 +166,14 @@ class ControlNode(ManagedNode):
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             self._report_tick(controller)
+        self._ending.review()
+
+    def _see_rivals(self, controller: Controller) -> None:
+        """Stop the arm if states contradict each other, and two nodes publish them."""
+        if controller.is_contested:
+            names = publishers_of(self, self._states.topic_name)
+            if len(names) > 1:
+                controller.contest(sorted(names))
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""
@@ -145,29 +186,68 @@ class ControlNode(ManagedNode):
             )
         return self._is_heard
 
-    def _on_reference(self, msg: MultiDOFJointTrajectory) -> None:
+    def _lead(self, topic: str, lead: Callable[[Controller, Robot, Any], None], msg: Any) -> None:
+        """Let a message lead the arm, or say why it must not."""
         if self._controller is None or self._robot is None:
             return
         try:
-            refuse_two_publishers(self, self._reference)
-            frames = self._robot.base_frame, self._robot.tip_frame
-            motion, start = motion_from_ros(msg, *frames, self._params.reference_timeout)
-            now = None if self._is_simulated else steady()
-            self._controller.follow(motion, start, now)
-            if not self._is_silent:  # then that is what has to be said
-                self._say()
+            refuse_two_publishers(self, self._leading.get(topic))
+            lead(self._controller, self._robot, msg)
         except InvalidMessageError as error:
-            self._health.reject("reference", error)
+            self._health.reject(topic, error)
             return
-        self._reference_stamp = ns_from_ros(msg.header.stamp)
+        if not self._is_silent:  # then that is what has to be said
+            self._say()
         self._answer()
+
+    def _follow(self, controller: Controller, robot: Robot, msg: MultiDOFJointTrajectory) -> None:
+        frames = robot.base_frame, robot.tip_frame
+        motion, start = motion_from_ros(msg, *frames, self._params.reference_timeout)
+        controller.follow(motion, start, self._now)
+        self._reference_stamp = ns_from_ros(msg.header.stamp)
+
+    def _aim(self, controller: Controller, robot: Robot, msg: PoseStamped) -> None:
+        controller.aim(self._targets.pose(msg, robot, self._input.measured), self._now)
+
+    def _jog(self, controller: Controller, robot: Robot, msg: TwistStamped) -> None:
+        controller.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
+
+    @property
+    def _now(self) -> float | None:
+        """When a message came [s], steady clock; None where the stamps count."""
+        return None if self._is_simulated else steady()
+
+    def _on_halt(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        """Bring the arm to rest; only ``~/resume`` leads on."""
+        if self._controller is None:
+            return _answered(answer, _NOT_ACTIVE)
+        self._controller.halt()
+        return self._ordered(answer)
+
+    def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        """Go on from a stop, holding the measured pose."""
+        if self._controller is None:
+            return _answered(answer, _NOT_ACTIVE)
+        try:
+            self._controller.resume()
+        except InvalidMessageError as error:
+            self._health.complain(str(error))
+            return _answered(answer, str(error))
+        return self._ordered(answer)
+
+    def _ordered(self, answer: Trigger.Response) -> Trigger.Response:
+        """Report what an order has changed, and answer it."""
+        if not self._is_silent:  # then that is what has to be said
+            self._say()
+        answer.success, answer.message = True, self._health.message
+        return answer
 
     def _report_tick(self, controller: Controller) -> None:
         """Report the last tick, unless the arm is held."""
         tick = controller.guidance.tick_now
-        if tick is None or controller.fault or self._robot is None:
+        if tick is None or controller.fault:
             return
-        self._report.tick(controller, self._params, self._stamp, self._robot.base_frame)
+        self._report.tick(controller, self._params, self._stamp)
         self._health.values.update(self.values_of(tick))
 
     def _say(self) -> None:
@@ -180,24 +260,36 @@ class ControlNode(ManagedNode):
     @property
     def _is_silent(self) -> bool:
         """Whether valid joint_states came once, and have stopped."""
-        return self._input.is_silent(self._params.state_timeout, self._is_simulated)
+        return self._input.silence() > self._timeout
+
+    @property
+    def _timeout(self) -> float:
+        """After which silence [s] joint_states have stopped; not before the next one is due."""
+        due = 2 * self._controller.period.seconds if self._controller is not None else 0.0
+        return self._input.timeout(max(self._params.state_timeout, due), self._is_simulated)
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
         if self._controller is not None and self._is_silent:
-            timeout = self._input.timeout(self._params.state_timeout, self._is_simulated)
-            self._report.silent(self._controller.mode, timeout)
+            self._report.silent(self._controller.mode, self._timeout)
+        self._ending.review()
 
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""
         self._health.values.update(self._input.read() | self.values_now())
         if self._controller is None:
             return
+        self._health.values["joint_states missed"] = self._controller.period.missed
         self._report.once_a_second(self._controller, self._states.topic_name)
         if self._commands.count_subscribers() == 0 and self.commands_joints:
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
             )
+
+
+def _answered(answer: Trigger.Response, refusal: str) -> Trigger.Response:
+    answer.success, answer.message = False, refusal
+    return answer
 
 
 def node_class(scheme: SchemeInfo) -> type[ControlNode]:

@@ -1,4 +1,4 @@
-"""What a control node tells of itself: ~/pose, ~/error, ~/lyapunov and /diagnostics."""
+"""What a control node tells of itself: ~/pose, ~/desired, ~/error, ~/lyapunov and /diagnostics."""
 
 from typing import Any
 
@@ -7,14 +7,21 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.scheme import Tick
-from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE
-from eulerparams_control.messages.to_ros import error_to_ros, lyapunov_to_ros, pose_to_ros
+from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE, SATURATED, SLOWED
+from eulerparams_control.messages.to_ros import (
+    error_to_ros,
+    lyapunov_to_ros,
+    motion_to_ros,
+    pose_to_ros,
+)
+from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.publishers import publishers_of
@@ -38,14 +45,15 @@ class ControlReport:
         self._cut = self._restarts = 0  # of the controller, a second ago
         self._said: Any = None
         self._began: int | None = None
-        self._note = ""
+        self._note = Why()
         self._pose = node.create_publisher(PoseStamped, "~/pose", 10)
+        self._desired = node.create_publisher(MultiDOFJointTrajectory, "~/desired", 10)
         self._error = node.create_publisher(TwistStamped, "~/error", 10)
         self._lyapunov = node.create_publisher(Float64MultiArray, "~/lyapunov", 10)
 
-    def note(self, text: str) -> None:
-        """Show a warning with the state from now on; "" takes it back."""
-        self._note = text
+    def note(self, why: Why) -> None:
+        """Show a warning with the state from now on; Why() takes it back."""
+        self._note = why
         self.forget()
 
     def forget(self) -> None:
@@ -72,7 +80,7 @@ class ControlReport:
                 about="limits",
             )
         again, self._restarts = controller.resets - self._restarts, controller.resets
-        if again > 1:
+        if again > 1 and not controller.supervisor.rate.is_too_low:
             names = ", ".join(sorted(publishers_of(self._node, states_topic)))
             self._health.complain(
                 f"joint_states have jumped {again} times in the last second: expected one robot, "
@@ -113,14 +121,15 @@ class ControlReport:
         self._next = t + period
         return True
 
-    def tick(
-        self, controller: Controller, parameters: ControlParameters, stamp: Time, frame: str
-    ) -> None:
-        """Publish pose, error and Lyapunov function of the last tick."""
-        tick = controller.guidance.tick_now
+    def tick(self, controller: Controller, parameters: ControlParameters, stamp: Time) -> None:
+        """Publish pose, desired frame, error and Lyapunov function of the last tick."""
+        tick, robot = controller.guidance.tick_now, controller.scheme.robot
         assert tick is not None
-        p_e, R_e = tick.state.p_e, tick.state.R_e
+        frame, p_e, R_e = robot.base_frame, tick.state.p_e, tick.state.R_e
         self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
+        desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)
+        desired.header.stamp = stamp
+        self._desired.publish(desired)
         self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
         lyapunov = controller.guidance.lyapunov()
         if lyapunov is not None:
@@ -134,25 +143,30 @@ class ControlReport:
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
         pace, now = controller.guidance.pace, controller.supervisor.mode
+        rate, slowed = controller.guidance.scale.now, _slowed(controller)
         mode, why = now.mode, now.why
-        near = pace.singularity, pace.limit, pace.now < 1
-        saying = mode, why.cause, why.fault, why.note, orientation, *near
+        near = pace.singularity, pace.limit, rate < 1
+        slowly, note = controller.supervisor.rate.why, self._note
+        said = mode, why.cause, why.fault, why.note, now.latch, orientation
+        saying = *said, slowed, slowly.note, *near
         if saying == self._said:
             return
         self._said = saying
-        status = {"mode": mode.value, "cause": why.cause.value}
-        self._health.values[PACE] = pace.now
+        cause = why.cause or note.cause
+        status = {"mode": mode.value, "cause": cause.value}
+        self._health.values[PACE] = rate
+        self._health.values[SLOWED] = controller.guidance.motion.slowed
         self._health.values[FROZEN] = int(controller.scheme.is_frozen)
         if why.fault:
-            self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", why.remedy, **status)
+            self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", now.remedy, **status)
             return
         slow = _nearness(controller)
         doing = f"active with {orientation}: {_doing(mode, why)}"
-        warns = bool(self._note or slow or why.cause)
+        warns = bool(slow or slowly.note or cause)
         self._health.set(
             diagnostics.WARN if warns else diagnostics.OK,
-            "; ".join(filter(None, (doing, slow, self._note))),
-            why.remedy if warns else "",
+            "; ".join(filter(None, (doing, slow, slowed, slowly.note, note.note))),
+            "; ".join(filter(None, (now.remedy, slowly.remedy, note.remedy))) if warns else "",
             **status,
         )
 
@@ -174,6 +188,17 @@ def _doing(mode: Mode, why: Why) -> str:
     return f"{_DOING[mode]}, after {why.note}" if why.note else _DOING[mode]
 
 
+def _slowed(controller: Controller) -> str:
+    """Return by how much the trajectory that is followed is slowed for the limits, in words."""
+    percent = round(100 * controller.guidance.motion.slowed)
+    if controller.mode is not Mode.FOLLOWING or percent >= 100:
+        return ""
+    return (
+        f"slowed to {percent} % for the limits of the tip: raise max_linear_speed, "
+        "max_angular_speed and the accelerations, or give it more time"
+    )
+
+
 def _nearness(controller: Controller) -> str:
     """Return what the arm is near to, in words; "" if it is clear of all."""
     pace, words = controller.guidance.pace, []
@@ -182,14 +207,16 @@ def _nearness(controller: Controller) -> str:
     if pace.limit is not Nearness.CLEAR:
         joint = controller.scheme.robot.joints[pace.joint]
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
-    slowed = "slowed down, " if words and pace.now < 1 else ""
+    slowed = "slowed down, " if words and controller.guidance.scale.now < 1 else ""
     return slowed + " and ".join(words)
 
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
     """Return what /diagnostics shows of a tick of any scheme."""
     distance = parameters.representation().singularity_distance(tick.desired.R_d, tick.state.R_e)
-    sigma_min, pace = smallest_singular_value(tick.state.J), controller.guidance.pace
+    pace, length = controller.guidance.pace, controller.scheme.robot.length
+    motion = controller.guidance.motion
+    sigma_min = smallest_singular_value(tick.state.J, length)
     return {
         "orientation": parameters.orientation,
         "distance to representation singularity [rad]": distance,
@@ -197,9 +224,12 @@ def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -
         "inverse of J": "damped" if sigma_min < parameters.damping_eps else "exact",
         "kinematic singularity": pace.singularity.name.lower(),
         "limit of a joint": pace.limit.name.lower(),
-        PACE: pace.now,
+        PACE: controller.guidance.scale.now,
         "saturated": int(tick.saturated),
-        "saturated ticks": controller.guidance.saturated,
+        SLOWED: motion.slowed,
+        "references ahead of joint_states [s]": motion.ahead,
+        "references that never began": motion.lost,
+        SATURATED: controller.guidance.saturated,
         "commands bounded by the guard": controller.limiter.bounded,
         "restarts after a gap of joint_states": controller.resets,
     }

@@ -75,10 +75,12 @@ class Health:
             mode: what the node does, for programs.
             cause: why, for programs; "" if as it was asked to.
         """
-        if (level, message, mode, cause) == (self._level, self._message, self._mode, self._cause):
+        state = level, message, remedy, mode, cause
+        if state == (self._level, self._message, self._remedy, self._mode, self._cause):
             return
         if (mode, cause) != (self._mode, self._cause) or not mode:
             self._since = self._now
+            tell(Event.MODE, mode=mode, cause=cause)
         is_new = (level, message) != (self._level, self._message)
         self._level, self._message, self._remedy = level, message, remedy
         self._mode, self._cause = mode, cause

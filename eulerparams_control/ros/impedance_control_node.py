@@ -8,6 +8,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
+from eulerparams_control.control.mode import Why
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
@@ -35,12 +36,14 @@ class ImpedanceControlNode(ControlNode):
     parameters_type = ImpedanceParameters
 
     def __init__(self) -> None:
-        self._note_on_wrench = ""
+        self._note_on_wrench = Why()
         super().__init__()
 
     def _subscribe(self) -> None:
         p = self._params
-        self._sensor = WrenchInput(self.get_clock(), p.wrench_pairing, p.wrench_timeout)
+        self._sensor = WrenchInput(
+            self.get_clock(), p.wrench_pairing, p.wrench_timeout, p.max_latency
+        )
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
@@ -96,6 +99,8 @@ class ImpedanceControlNode(ControlNode):
         result = super().on_configure(state)
         self._placements.clear()
         self._sensor.forget()
+        if self._robot is not None and (advice := self._params.advice()):
+            self._health.complain(advice, about="impedance")
         if self._robot is not None:
             self._chain = WrenchChain(self._params.wrench_options(self._robot))
             self._resting.clear()
@@ -138,29 +143,34 @@ class ImpedanceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
-        is_new = self._sensor.choose(t)
+        if self._robot is None:
+            return
+        is_new = self._sensor.choose(t, q, self._robot.limits)
         sensed = self._sensor.fresh
         if self._controller is not None:
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
             scheme.sense(sensed)
             self._say_wrench()
-        if sensed is None or self._robot is None:
+        if sensed is None:
             self._resting.clear()
         elif is_new:
             self._resting.add(sensed, q, dq)
 
     def _say_wrench(self) -> None:
-        text = self._sensor.trouble
-        if text != self._note_on_wrench:
-            self._note_on_wrench = text
-            self.note(f"{text}: the compliant frame is frozen" if text else "")
+        why = self._sensor.trouble
+        if why != self._note_on_wrench:
+            self._note_on_wrench = why
+            frozen = f"{why.note}: the compliant frame is frozen"
+            self.note(why._replace(note=frozen) if why.note else why)
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
         p = self._params
-        if self._sensor.trouble or self._robot is None:
-            return f"{self._sensor.trouble} (topic {self._wrench.topic_name})"
+        if reason := super().refusal():
+            return reason
+        if self._sensor.trouble.note or self._robot is None:
+            return f"{self._sensor.trouble.note} (topic {self._wrench.topic_name})"
         waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
         if self._resting.count < (1 if waits else min(_FEW, p.tare_samples)):
             return f"waiting for {_FEW} wrenches on {self._wrench.topic_name}"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -27,6 +28,7 @@ from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, Commands
 from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health
+from eulerparams_control.ros.ending import Ending
 from eulerparams_control.ros.guards import (
     keep_sim_time,
     refuse_unless_simulated,
@@ -35,6 +37,9 @@ from eulerparams_control.ros.guards import (
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.state_input import StateInput
+
+# An arm of which a joint is faster than this [rad/s or m/s] is not taken over.
+_MOVES = 0.05
 
 
 class ManagedNode(LifecycleNode):
@@ -55,6 +60,7 @@ class ManagedNode(LifecycleNode):
         self._input = StateInput()
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
+        self._ending = Ending(self._is_followed, self._release)
         keep_sim_time(self, lambda: self._params)
         self._tell(
             OK, "waiting for a robot description", Lifecycle.UNCONFIGURED, Cause.NO_DESCRIPTION
@@ -92,7 +98,19 @@ class ManagedNode(LifecycleNode):
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
-        return ""
+        if self._robot is None:
+            return ""
+        speeds = self._input.speeds()
+        if speeds is None:
+            return "whether the arm is at rest is not known yet: joint_states has no velocities"
+        i = int(np.abs(speeds).argmax())
+        if abs(speeds[i]) <= _MOVES:
+            return ""
+        unit = "m/s" if self._robot.is_prismatic[i] else "rad/s"
+        return (
+            f"the arm moves, {self._robot.joints[i]} at {speeds[i]:.3g} {unit}; expected at most "
+            f"{_MOVES:g}: bring it to rest"
+        )
 
     def values_now(self) -> dict[str, str | int | float]:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
@@ -128,10 +146,11 @@ class ManagedNode(LifecycleNode):
         try:
             if self._controller is not None and self._robot is not None:
                 self.change_scheme(self._controller.scheme, new, new.limits(self._robot))
-                self._controller.law_changed()
+                self._controller.changed(ControllerOptions.of(new))
                 self._say_changed(old, new)
             elif self._robot is not None:
-                self.make_scheme(self._robot, None)  # refuses now what activation would refuse
+                # refuses now what activation would refuse
+                self.make_scheme(self._robot, new.limits(self._robot))
         except ConfigurationError:
             self._params = old
             raise
@@ -148,24 +167,22 @@ class ManagedNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description."""
         try:
+            self._refuse_while_ending()
             if not self._description:
                 raise ConfigurationError(
                     "no robot description: set the parameter robot_description, or publish the "
                     "URDF on the topic robot_description (transient local)"
                 )
             robot = self._params.robot(self._description)
-            if robot.locked:
-                raise ConfigurationError(
-                    f"{', '.join(robot.locked)} can move between {robot.base_frame} and "
-                    f"{robot.tip_frame}, but is not among the active joints; set joints: []"
-                )
-            self.make_scheme(robot, None)  # refuses now what activation would refuse
+            robot.refuse_locked()
+            # refuses now what activation would refuse
+            self.make_scheme(robot, self._params.limits(robot))
         except EulerParamsError as error:
             self._tell(ERROR, f"not configured: {error}", Lifecycle.UNCONFIGURED, Cause.REFUSED)
             return TransitionCallbackReturn.FAILURE
         self._robot = robot
         needs_velocity = self.interface.control == TORQUE and self.commands_joints
-        self._input.expect(robot.joints, needs_velocity)
+        self._input.expect(robot, needs_velocity)
         self._commands = self.make_commands(robot.joints)
         waiting = "configured, waiting for joint_states"
         self._tell(OK, waiting, Lifecycle.INACTIVE, Cause.NO_STATES)
@@ -184,6 +201,7 @@ class ManagedNode(LifecycleNode):
             )
             return TransitionCallbackReturn.FAILURE
         try:
+            self._refuse_while_ending()
             if reason := self._stale() or self.refusal():
                 raise ConfigurationError(reason)
             scheme = self.make_scheme(robot, p.limits(robot))
@@ -191,7 +209,8 @@ class ManagedNode(LifecycleNode):
             self._health.values.update(self.values_now())
             self._tell(ERROR, f"not activated: {error}", Lifecycle.INACTIVE, Cause.REFUSED)
             return TransitionCallbackReturn.FAILURE
-        self._controller = Controller(scheme, ControllerOptions.of(p), measured[1])
+        options = ControllerOptions.of(p)
+        self._controller = Controller(scheme, options, measured[1], self._input.efforts)
         self._input.is_commanded = False
         self._activated()
         tell(Event.READY)
@@ -204,42 +223,55 @@ class ManagedNode(LifecycleNode):
         return "joint_states has stopped; is the robot running?"
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command to hold still once more, then command nothing."""
-        self._end_control()
-        self._tell(WARN, "inactive", Lifecycle.INACTIVE)
+        """Bring the arm to rest, also after this has returned, then command nothing."""
+        self._end_control(lambda: self._tell(WARN, "inactive", Lifecycle.INACTIVE))
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command to hold still once more, then command nothing until configured again."""
-        self._end_control()
-        self._robot = None
+        """Bring the arm to rest, then command nothing until configured again."""
+        self._end_control(self._forget_robot)
         text = "an error in a transition: unconfigured"
         self._tell(ERROR, text, Lifecycle.UNCONFIGURED, Cause.TRANSITION_ERROR)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command to hold still once more, then never command again."""
-        self._end_control()
-        self._tell(WARN, "shut down", Lifecycle.FINALIZED)
+        """Bring the arm to rest, also after this has returned, then never command again."""
+        self._end_control(lambda: self._tell(WARN, "shut down", Lifecycle.FINALIZED))
         return TransitionCallbackReturn.SUCCESS
 
-    def _end_control(self) -> None:
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the robot, when it is at rest."""
+        self._end_control(self._forget_robot, self._commands.destroy)
+        return TransitionCallbackReturn.SUCCESS
+
+    # --- the end of control ------------------------------------------------------------
+
+    def _end_control(self, *then: Callable[[], None]) -> None:
+        """Bring the arm to rest, if it is controlled, and release it; call ``then`` at last."""
+        self._autostart = False  # who stopped it decides when it starts again
+        self._deactivated()
+        self._ending.begin(self._controller, *then)
+
+    def _refuse_while_ending(self) -> None:
+        if self._controller is not None:
+            raise ConfigurationError("the arm is still being brought to rest; try again then")
+
+    def _is_followed(self) -> bool:
+        """Whether the arm still tells its state."""
+        return self._input.is_followed(self._params.state_timeout)
+
+    def _release(self) -> None:
+        """Send the command after which none follows; not to a robot that is not heard."""
         self._send_last()
         self._controller = None
         self._input.forget()
-        self._autostart = False  # who stopped it decides when it starts again
-        self._deactivated()
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the robot."""
+    def _forget_robot(self) -> None:
         self._robot = None
         self._input.forget()
-        self._commands.destroy()
-        return TransitionCallbackReturn.SUCCESS
 
     def _send_last(self) -> None:
-        """Send the command after which none follows; not to a robot that is not heard."""
-        if self._controller is None or not self._input.is_followed(self._params.state_timeout):
+        if self._controller is None or not self._is_followed():
             return
         try:
             command = self._controller.last_command()
@@ -249,15 +281,13 @@ class ManagedNode(LifecycleNode):
             self._health.complain(f"no last command: {defect(error)}", error=True)
 
     def at_rest(self) -> bool:
-        """Stop the arm, and return whether it stands, or nothing is heard of it."""
-        if self._controller is None or not self._input.is_followed(self._params.state_timeout):
-            return True
-        self._controller.halt()
-        return self._controller.is_at_rest
+        """Stop the arm; return whether it is at rest, or nothing is heard of it."""
+        self._end_control()
+        return self._controller is None
 
     def close(self) -> None:
-        """Send the last safe command before the process ends."""
-        self._send_last()
+        """Send the last safe command before the process ends, if it was not yet."""
+        self._ending.finish()
 
     def _try_start(self) -> None:
         """Configure and activate, as far as what is needed has come."""

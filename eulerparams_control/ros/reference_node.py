@@ -1,9 +1,7 @@
-"""The node ``reference``: a desired motion from parameters, or to a pose that is sent."""
+"""The node ``reference``: a desired motion from parameters."""
 
 import sys
 
-import numpy as np
-from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -13,14 +11,13 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
+from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
-from eulerparams_control.laws.rotations import Array, angle_between
-from eulerparams_control.messages.from_ros import JointStateReader, pose_from_ros
+from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Trajectory, way_points
+from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
@@ -38,7 +35,7 @@ _NO_ROBOT = "no robot description yet"
 
 
 class ReferenceNode(Node):
-    """Sends one motion when its subscribers are there, again when asked, and to target poses."""
+    """Sends one motion when its subscribers are there, and again when asked."""
 
     def __init__(self) -> None:
         super().__init__("reference")
@@ -52,8 +49,7 @@ class ReferenceNode(Node):
         if self._params.motion == "circle":
             self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
-        self._goal: DesiredFrame | None = None  # end of the last motion
-        self._latest = b""
+        self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent = 0
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
         self._health.set(
@@ -64,7 +60,6 @@ class ReferenceNode(Node):
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self) -> None:
-        self.create_subscription(PoseStamped, "target_pose", self._on_target_pose, QOS)
         self.create_service(Trigger, "~/send", self._on_send)
         self.create_subscription(
             JointState,
@@ -85,6 +80,7 @@ class ReferenceNode(Node):
         p = self._params
         self._robot = Robot(urdf, p.base_frame, p.tip_frame, p.joints)
         self._reader = JointStateReader(self._robot.joints)
+        self._names = [joint.encode() for joint in self._robot.joints]
         self._health.set(diagnostics.OK, "ready", mode=WorkMode.READY)
 
     def _on_robot_description(self, msg: String) -> None:
@@ -95,7 +91,8 @@ class ReferenceNode(Node):
             self._health.set(diagnostics.ERROR, text, mode=WorkMode.WAITING, cause=cause)
 
     def _on_joint_states(self, serialized: bytes) -> None:
-        self._latest = serialized  # read when a motion starts from it
+        if any(name in serialized for name in self._names):  # else it is one of others
+            self._latest = serialized  # read when a motion starts from it
 
     def _present_pose(self) -> DesiredFrame | str:
         """Return the pose of the arm measured last, or why there is none."""
@@ -111,36 +108,6 @@ class ReferenceNode(Node):
             return "no valid joint_states"
         state = self._robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
-
-    def _on_target_pose(self, msg: PoseStamped) -> None:
-        pose = self._present_pose()
-        if self._robot is None or isinstance(pose, str):
-            self._health.reject("target_pose", ConfigurationError(str(pose)))
-            return
-        try:
-            p, R = pose_from_ros(msg, self._robot.base_frame)
-        except InvalidMessageError as error:
-            self._health.reject("target_pose", error)
-            return
-        if self._publisher.get_subscription_count() == 0:
-            nobody = ConfigurationError("nobody follows the topic reference")
-            self._health.reject("target_pose", nobody)
-            return
-        try:
-            self._send(way_points([self._duration(pose, p, R)], [(p, R)]))
-        except ConfigurationError as error:
-            why = f"its motion would take {error} at linear_speed and angular_speed"
-            self._health.reject("target_pose", ConfigurationError(why))
-
-    def _duration(self, pose: DesiredFrame, p: Array, R: Array) -> float:
-        """Return the time [s] of a motion at the speeds wanted."""
-        speeds = self._params
-        times = [0.1]
-        for begin in filter(None, (pose, self._goal)):  # a compliant arm is not at the last goal
-            distance = float(np.linalg.norm(p - begin.p_d))
-            times.append(distance / speeds.linear_speed)
-            times.append(angle_between(begin.R_d, R) / speeds.angular_speed)
-        return max(times)
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
@@ -192,7 +159,6 @@ class ReferenceNode(Node):
                 "waits for a command; with fewer way-points or turns the arm need not brake"
             )
         self._publisher.publish(msg)
-        self._goal = trajectory.frames[-1]
         self._sent += 1
         number = f", number {self._sent}" if self._sent > 1 else ""
         text = f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}"

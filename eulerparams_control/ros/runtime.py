@@ -26,7 +26,7 @@ UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 _POLL_SECONDS = 0.05
 
 # What moves is given this long to come to rest after a signal.
-_STOP_SECONDS = 1.0
+_STOP_SECONDS = 3.0
 
 
 class Runnable(Protocol):

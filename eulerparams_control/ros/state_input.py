@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.robot.robot import Robot
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
@@ -21,11 +22,9 @@ _SIMULATION_STANDS = 0.5
 # Of so many answers the latencies are remembered.
 _REMEMBERED = 2000
 
-# A step of the stamps [ns] that is longer is a jump of the clock, not a loss of messages.
-_LONGEST_GAP = 500_000_000
-
-# The usual step follows the steps by this part of the difference.
-_SMOOTHING = 0.01
+# Speeds that are not measured are differences of positions over so long [s] at least, but not over
+# much longer.
+_SPAN, _LONGEST_SPAN = 0.05, 0.5
 
 
 class StateInput:
@@ -37,7 +36,6 @@ class StateInput:
         came: when the last valid ones came, steady clock [s].
         repeats: whether the last ones said the same as those before, stamp included.
         is_commanded: whether a command has answered one since it was forgotten.
-        missed: states that never came: gaps in their stamps, in usual steps.
         answers: how many states were answered between the last two readings.
     """
 
@@ -46,20 +44,32 @@ class StateInput:
         self.came = 0.0
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
         self._count, self._longest, self._read_at = 0, 0.0, steady()
-        self._usual = 0.0  # step of the stamps [ns]
-        self.missed = self.answers = 0
+        self.answers = 0
         self.forget()
 
-    def expect(self, joints: tuple[str, ...], needs_velocity: bool) -> None:
-        """Read these joints from now on."""
-        self._reader = JointStateReader(joints, needs_velocity)
+    def expect(self, robot: Robot, needs_velocity: bool) -> None:
+        """Read the joints of a robot from now on."""
+        self._reader, self._limits = JointStateReader(robot.joints, needs_velocity), robot.limits
+
+    def concerns(self, msg: JointState) -> bool:
+        """Whether a message is one of the arm; others publish their joints on the topic, too."""
+        return self._reader is None or self._reader.concerns(msg)
 
     def forget(self) -> None:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
+        self._last: JointState | None = None
         self.unanswered: Time | None = None
         self.is_commanded = self.repeats = False
+        self._marks: deque[tuple[int, Array]] = deque(maxlen=2)  # stamps [ns] and q (n,)
         self._answered = self._before = 0.0  # when those came that were answered last [s]
+
+    @property
+    def efforts(self) -> Array | None:
+        """Efforts (n,) [Nm] of the last valid joint_states; None if they have none."""
+        if self._last is None or self._reader is None:
+            return None
+        return self._reader.effort_from_ros(self._last)
 
     def take(self, msg: JointState) -> tuple[int, Array, Array]:
         """Return stamp [ns], q and dq (n,) of a message; raises InvalidMessageError."""
@@ -67,17 +77,32 @@ class StateInput:
         now, last = steady(), self.measured
         t, q, _ = self.measured = self._reader.from_ros(msg)
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
-        self.unanswered = msg.header.stamp
+        self.unanswered, self._last = msg.header.stamp, msg
         self._count += 1
         if self.came:
             self._longest = max(self._longest, now - self.came)
-        step = t - last[0] if last is not None else 0
-        if 0 < step < _LONGEST_GAP:
-            self._usual = self._usual or step
-            self.missed += max(round(step / self._usual) - 1, 0)
-            self._usual += _SMOOTHING * (min(step, 2 * self._usual) - self._usual)
+        if not self._reader.has_velocity:
+            self._mark(t, q)
         self._before, self.came = self.came, now
         return self.measured
+
+    def _mark(self, t: int, q: Array) -> None:
+        """Remember positions q (n,) stamped t [ns] from time to time."""
+        if self._marks and not 0 <= t - self._marks[-1][0] <= _LONGEST_SPAN * 1e9:
+            self._marks.clear()
+        if not self._marks or t - self._marks[-1][0] >= _SPAN * 1e9:
+            self._marks.append((t, q))
+
+    def speeds(self) -> Array | None:
+        """Return how fast the joints are (n,) [rad/s or m/s]; None while that is not known."""
+        if self.measured is None or self._reader is None:
+            return None
+        t, q, dq = self.measured
+        if self._reader.has_velocity or self.repeats:  # who repeats a state waits for its answer
+            return dq
+        t_0, q_0 = self._marks[0]
+        span = (t - t_0) / 1e9
+        return self._limits.difference(q, q_0) / span if span >= _SPAN else None
 
     def refused(self) -> None:
         """Take the last state for one that never came."""
@@ -98,10 +123,6 @@ class StateInput:
         """Return after which silence [s] they have stopped; simulated time may stand still."""
         return max(timeout, _SIMULATION_STANDS) if is_simulated else timeout
 
-    def is_silent(self, timeout: float, is_simulated: bool) -> bool:
-        """Return whether they have stopped."""
-        return self.silence() > self.timeout(timeout, is_simulated)
-
     def is_stale(self, timeout: float) -> bool:
         """Return whether the last valid ones are not of now."""
         return self.silence() > max(timeout, _FRESH)
@@ -118,7 +139,6 @@ class StateInput:
             "joint_states per second": self._count / seconds,
             "answers per second": len(self._latencies) / seconds,
             "longest gap of joint_states [ms]": 1e3 * self._longest,
-            "joint_states missed": self.missed,
         }
         if len(self._latencies) > 1:
             cuts = quantiles(self._latencies, n=100)

@@ -6,12 +6,25 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 
-from eulerparams_control.control.clock import steady
+from eulerparams_control.control.clock import Latency, steady
+from eulerparams_control.control.mode import Cause, Why
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.wrench import SensedWrench, StuckSensor
 from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
+
+_STUCK = Why(
+    Cause.WRENCH_STUCK,
+    note="the wrench repeats its value to the bit while the arm moves: the sensor is stuck",
+    remedy="see to the sensor and its driver; a wrench that changes is believed again",
+)
+
+
+def _lost(note: str) -> Why:
+    return Why(Cause.NO_WRENCH, note=note, remedy="see to the sensor, its driver and the network")
 
 
 class WrenchInput:
@@ -24,26 +37,30 @@ class WrenchInput:
         clock: of the node: whether time is simulated.
         pairing: "latest" or "stamp".
         timeout: [s] after which a wrench is too old.
+        max_latency: [s] by which one may come later than the best one did, in real time.
 
     Attributes:
         fresh: the wrench chosen last; None while there is none to be believed.
-        trouble: why there is none; "" if there is.
+        trouble: why there is none; Why() if there is.
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, clock: Clock, pairing: str, timeout: float) -> None:
+    def __init__(self, clock: Clock, pairing: str, timeout: float, max_latency: float) -> None:
         self._clock, self._pairing, self._timeout = clock, pairing, timeout
+        self._latency = Latency(max_latency)
         self.forget()
 
     def forget(self) -> None:
         """Start again: no wrench has come."""
+        self._latency.forget()
         self.repeats = False
         self.fresh: SensedWrench | None = None
         self._last: SensedWrench | None = None
         self._stamp = self._refused = -1  # [ns]
         self._received = self._paired = -math.inf  # steady clock [s]
         self._is_new = False
-        self.trouble = "no valid wrench yet; is the force/torque sensor running?"
+        self._stuck: StuckSensor | None = None
+        self.trouble = _lost("no valid wrench yet; is the force/torque sensor running?")
 
     def take(
         self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool
@@ -57,7 +74,8 @@ class WrenchInput:
             waits: whether it does: its joint_states repeat, too.
 
         Raises:
-            InvalidMessageError: if a value is not finite, or the stamp repeats or goes back.
+            InvalidMessageError: if a value is not finite, the stamp repeats or goes back, or it
+                comes late: what was felt a while ago pushes the arm the wrong way.
         """
         w = wrench_from_ros(msg, msg.header.frame_id)
         stamp, now = ns_from_ros(msg.header.stamp), steady()
@@ -72,8 +90,21 @@ class WrenchInput:
                 f"the stamp {stamp / 1e9:.3f} s comes after {self._stamp / 1e9:.3f} s; is the "
                 "sensor stuck, or is there a second one?"
             )
+        if stamp > 0 and not self._clock.ros_time_is_active:
+            self._refuse_late(stamp, now)
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
         self._is_new = True
+
+    def _refuse_late(self, stamp: int, now: float) -> None:
+        """Raise InvalidMessageError for a wrench that comes too late to control by."""
+        if stamp < self._stamp:
+            self._latency.forget()
+        late, most = self._latency.of(stamp, now, patient=False), self._latency.most
+        if late > most:
+            raise InvalidMessageError(
+                f"the wrench comes {late:.3f} s later than the best one, more than max_latency "
+                f"{most:g} s: is the network or the computer overloaded?"
+            )
 
     def refuse(self, msg: WrenchStamped) -> None:
         """Note that a message was refused: the state of its stamp need not wait for another."""
@@ -87,22 +118,38 @@ class WrenchInput:
             return self._age(t) > self._timeout / 2
         return steady() - self._paired > self._timeout / 2
 
-    def choose(self, t: int) -> bool:
-        """Choose ``fresh`` for the state stamped t [ns]; return whether it is a new one."""
+    def choose(self, t: int, q: Array, limits: JointLimits) -> bool:
+        """Choose ``fresh`` for a state; return whether it is a new one.
+
+        Args:
+            t: stamp of the state [ns].
+            q: (n,) measured.
+            limits: of the joints.
+        """
         is_new, self._is_new = self._is_new, False
         unpaired = self._pairing != LATEST and t not in (self._stamp, self._refused)
         if not unpaired:
             self._paired = steady()
         if self._last is None:
             return False
+        is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
+        if is_new and not self._clock.ros_time_is_active:  # what is simulated may repeat itself
+            self._stuck = self._stuck or StuckSensor(limits)
+            is_stuck = self._stuck.update(self._last.w, q, steady())
         if self._age(t) > self._timeout:
-            self.trouble = f"no valid wrench within {self._timeout:g} s; is the sensor running?"
+            self.trouble = _lost(
+                f"no valid wrench within {self._timeout:g} s; is the sensor running?"
+            )
         elif unpaired and not self._clock.ros_time_is_active and self._waited:
-            self.trouble = "no wrench has the stamp of joint_states; set wrench_pairing: latest"
+            self.trouble = _lost(
+                "no wrench has the stamp of joint_states; set wrench_pairing: latest"
+            )
+        elif is_stuck:
+            self.trouble = _STUCK
         else:
-            self.trouble = ""
-        self.fresh = None if self.trouble else self._last
-        return is_new and not self.trouble
+            self.trouble = Why()
+        self.fresh = None if self.trouble.note else self._last
+        return is_new and not self.trouble.note
 
     @property
     def _waited(self) -> bool:

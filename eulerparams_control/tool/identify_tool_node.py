@@ -123,7 +123,7 @@ class IdentifyToolNode(Node):
 
     def _on_joint_states(self, msg: JointState) -> None:
         self._received["joint_states"] = steady()
-        if self._collector is None or self.done:
+        if self._collector is None or self.done or not self._reader.concerns(msg):
             return
         try:
             event = self._collector.move(*self._reader.from_ros(msg))

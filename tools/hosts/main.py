@@ -6,7 +6,6 @@ Then the link is cut and mended, loses packets, is slow; and what both did is ju
 import argparse
 import json
 import os
-import subprocess
 import sys
 import time
 from contextlib import ExitStack
@@ -14,17 +13,20 @@ from dataclasses import asdict
 from pathlib import Path
 
 import network
-from phases import MOVES, Heard, Judge, Phase, Verdict, says
+from phases import Judge, Phase, Verdict, heard
 from rich.console import Console
 from rich.table import Table
 
 from eulerparams_control.control.mode import Mode
+from eulerparams_control.errors import EulerParamsError, SimulationError
+from eulerparams_control.events import Event
+from eulerparams_control.lab.experiments.processes import Nodes
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
-CONTROLLER = "clik"
+CONTROLLER, STREAM, BRIDGE, RECORDER = "clik", "stream", "pybullet_bridge", "bag_recorder"
 RATE = 250.0  # [Hz] of joint_states
-START = 60.0  # [s] until the arm moves: a guard against hanging
+START = 60.0  # [s] until the arm follows: a guard against hanging
 CALM, CUT, MENDED, BAD, GOOD = 3.0, 2.0, 6.0, 5.0, 6.0  # [s] of each phase
 LOSS, DELAY, JITTER = 0.1, 0.02, 0.005
 
@@ -33,66 +35,49 @@ class Run:
     """The processes on both hosts, and what is done to the link between them."""
 
     def __init__(self, net: network.Network, out: Path, stack: ExitStack) -> None:
-        self._net, self._out, self._stack = net, out, stack
-        self._children: list[subprocess.Popen[bytes]] = []
-        self.robot, self.controller = self._watch(net.robot), self._watch(net.controller)
+        self._net, self._out = net, out
+        hosts = (net.robot, net.controller)
+        self._robot, self._controller = (stack.enter_context(self._nodes(host)) for host in hosts)
 
-    def _start(self, host: network.Host, name: str, words: list[str]) -> Path:
-        """Start a process on a host; return the file of what it says."""
-        path = self._out / f"{name}.log"
-        environment = os.environ | {
+    def _nodes(self, host: network.Host) -> Nodes:
+        nodes = Nodes(self._out / host.name, prefix=host.command([]))
+        paths = (os.environ.get("PYTHONPATH", ""), str(ROOT), str(HERE))
+        nodes.environment |= {
             "ROS_DOMAIN_ID": "0",  # nobody else is in this network
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
             "ROS_LOG_DIR": str(self._out / "ros"),
-            "RCUTILS_COLORIZED_OUTPUT": "0",
-            "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(
-                ":"
-            ),
-            "PYTHONUNBUFFERED": "1",
+            "PYTHONPATH": os.pathsep.join(filter(None, paths)),
         }
-        with open(path, "wb") as log, open(path.with_suffix(".err"), "wb") as errors:
-            command = host.command([sys.executable, *words])
-            child = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=errors, env=environment
-            )
-        self._children.append(child)
-        self._stack.callback(_end, child)
-        return path
-
-    def _watch(self, host: network.Host) -> Heard:
-        words = [str(HERE / "watch.py"), host.name]
-        return Heard(self._start(host, f"watch_{host.name}", words))
+        return nodes
 
     def start(self) -> None:
-        """Start robot, controller and stream; return when the arm moves."""
-        node = ["--ros-args", "-p"]
-        bridge = ["-m", "sim_bridge.bridge_node", *node, f"rate:={RATE}"]
-        self._start(self._net.robot, "bridge", bridge)
-        module = f"eulerparams_control.ros.{CONTROLLER}_node"
-        self._start(
-            self._net.controller, CONTROLLER, ["-m", module, *node, "base_frame:=base_link"]
-        )
-        self._start(self._net.controller, "stream", [str(HERE / "stream.py")])
+        """Start robot, controller, stream and recorders; return when the stream is followed."""
+        self._robot.start(BRIDGE, {"rate": RATE})
+        self._controller.start(CONTROLLER, {"base_frame": "base_link"})
+        self._controller.start(STREAM, {})
+        moving = ["joint_states", "joint_reference"]
+        for nodes, host, topics in (
+            (self._robot, self._net.robot, [*moving, "/diagnostics"]),
+            (self._controller, self._net.controller, ["/diagnostics"]),
+        ):
+            nodes.start(RECORDER, {"output": str(bag_of(self._out, host)), "topics": topics})
+        for nodes in (self._robot, self._controller):
+            nodes.wait_for_event(RECORDER, Event.READY, START)
         deadline = time.monotonic() + START
-        while not self._moves():
+        while not self._follows():
             if time.monotonic() > deadline:
-                raise network.NoHosts(f"the arm has not moved for {START:g} s: see {self._out}")
+                raise SimulationError(f"no set-point is followed for {START:g} s: see {self._out}")
             time.sleep(0.1)
 
-    def _moves(self) -> bool:
-        self.update()
-        now = time.time()
-        lately = self.robot.between(now - 1.0, now, "speed")
-        follows = self.controller.first(0, now, "who", says(CONTROLLER, Mode.FOLLOWING, ""))
-        return follows is not None and bool(lately) and lately[-1]["speed"] > MOVES
+    def _follows(self) -> bool:
+        self.check()
+        modes = self._controller.events(CONTROLLER, Event.MODE)
+        return bool(modes) and (modes[-1]["mode"], modes[-1]["cause"]) == (Mode.FOLLOWING, "")
 
-    def update(self) -> None:
-        """Read what the listeners have heard."""
-        self.robot.update()
-        self.controller.update()
-        dead = [child.args for child in self._children if child.poll() is not None]
-        if dead:
-            raise network.NoHosts(f"a process has ended: {dead[0]}; see {self._out}")
+    def check(self) -> None:
+        """Raise SimulationError if a process has ended."""
+        self._robot.check()
+        self._controller.check()
 
     def calm(self) -> Phase:
         """Do nothing."""
@@ -122,18 +107,13 @@ class Run:
         return Phase(name, begin, end, time.time())
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
-    child.terminate()
-    try:
-        child.wait(10)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        child.wait()
+def bag_of(out: Path, host: network.Host) -> Path:
+    """Return the bag of what is heard on a host."""
+    return out / host.name / "bag"
 
 
 def run(out: Path) -> dict[str, object]:
-    """Run all phases; return what came of them. Raises NoHosts."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Run all phases; return what came of them. Raises NoHosts, SimulationError."""
     with ExitStack() as stack:
         net = stack.enter_context(network.Network())
         assert net.link is not None
@@ -145,16 +125,16 @@ def run(out: Path) -> dict[str, object]:
             going.impair("loss", loss=LOSS),
             going.impair("delay", delay=DELAY, jitter=JITTER),
         ]
-        going.update()
-        judge = Judge(going.robot, going.controller, CONTROLLER)
-        _, cut, *impaired = phases
-        verdicts = [*judge.cut(cut), *(v for phase in impaired for v in judge.impaired(phase))]
-        return {
-            "link": net.link.kind,
-            "met": all(verdict.met for verdict in verdicts),
-            "criteria": [asdict(verdict) for verdict in verdicts],
-            "phases": {phase.name: judge.numbers(phase) for phase in phases},
-        }
+        going.check()
+    judge = Judge(*(heard(bag_of(out, host)) for host in (net.robot, net.controller)), CONTROLLER)
+    _, cut, *impaired = phases
+    verdicts = [*judge.cut(cut), *(v for phase in impaired for v in judge.impaired(phase))]
+    return {
+        "link": net.link.kind,
+        "met": all(verdict.met for verdict in verdicts),
+        "criteria": [asdict(verdict) for verdict in verdicts],
+        "phases": {phase.name: judge.numbers(phase) for phase in phases},
+    }
 
 
 def show(console: Console, result: dict[str, object], verdicts: list[Verdict]) -> None:
@@ -191,7 +171,7 @@ def main() -> int:
     console = Console() if sys.stdout.isatty() else Console(width=120)
     try:
         result = run(out)
-    except network.NoHosts as error:
+    except (network.NoHosts, EulerParamsError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     (out / "summary.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

@@ -1,14 +1,19 @@
 """What was heard while something was done to the link, and what must hold of it."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from eulerparams_control.bags.reader import Bag
 from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.keys import CAUSE, MODE
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 BRIDGE = "pybullet_bridge"
 OBEYING, BRAKED, SILENCE = "obeying", ("braked", "stopping", "contested"), "silence"
@@ -46,23 +51,16 @@ class Verdict:
     met: bool
 
 
-@dataclass
+@dataclass(frozen=True)
 class Heard:
-    """All lines of a listener; each has a time t [s]."""
+    """What was heard on a host, each with the time t [s] of its publication, of a command receipt.
 
-    path: Path
-    lines: list[dict[str, Any]] = field(default_factory=list)
-    _read: int = 0
+    {"t": ..., "speed": ..., "stamp": ...}     joint_states: the fastest joint, of its limit
+    {"t": ..., "command": ...}                 a command: its stamp [s]
+    {"t": ..., "who": ..., "says": ..., "level": ..., "values": {...}}   a status of /diagnostics
+    """
 
-    def update(self) -> None:
-        """Read what is new."""
-        with open(self.path, encoding="utf-8") as file:
-            file.seek(self._read)
-            for line in file:
-                if not line.endswith("\n"):
-                    break  # it is still being written
-                self._read += len(line.encode())
-                self.lines.append(json.loads(line))
+    lines: Sequence[dict[str, Any]]
 
     def between(self, begin: float, end: float, key: str) -> list[dict[str, Any]]:
         """Return the lines that have a key, from ``begin`` to ``end`` [s]."""
@@ -74,6 +72,26 @@ class Heard:
         """Return how long [s] after ``begin`` something was heard first; None if it was not."""
         found = (line["t"] for line in self.between(begin, end, key) if holds(line))
         return next((t - begin for t in found), None)
+
+
+def heard(path: Path) -> Heard:
+    """Return what was recorded in a bag; raises BagError."""
+    arm = load_robot("ur5")
+    limits = Robot(arm.urdf, arm.base_frame, arm.tip_frame).limits.velocity
+    lines: list[dict[str, Any]] = []
+    for topic, received, sent, msg in Bag(path).messages():
+        if topic == "/joint_states":
+            fastest = np.abs(np.array(msg.velocity[: len(limits)]) / limits).max()
+            stamp = ns_from_ros(msg.header.stamp) / 1e9
+            lines.append({"t": sent / 1e9, "speed": float(fastest), "stamp": stamp})
+        elif topic == "/joint_reference":
+            lines.append({"t": received / 1e9, "command": ns_from_ros(msg.header.stamp) / 1e9})
+        elif topic == "/diagnostics":
+            for status in msg.status:
+                values = {pair.key: pair.value for pair in status.values}
+                told = {"who": status.name, "says": status.message, "values": values}
+                lines.append({"t": sent / 1e9, "level": int(status.level), **told})
+    return Heard(sorted(lines, key=lambda line: line["t"]))
 
 
 def says(
@@ -101,10 +119,10 @@ class Phase:
 
 
 class Judge:
-    """Judges what the listeners on both hosts have heard.
+    """Judges what was heard on both hosts.
 
     Args:
-        robot, controller: the listeners.
+        robot, controller: what was heard there.
         name: of the controller's node.
     """
 

@@ -18,6 +18,7 @@ from eulerparams_control.analysis.metrics import (
     errors,
     motion,
     raw_messages,
+    real_time,
     stability,
 )
 from eulerparams_control.analysis.metrics.base import (
@@ -39,5 +40,6 @@ __all__ = [
     "motion",
     "quotient",
     "raw_messages",
+    "real_time",
     "stability",
 ]

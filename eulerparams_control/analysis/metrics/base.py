@@ -20,23 +20,33 @@ class Metric(NamedTuple):
         compute: from a recording.
         unit: of the number; "" if it has none.
         description: in words.
+        raw: whether it reads the bag itself, whatever part of the run is in memory.
     """
 
     compute: Callable[..., float]
     unit: str
     description: str
+    raw: bool = False
 
 
 METRICS: dict[str, Metric] = {}
 
 
-def metric(unit: str) -> Callable[[Callable[..., float]], Callable[..., float]]:
-    """Register a function as the metric of its name; its first doc line describes it."""
+def metric(
+    unit: str, raw: bool = False, *, name: str = "", text: str = ""
+) -> Callable[[Callable[..., float]], Callable[..., float]]:
+    """Register a function as a metric; its name and its first doc line are those of the metric.
+
+    Args:
+        unit: of the number.
+        raw: see :class:`Metric`.
+        name, text: instead, of a function that is one of a family.
+    """
 
     def register(function: Callable[..., float]) -> Callable[..., float]:
-        description = (function.__doc__ or "").split("\n")[0].rstrip(".")
+        description = text or (function.__doc__ or "").split("\n")[0].rstrip(".")
         quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
-        METRICS[function.__name__] = Metric(quiet(function), unit, description)
+        METRICS[name or function.__name__] = Metric(quiet(function), unit, description, raw)
         return function
 
     return register

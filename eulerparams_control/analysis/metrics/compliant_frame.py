@@ -5,6 +5,7 @@ compared with a force or a moment is that at the centre of compliance, which may
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -42,58 +43,36 @@ def _displacement(recording: Recording) -> tuple[Array, Array]:
     return compliant.t, compliant.p_cd_d
 
 
-@metric("deg")
-def final_turn(
-    recording: Recording, axis: Axis = (), window: float = 0.0, before: float = math.inf
-) -> float:
-    """Turn of the compliant frame at the end.
+def _family(
+    name: str,
+    unit: str,
+    of: Callable[[Recording], tuple[Array, Array]],
+    scaled: Callable[[float], float],
+) -> None:
+    """Register the metrics that turn and displacement of the compliant frame have in common.
 
-    The angle of R_d' R_c.
-
-    With an axis, in the desired frame, the component of its rotation vector.
+    With an axis, in the desired frame, they are the component of the rotation vector of R_d' R_c,
+    or of p_c - p_d at the tip; without one its length.
     """
-    return math.degrees(along(mean_at_end(*_turn(recording), window, before), axis))
+
+    words = f"{name} of the compliant frame"
+
+    @metric(unit, name=f"final_{name}", text=f"{words.capitalize()} at the end")
+    def _final(
+        recording: Recording, axis: Axis = (), window: float = 0.0, before: float = math.inf
+    ) -> float:
+        return scaled(float(along(mean_at_end(*of(recording), window, before), axis)))
+
+    @metric(unit, name=f"peak_{name}", text=f"Largest {words}")
+    def _peak(
+        recording: Recording, axis: Axis = (), after: float = 0.0, before: float = math.inf
+    ) -> float:
+        _, vectors = known(*of(recording), after, before)
+        return scaled(float(np.abs(along(vectors, axis)).max()))
 
 
-@metric("deg")
-def peak_turn(
-    recording: Recording, axis: Axis = (), after: float = 0.0, before: float = math.inf
-) -> float:
-    """Largest turn of the compliant frame.
-
-    The angle of R_d' R_c.
-
-    With an axis, in the desired frame, the component of its rotation vector.
-    """
-    _, rho = known(*_turn(recording), after, before)
-    return math.degrees(np.abs(along(rho, axis)).max())
-
-
-@metric("mm")
-def final_displacement(
-    recording: Recording, axis: Axis = (), window: float = 0.0, before: float = math.inf
-) -> float:
-    """Displacement of the compliant frame at the end.
-
-    From the desired origin, at the tip.
-
-    With an axis, in the desired frame, its component.
-    """
-    return 1e3 * float(along(mean_at_end(*_displacement(recording), window, before), axis))
-
-
-@metric("mm")
-def peak_displacement(
-    recording: Recording, axis: Axis = (), after: float = 0.0, before: float = math.inf
-) -> float:
-    """Largest displacement of the compliant frame.
-
-    From the desired origin, at the tip.
-
-    With an axis, in the desired frame, its component.
-    """
-    _, p = known(*_displacement(recording), after, before)
-    return 1e3 * float(np.abs(along(p, axis)).max())
+_family("turn", "deg", _turn, math.degrees)
+_family("displacement", "mm", _displacement, lambda length: 1e3 * length)
 
 
 @metric("deg")

@@ -8,7 +8,7 @@ They are what the environment exerts on the tool, at the origin of the tip.  Opt
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -93,54 +93,35 @@ def _in_frame(recording: Recording, t: Array, vectors: Array, frame: str) -> Arr
     return turned
 
 
-@metric("N")
-def final_force(
-    recording: Recording,
-    axis: Axis = (),
-    frame: str = "base",
-    window: float = 0.0,
-    before: float = math.inf,
-) -> float:
-    """Contact force at the end."""
-    return float(along(mean_at_end(*force(recording, frame), window, before), axis))
+def _family(
+    name: str, unit: str, of: Callable[[Recording, str], tuple[Array, Array]]
+) -> None:
+    """Register the metrics that force and moment have in common."""
+
+    @metric(unit, name=f"final_{name}", text=f"Contact {name} at the end")
+    def _final(
+        recording: Recording,
+        axis: Axis = (),
+        frame: str = "base",
+        window: float = 0.0,
+        before: float = math.inf,
+    ) -> float:
+        return float(along(mean_at_end(*of(recording, frame), window, before), axis))
+
+    @metric(unit, name=f"peak_{name}", text=f"Largest contact {name}")
+    def _peak(
+        recording: Recording,
+        axis: Axis = (),
+        frame: str = "base",
+        after: float = 0.0,
+        before: float = math.inf,
+    ) -> float:
+        _, vectors = known(*of(recording, frame), after, before)
+        return float(np.abs(along(vectors, axis)).max())
 
 
-@metric("Nm")
-def final_moment(
-    recording: Recording,
-    axis: Axis = (),
-    frame: str = "base",
-    window: float = 0.0,
-    before: float = math.inf,
-) -> float:
-    """Contact moment at the end."""
-    return float(along(mean_at_end(*moment(recording, frame), window, before), axis))
-
-
-@metric("N")
-def peak_force(
-    recording: Recording,
-    axis: Axis = (),
-    frame: str = "base",
-    after: float = 0.0,
-    before: float = math.inf,
-) -> float:
-    """Largest contact force."""
-    _, f = known(*force(recording, frame), after, before)
-    return float(np.abs(along(f, axis)).max())
-
-
-@metric("Nm")
-def peak_moment(
-    recording: Recording,
-    axis: Axis = (),
-    frame: str = "base",
-    after: float = 0.0,
-    before: float = math.inf,
-) -> float:
-    """Largest contact moment."""
-    _, mu = known(*moment(recording, frame), after, before)
-    return float(np.abs(along(mu, axis)).max())
+_family("force", "N", force)
+_family("moment", "Nm", moment)
 
 
 @metric("N")

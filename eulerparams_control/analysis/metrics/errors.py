@@ -5,6 +5,7 @@ compliant frame: what the motion loop of an impedance leaves.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -51,32 +52,39 @@ def _orientation(
 
 def _position(
     recording: Recording, of: str, after: float, before: float, against: str
-) -> Array:
-    """Return position errors [mm]."""
+) -> tuple[Array, Array]:
+    """Return instants [s] and position errors [mm]."""
     series = series_of(recording, of)
     frames = _frames(recording, series, against)
     error = series.position_error if frames is series.desired else series.distance_to(frames)
-    return _known(series.t, 1e3 * error, after, before)[1]
+    return _known(series.t, 1e3 * error, after, before)
 
 
-@metric("deg")
-def peak_orientation_error(
-    recording: Recording,
-    of: str = "leading",
-    after: float = 0.0,
-    before: float = math.inf,
-    against: str = "desired",
-) -> float:
-    """Largest orientation error."""
-    return float(_orientation(recording, of, after, before, against)[1].max())
+def _family(name: str, unit: str, errors: Callable[..., tuple[Array, Array]]) -> None:
+    """Register the metrics that both errors have in common."""
+
+    @metric(unit, name=f"peak_{name}_error", text=f"Largest {name} error")
+    def _peak(
+        recording: Recording,
+        of: str = "leading",
+        after: float = 0.0,
+        before: float = math.inf,
+        against: str = "desired",
+    ) -> float:
+        return float(errors(recording, of, after, before, against)[1].max())
+
+    @metric(unit, name=f"final_{name}_error", text=f"{name.capitalize()} error at the end")
+    def _final(
+        recording: Recording,
+        of: str = "leading",
+        before: float = math.inf,
+        against: str = "desired",
+    ) -> float:
+        return float(errors(recording, of, 0.0, before, against)[1][-1])
 
 
-@metric("deg")
-def final_orientation_error(
-    recording: Recording, of: str = "leading", before: float = math.inf, against: str = "desired"
-) -> float:
-    """Orientation error at the end."""
-    return float(_orientation(recording, of, before=before, against=against)[1][-1])
+_family("orientation", "deg", _orientation)
+_family("position", "mm", _position)
 
 
 @metric("deg")
@@ -89,26 +97,6 @@ def rms_orientation_error(
 ) -> float:
     """Root mean square of the orientation error."""
     return math.sqrt(np.mean(_orientation(recording, of, after, before, against)[1] ** 2))
-
-
-@metric("mm")
-def peak_position_error(
-    recording: Recording,
-    of: str = "leading",
-    after: float = 0.0,
-    before: float = math.inf,
-    against: str = "desired",
-) -> float:
-    """Largest position error."""
-    return float(_position(recording, of, after, before, against).max())
-
-
-@metric("mm")
-def final_position_error(
-    recording: Recording, of: str = "leading", before: float = math.inf, against: str = "desired"
-) -> float:
-    """Position error at the end."""
-    return float(_position(recording, of, 0.0, before, against)[-1])
 
 
 @metric("s")
@@ -127,8 +115,11 @@ def settling_time(recording: Recording, threshold: float = 1.0, of: str = "leadi
 def period_growth(recording: Recording, period: float, of: str = "leading") -> float:
     """Largest orientation error of the last period over the first."""
     end = math.floor(round(float(series_of(recording, of).t[-1]) / period, 6)) * period
-    first = peak_orientation_error(recording, of, before=period)
-    return quotient(peak_orientation_error(recording, of, end - period, end), first)
+    first, last = (
+        float(_orientation(recording, of, *window)[1].max())
+        for window in ((0.0, period), (end - period, end))
+    )
+    return quotient(last, first)
 
 
 @metric("deg")

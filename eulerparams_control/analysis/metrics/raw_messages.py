@@ -83,7 +83,7 @@ def _command(recording: Recording) -> tuple[str, Wire]:
     raise BagError(f"{recording.path} has no joint_reference and no joint_effort")
 
 
-@metric("")
+@metric("", raw=True)
 def nonfinite_commands(recording: Recording) -> float:
     """Commands with a number that is not finite, or without one for each joint."""
     _, found = _command(recording)
@@ -91,7 +91,7 @@ def nonfinite_commands(recording: Recording) -> float:
     return float(np.any(bad, axis=0).sum() + found.broken)
 
 
-@metric("")
+@metric("", raw=True)
 def commands_beyond_limits(recording: Recording) -> float:
     """Commands with a position, a speed or an effort beyond a limit of the URDF."""
     _, found = _command(recording)
@@ -108,7 +108,7 @@ def commands_beyond_limits(recording: Recording) -> float:
     return float(beyond.sum())
 
 
-@metric("")
+@metric("", raw=True)
 def command_jump_of_rate(recording: Recording, timeout: float = _TIMEOUT) -> float:
     """Largest change between two commands over what their rate limit allows.
 
@@ -130,14 +130,14 @@ def command_jump_of_rate(recording: Recording, timeout: float = _TIMEOUT) -> flo
 
 
 def _effort_rate(recording: Recording) -> float:
-    """Return the parameter max_effort_rate of the controller [Nm/s]."""
+    """Return the parameter max_effort_rate of the controller, of the fastest joint [Nm/s]."""
     for values in recording.parameters.values():
         if "max_effort_rate" in values:
-            return float(values["max_effort_rate"])
+            return float(np.max(values["max_effort_rate"]))
     raise BagError(f"{recording.path}: no controller has told its max_effort_rate")
 
 
-@metric("")
+@metric("", raw=True)
 def peak_measured_speed_of_limit(recording: Recording) -> float:
     """Largest measured speed of a joint over its velocity limit.
 
@@ -148,14 +148,14 @@ def peak_measured_speed_of_limit(recording: Recording) -> float:
     return float(np.nanmax(used, initial=0.0))
 
 
-@metric("mm")
+@metric("mm", raw=True)
 def distance_to_goal(recording: Recording) -> float:
     """Distance of the tip from the end of the last reference, at the end."""
     p, _, p_d, _ = _ends(recording)
     return 1e3 * float(np.linalg.norm(p - p_d))
 
 
-@metric("deg")
+@metric("deg", raw=True)
 def angle_to_goal(recording: Recording) -> float:
     """Angle of the tip from the end of the last reference, at the end."""
     _, R, _, R_d = _ends(recording)

@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -17,8 +16,16 @@ from eulerparams_control.errors import ConfigurationError, EulerParamsError
 from eulerparams_control.lab.campaign.oracles import Oracle
 from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle, headline
 from eulerparams_control.lab.campaign.page import write_page, write_summary
-from eulerparams_control.lab.campaign.plan import CONTROLLERS, LOCKSTEP, MODES, SequencePlan
+from eulerparams_control.lab.campaign.plan import (
+    CONTROLLERS,
+    FAULTY,
+    KINDS,
+    LOCKSTEP,
+    MODES,
+    SequencePlan,
+)
 from eulerparams_control.lab.campaign.schedule import plans, plans_of_both, run_all
+from eulerparams_control.lab.experiments.display import ProgressDisplay
 
 _EVERY = 25  # sequences for a line, where there is no terminal
 
@@ -26,7 +33,7 @@ BOTH = "both"
 SEQUENCES = 300
 
 
-class CampaignDisplay:
+class CampaignDisplay(ProgressDisplay):
     """Shows how far a campaign is, and each sequence in which something was found.
 
     Args:
@@ -48,18 +55,6 @@ class CampaignDisplay:
             transient=True,
         )
         self._task = self._progress.add_task("no violation", total=total)
-
-    def __enter__(self) -> "CampaignDisplay":
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self,
-        _type: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
 
     def ended(self, outcome: SequenceOutcome) -> None:
         """Show that a sequence has ended."""
@@ -142,6 +137,13 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         help=f"default {BOTH}, most of them in {LOCKSTEP}; with --seed {LOCKSTEP}",
     )
     parser.add_argument(
+        "--kind",
+        choices=KINDS,
+        default=FAULTY,
+        help=f"{FAULTY} around one robot (default), or robots and users of all kinds, whose "
+        "commands have to be smooth",
+    )
+    parser.add_argument(
         "--out", type=Path, default=Path("out/faults"), help="folder of the results"
     )
     cores = len(os.sched_getaffinity(0))
@@ -158,8 +160,8 @@ def _plans(options: argparse.Namespace) -> list[SequencePlan]:
     count = options.sequences or (len(controllers) if one else SEQUENCES)
     mode = options.mode or (LOCKSTEP if one else BOTH)
     if mode == BOTH:
-        return plans_of_both(count, options.seed or 0, controllers)
-    return plans(count, options.seed or 0, controllers, mode)
+        return plans_of_both(count, options.seed or 0, controllers, options.kind)
+    return plans(count, options.seed or 0, controllers, mode, options.kind)
 
 
 def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[SequenceOutcome]:

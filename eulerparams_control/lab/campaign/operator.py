@@ -2,11 +2,14 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.plan import STREAM, WAY_POINTS, Pose, SequencePlan
-from eulerparams_control.lab.faults import Fault
+from eulerparams_control.lab.campaign.draws import CHUNKS, GOALS, NOTHING, POSES, STREAM, WAY_POINTS
+from eulerparams_control.lab.campaign.plan import FAULTY, SMOOTH, Pose, SequencePlan
+from eulerparams_control.lab.campaign.streams import REFERENCE, Sent, Stream
+from eulerparams_control.lab.faults import ClockJump, Fault
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -16,7 +19,7 @@ BEGINNING = 0.4
 """[s] of a sequence at which the times of its faults begin, and its first motion."""
 
 _LEAST = 0.5  # [s] until the faults are over, at least
-_STREAM_RATE = 50.0  # [Hz] of set-points
+_CALM = 2.4  # the same where there are none, so that there is a motion
 
 # [s] after the last fault: the user waits, and sends the arm to its last pose within, and then
 # lets it come to rest.
@@ -26,7 +29,9 @@ _PAUSE, _LEAST_MOTION, _REST = 0.8, 1.0, 0.8
 _LONGER = 3.0
 _THERE = 0.001, 0.2
 
-_SPEED, _TURNING = 0.15, 0.75  # [m/s], [rad/s] of the last motion at most, on average
+# [m/s], [rad/s] of the last motion at most, on average; where it is to be smooth, with peaks, and
+# steps of a slow stream, that the limits of the tip allow.
+_SPEED = {FAULTY: (0.15, 0.75), SMOOTH: (0.08, 0.35)}
 
 
 class User:
@@ -51,11 +56,14 @@ class User:
         self._home = self.pose(home)
         self._motion = plan.way_points(self._home)
         self._last = plan.last_pose(self._home)
-        self.quiet = BEGINNING + max([_LEAST, *(fault.end for fault in faults)])
+        least = _CALM if plan.is_calm else _LEAST
+        self.quiet = BEGINNING + max([least, *(fault.end for fault in faults)])
         self.faults, self.has_begun = tuple(faults), False
         self._is_sent_again, self._lasting = False, _LEAST_MOTION
-        self._streamed = -1
-        self._line: Trajectory | None = None
+        self._random = plan.random(4)
+        self._streams: list[Stream] = []
+        if plan.motion not in (WAY_POINTS, NOTHING):
+            self._stream(self._motion.from_frame(DesiredFrame(*self._home)), BEGINNING)
 
     @property
     def _again(self) -> float:
@@ -71,35 +79,38 @@ class User:
         state = self._model.state(q, np.zeros_like(q))
         return state.p_e, state.R_e
 
-    def motions(self, t: float, q: Array) -> Iterator[tuple[Trajectory, str]]:
-        """Yield what is sent at t [s], the arm being at q (n,), and what to note of it."""
-        start = BEGINNING
-        is_stream = self._plan.motion == STREAM
-        if self._plan.motion == WAY_POINTS and t >= start and not self.has_begun:
+    def motions(self, t: float, q: Array) -> Iterator[Sent]:
+        """Yield what is sent at t [s], the arm being at q (n,)."""
+        if self._plan.motion == WAY_POINTS and t >= BEGINNING and not self.has_begun:
             self.has_begun = True
-            yield self._motion, "a motion is sent"
-        if is_stream and start <= t < self.quiet:
-            yield from self._set_point(t, self._motion.from_frame(DesiredFrame(*self._home)), start)
+            yield Sent(REFERENCE, self._motion, note="a motion is sent")
+        if BEGINNING <= t < self.quiet and self._streams:
+            yield from self._streams[0].due(t)
         if t >= self._again and not self._is_sent_again:
             self._is_sent_again = True
-            distance, angle = self.tip_error(q)
-            by_angle = math.radians(angle) / _TURNING
-            self._lasting = max(_LEAST_MOTION, distance / _SPEED, by_angle)
-            last = Trajectory([self._lasting], [DesiredFrame(*self._last)])
-            self._line = last.from_frame(DesiredFrame(*self.pose(q)))
-            yield from [] if is_stream else [(last, "the last motion is sent")]
-        if is_stream and self._line is not None:
-            yield from self._set_point(t, self._line, self._again)
+            last = self._last_motion(q)
+            if self._plan.motion in (STREAM, CHUNKS, POSES, GOALS):
+                self._stream(last.from_frame(DesiredFrame(*self.pose(q))), self._again)
+            else:
+                yield Sent(REFERENCE, last, note="the last motion is sent")
+        yield from (sent for stream in self._streams[1:] for sent in stream.due(t))
 
-    def _set_point(
-        self, t: float, motion: Trajectory, start: float
-    ) -> Iterator[tuple[Trajectory, str]]:
-        """Yield the set-point of a motion that began at ``start`` [s], if one is due."""
-        number = int(round((t - start) * 1e6) * _STREAM_RATE / 1e6)
-        note = "" if number == self._streamed + 1 else "a stream begins"
-        if number != self._streamed:
-            self._streamed = number
-            yield Trajectory([0.0], [motion.sample(t - start)]), note
+    def _last_motion(self, q: Array) -> Trajectory:
+        """Return the motion from q (n,) to the last pose, and note how long it lasts."""
+        distance, angle = self.tip_error(q)
+        speed, turning = _SPEED[self._plan.kind]
+        by_angle = math.radians(angle) / turning
+        self._lasting = max(_LEAST_MOTION, distance / speed, by_angle)
+        return Trajectory([self._lasting], [DesiredFrame(*self._last)])
+
+    def _stream(self, motion: Trajectory, start: float) -> None:
+        """Send a motion piece by piece from ``start`` [s] on."""
+        plan, draw = self._plan, self._plan.stream
+        if self._streams:  # the last one is to lead the arm to its end
+            has_other_clock = any(isinstance(fault, ClockJump) for fault in self.faults)
+            draw = replace(draw, noise=0.0, skew=None if has_other_clock else draw.skew)
+        tick = 1.0 / plan.robot.rate
+        self._streams.append(Stream(draw, plan.motion, motion, start, tick, self._random))
 
     def push(self, t: float) -> tuple[float, ...] | None:
         """Return the wrench (6,) on the tool at t [s]."""

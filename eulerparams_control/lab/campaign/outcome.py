@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -69,7 +69,10 @@ class SequenceOutcome:
             "controller": plan.controller,
             "seed": plan.seed,
             "repeat": plan.repeat,
+            "kind": plan.kind,
             "motion": plan.motion,
+            "robot": asdict(plan.robot),
+            "stream": asdict(plan.stream),
             "parameters": plan.parameters(),
             "faults": [str(fault) for fault in faults_of(plan)],
             "violations": [violation._asdict() for violation in self.violations],

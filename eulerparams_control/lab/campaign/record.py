@@ -5,6 +5,7 @@ messages say.
 """
 
 import hashlib
+import math
 import struct
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -19,14 +20,9 @@ Values = tuple[float, ...]
 OK, WARN, ERROR = range(3)
 """Levels of what a node says of itself."""
 
-COMMAND_TIMEOUT = 0.1
-"""[s] without a command after which a robot brakes."""
-
-PROTECTIVE_SPEED = 1.5
-"""A joint this many times as fast as its limit makes the robot stop by itself."""
-
 STARTS, KILLED = "the controller starts", "the controller is killed"
 STOPS = "the robot makes a protective stop"
+UNLOCKED = "the robot is unlocked"
 """Events."""
 
 
@@ -101,6 +97,26 @@ class SequenceEvent(NamedTuple):
     what: str
 
 
+@dataclass(frozen=True)
+class AskedLimits:
+    """What commands may ask for, as the parameters ``max_...`` of a controller say; inf: anything.
+
+    Attributes:
+        linear_speed, angular_speed: of the tip [m/s], [rad/s].
+        linear_acceleration, angular_acceleration: [m/s^2], [rad/s^2].
+        linear_jerk, angular_jerk: [m/s^3], [rad/s^3].
+        joint_acceleration: one, or one a joint [rad/s^2].
+    """
+
+    linear_speed: float = math.inf
+    angular_speed: float = math.inf
+    linear_acceleration: float = math.inf
+    angular_acceleration: float = math.inf
+    linear_jerk: float = math.inf
+    angular_jerk: float = math.inf
+    joint_acceleration: tuple[float, ...] = (math.inf,)
+
+
 @dataclass
 class SequenceRecord:
     """All that was seen of a sequence.
@@ -118,11 +134,11 @@ class SequenceRecord:
         contact: [N], [Nm] that may be felt along each axis.
         shaken: (from, to) [s] in which a fault moves the arm, or what is measured of it.
         disturbed: (from, to) [s] in which it is moved although nothing is measured.
-        counters: what the controller counted, as it said at last.
         tip_error: [m], [deg] between the tip at the end and where it was sent at last.
         starved: [s] for which, at most, the machine gave the robot, or who listened, no time.
         crash: how the controller ended that was not to end; "" if it did not.
         refused: how many commands the robot had to refuse.
+        asked: what commands may ask for at most; None where that is not judged.
     """
 
     model: Robot
@@ -140,11 +156,11 @@ class SequenceRecord:
     contact: tuple[float, float] = (0.0, 0.0)
     shaken: list[tuple[float, float]] = field(default_factory=list)
     disturbed: list[tuple[float, float]] = field(default_factory=list)
-    counters: dict[str, str] = field(default_factory=dict)
     tip_error: tuple[float, float] = (0.0, 0.0)
     starved: float = 0.0
     crash: str = ""
     refused: int = 0
+    asked: AskedLimits | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:

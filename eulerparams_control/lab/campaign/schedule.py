@@ -15,6 +15,7 @@ from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
 from eulerparams_control.lab.campaign.plan import (
     CONTROLLERS,
+    FAULTY,
     LOCKSTEP,
     REALTIME,
     SequencePlan,
@@ -34,20 +35,24 @@ _REALTIME_PART = 0.15  # of a campaign with both modes
 
 
 def plans(
-    count: int, seed: int, controllers: Sequence[str] = CONTROLLERS, mode: str = LOCKSTEP
+    count: int,
+    seed: int,
+    controllers: Sequence[str] = CONTROLLERS,
+    mode: str = LOCKSTEP,
+    kind: str = FAULTY,
 ) -> list[SequencePlan]:
     """Return as many sequences, controller after controller, seed after seed."""
     n = len(controllers)
-    return [make_plan(seed + k // n, controllers[k % n], mode) for k in range(count)]
+    return [make_plan(seed + k // n, controllers[k % n], mode, kind) for k in range(count)]
 
 
 def plans_of_both(
-    count: int, seed: int, controllers: Sequence[str] = CONTROLLERS
+    count: int, seed: int, controllers: Sequence[str] = CONTROLLERS, kind: str = FAULTY
 ) -> list[SequencePlan]:
     """Return as many sequences, most in lock-step, the rest in real time."""
     in_real_time = round(_REALTIME_PART * count)
-    return plans(count - in_real_time, seed, controllers) + plans(
-        in_real_time, seed, controllers, REALTIME
+    return plans(count - in_real_time, seed, controllers, kind=kind) + plans(
+        in_real_time, seed, controllers, REALTIME, kind
     )
 
 

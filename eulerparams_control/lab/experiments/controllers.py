@@ -5,12 +5,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import yaml
+
 from eulerparams_control.parameters.common import NO_COMMANDS
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import COMMANDS, POSITION, SchemeInfo, schemes
+from eulerparams_control.resources import config_folder
 
 _TURNED = {"max_jump_rotation": math.pi, "max_error_rotation": math.pi}
 _PAIRED = {"wrench_pairing": "stamp"}
+
+# A compliant frame is followed as it is: see config/clik_admittance.yaml.
+_FILE = (config_folder() / "clik_admittance.yaml").read_text(encoding="utf-8")
+_WIDE = {
+    name: value
+    for name, value in yaml.safe_load(_FILE)["/**"]["ros__parameters"].items()
+    if not name.endswith("_frame")
+}
 
 _LISTENERS = 2  # to each command: who acts on it, and the recorder
 
@@ -101,7 +112,7 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
             NodeSetup("impedance_control", {"command_type": NO_COMMANDS}),
             NodeSetup(
                 "clik",
-                {"reference_pairing": "stamp", "reference_timeout": 0.02},
+                {"reference_pairing": "stamp", **_WIDE},
                 remaps={"reference": "compliant_frame"},
             ),
         ),

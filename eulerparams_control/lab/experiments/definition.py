@@ -10,6 +10,7 @@
     start_turn: [0.0, 0.0, 0.5]   # but turned by this rotation vector, tool frame [rad]
     may_diverge: false            # whether a run may end early, non-finite
     faults: []                    # what goes wrong, and when: see ``faulty``
+    real_time: false              # whether it is in real time without faults, too
     nodes:                        # parameters of each node, by executable
       clik: {k_Po: 100.0}
     variants:                     # what each run changes: of the nodes, or of the keys above
@@ -137,7 +138,7 @@ def _check_run(where: str, run: dict[str, Any]) -> None:
     require(positive, f"{where}: duration must be > 0 and finite")
     known("controller", run.get("controller", Variant.controller), CONTROLLERS)
     require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
-    for key in ("start_at_reference", "may_diverge"):
+    for key in ("start_at_reference", "may_diverge", "real_time"):
         require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")
     seed = run.get("fault_seed", 0)
     is_seed = isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31

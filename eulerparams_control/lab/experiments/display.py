@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Sequence
-from types import TracebackType
+from typing import Self
 
 from rich.console import Console
 from rich.progress import (
@@ -22,7 +22,20 @@ from eulerparams_control.lab.experiments.result import REPORT, Outcome, why_noth
 from eulerparams_control.lab.experiments.schedule import Task
 
 
-class Display:
+class ProgressDisplay:
+    """Shows its bars while it is entered."""
+
+    _progress: Progress
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._progress.stop()
+
+
+class Display(ProgressDisplay):
     """Shows how far the runs are, and what came of each experiment.
 
     Args:
@@ -54,18 +67,6 @@ class Display:
         self._all = self._progress.add_task(
             self._overall(), total=sum(run.duration for run in runs)
         )
-
-    def __enter__(self) -> "Display":
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self,
-        _type: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
 
     def _overall(self) -> str:
         experiments = f"{self._finished} of {self._tasks} experiments"

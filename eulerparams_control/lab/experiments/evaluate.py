@@ -5,7 +5,8 @@ The figure is a chart over a parameter, or its quantity over time, as SVG.
 
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
@@ -20,18 +21,20 @@ from matplotlib.figure import Figure
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.figures import picture as quantity_of
-from eulerparams_control.analysis.headline import describe, fill
+from eulerparams_control.analysis.headline import describe, fill, placeholders
 from eulerparams_control.analysis.labels import COLOURS, quantity
-from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.loading import BLOCK, blocks, load
+from eulerparams_control.analysis.metrics import get_metric, measure
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import quantity_figure
 from eulerparams_control.analysis.static_image import STYLE, svg
 from eulerparams_control.analysis.verdict import Verdict
+from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.experiments.charts import Chart, Line
+from eulerparams_control.lab.experiments.equations import equation
 from eulerparams_control.lab.experiments.fingerprint import code, digest
 from eulerparams_control.lab.experiments.html import NOT_JUDGED, criteria, equations, page, picture
 from eulerparams_control.lab.experiments.library import Number, Result, run_library
@@ -242,14 +245,42 @@ def look(experiment: Experiment, folder: Path, runs: Mapping[str, Run]) -> Outco
 def _stamp(experiment: Experiment, runs: Mapping[str, Run]) -> str:
     """Return the version of what an outcome is made of."""
     bags = {name: (run.bag / "metadata.yaml").stat().st_mtime_ns for name, run in runs.items()}
-    return digest([repr(experiment), bags, code()])
+    return digest([repr(experiment), list(map(equation, experiment.equations)), bags, code()])
 
 
 def _see(experiment: Experiment, runs: Mapping[str, Run]) -> Seen:
-    recordings = {name: replace(load(run.bag), diverged=run.diverged) for name, run in runs.items()}
-    digests = {name: Digest.of(recording) for name, recording in recordings.items()}
+    seen = _part_by_part if _is_of_bags(experiment) else _whole
+    both = {name: seen(run) for name, run in runs.items()}
+    recordings = {name: recording for name, (recording, _) in both.items()}
+    digests = {name: digest for name, (_, digest) in both.items()}
     result = run_library(experiment.library) if experiment.library else Result()
     return Seen(experiment, recordings, digests, result)
+
+
+def _is_of_bags(experiment: Experiment) -> bool:
+    """Return whether all that is measured is of bags as they are: then a run may be of hours."""
+    names = [criterion.metric for criterion in experiment.criteria if criterion.metric]
+    names += [name for name, _, _ in placeholders(experiment.summary) if name != "library"]
+    return not experiment.chart and all(get_metric(name).raw for name in names)
+
+
+def _whole(run: Run) -> tuple[Recording, Digest]:
+    recording = replace(load(run.bag), diverged=run.diverged)
+    return recording, Digest.of(recording)
+
+
+def _part_by_part(run: Run) -> tuple[Recording, Digest]:
+    """Return the digest of a run, and of its recording the last part."""
+    bag, last = Bag(run.bag), deque[Recording](maxlen=1)
+
+    def parts() -> Iterator[Recording]:
+        for part in blocks(bag, size=BLOCK):
+            last.append(replace(part, diverged=run.diverged))
+            yield last[0]
+
+    count = bag.topics["/joint_states"].count
+    digest = Digest.of_parts(parts(), count if count > BLOCK else 0)
+    return last[0], digest
 
 
 def _sentence(seen: Seen) -> str:

@@ -1,4 +1,4 @@
-"""Runs with faults: in real time, with ``fault_injector`` between the robot and its controller.
+"""Runs in real time; with faults ``fault_injector`` is between the robot and its controller.
 
     duration: 6.0
     faults:                       # of the experiment, or of a variant
@@ -14,6 +14,9 @@ again is at work, a robot until it is commanded; faults of messages go on meanwh
 
 The bag has joint_states as the robot sent them, the commands as the controller sent them and as
 the robot got them (``faulty/...``), references as they were sent, and /diagnostics.
+
+Without faults, with ``real_time: true``, the bag has also what the nodes took, see ``usage``.  A
+motion that a fault, or a silence of the robot, has ended is sent again.
 """
 
 import shutil
@@ -24,14 +27,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from eulerparams_control.analysis.real_time import USAGE
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.recovery import recover
+from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup, NodeSetup
 from eulerparams_control.lab.experiments.model import Parameters, Variant
 from eulerparams_control.lab.experiments.processes import Nodes, RunStopped
 from eulerparams_control.lab.experiments.run_cache import RunRecord
+from eulerparams_control.lab.experiments.usage import UsageLog
 from eulerparams_control.lab.experiments.yaml_checks import known, require
 from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
 
@@ -48,6 +54,9 @@ RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
 _FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
 _START_TIMEOUT = 60.0  # [s] for all nodes to have found each other
 _POLL = 0.01  # [s] between two looks at what is due
+_AGAIN = 10.0  # [s] between two motions, where faults end them
+
+_ENDED = (Mode.HOLDING, Mode.STOPPED)  # modes in which no motion is followed any more
 
 _REAL_TIME = threading.Lock()  # runs in real time take the time of the machine: one at a time
 
@@ -58,12 +67,15 @@ def read_faults(where: str, run: Mapping[str, Any]) -> tuple[Fault, ...]:
     Raises:
         ConfigurationError: if one is impossible in it; says which.
     """
-    if run.get("faults") in (None, []):
+    has_faults = run.get("faults") not in (None, [])
+    if not (has_faults or run.get("real_time")):
         return ()
     name = str(run.get("controller", Variant.controller))
-    controller = CONTROLLERS[name]
-    require(len(controller.nodes) == 1, f"{where}: faults need one controller, not {name}")
-    require(not run.get("may_diverge"), f"{where}: may_diverge does not go with faults")
+    controller, key = CONTROLLERS[name], "faults" if has_faults else "runs in real time"
+    require(len(controller.nodes) == 1, f"{where}: {key} need one controller, not {name}")
+    require(not run.get("may_diverge"), f"{where}: may_diverge does not go with {key}")
+    if not has_faults:
+        return ()
     faults = parse_faults(f"{where}: faults", run["faults"])
     for number, fault in enumerate(faults, 1):
         try:
@@ -110,38 +122,44 @@ def injector_parameters(
     return values | {"faults": told} if told else values
 
 
-def recorded(controller: ControllerSetup) -> list[str]:
+def recorded(controller: ControllerSetup, has_faults: bool) -> list[str]:
     """Return the topics that are recorded."""
     own = ["robot_description", "wrench", "joint_states", "reference", "/diagnostics"]
-    return [*controller.answers, FAULTY + controller.command, *own]
+    return [*controller.answers, *([FAULTY + controller.command] if has_faults else []), *own]
 
 
-def record_faulty(
+def record_in_real_time(
     settings: Variant,
     parameters: Parameters,
     record: RunRecord,
     progress: Callable[[float], None],
     stop: threading.Event | None,
 ) -> None:
-    """Start the nodes of a variant with faults, and end them when its time is over.
+    """Start the nodes of a variant, and end them when its time is over.
 
     Raises:
         SimulationError: if a node dies that was not killed; with its last words.
         BagError: if its bag holds no motion.
         RunStopped: if it was told to.
     """
-    controller = CONTROLLERS[settings.controller]
+    controller, has_faults = CONTROLLERS[settings.controller], bool(settings.faults)
     with Nodes(record.path.parent, stop) as nodes:
-        others = remaps(controller)
-        output: dict[str, Any] = {"output": str(record.bag), "topics": recorded(controller)}
-        start = (RECORDER, INJECTOR, *controller.executables, BRIDGE, "reference")
+        others = remaps(controller) if has_faults else {}
+        topics = recorded(controller, has_faults)
+        output: dict[str, Any] = {"output": str(record.bag), "topics": topics}
+        injector = (INJECTOR,) if has_faults else ()
+        start = (RECORDER, *injector, *controller.executables, BRIDGE, "reference")
         for name in start:
             nodes.start(name, {**parameters, RECORDER: output}[name], remaps=others.get(name, {}))
         nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
         record.claim()  # now: we may be killed
-        nodes.wait_for_event(INJECTOR, Event.READY, _START_TIMEOUT)
         parts = _Parts(record, nodes, output)
-        _follow(settings, nodes, parts, progress)
+        if has_faults:
+            nodes.wait_for_event(INJECTOR, Event.READY, _START_TIMEOUT)
+            _follow(settings, nodes, parts, progress)
+        else:
+            nodes.wait_for_event("reference", Event.SENT, _START_TIMEOUT)
+            _watch(settings, nodes, UsageLog(nodes, record.bag / USAGE), progress)
         alive = [name for name in start if name in nodes.processes and name != BRIDGE]
         nodes.stop(*sorted(alive, key=lambda name: name == RECORDER))
     parts.join()
@@ -182,6 +200,26 @@ def _follow(
             began += time.monotonic() - before
         time.sleep(_POLL)
     progress(settings.duration)
+
+
+def _watch(
+    settings: Variant, nodes: Nodes, log: UsageLog, progress: Callable[[float], None]
+) -> None:
+    """Look at what the nodes take until the run is over; send a motion that has ended again."""
+    (controller,) = CONTROLLERS[settings.controller].executables
+    began = moved = time.monotonic()
+    motions = 1  # that the reference was started to send
+    while (t := time.monotonic() - began) < settings.duration:
+        nodes.check()
+        progress(t)
+        if log.look() and time.monotonic() - moved >= _AGAIN:
+            sent = len(nodes.events("reference", Event.SENT))
+            modes = nodes.events(controller, Event.MODE)
+            if sent == motions and modes and modes[-1]["mode"] in _ENDED:
+                moved, motions = time.monotonic(), motions + 1
+                nodes.stop("reference")
+                nodes.start_again("reference")
+        time.sleep(_POLL)
 
 
 def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:

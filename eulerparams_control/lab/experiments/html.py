@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 from html import escape
 
+from eulerparams_control.analysis.page_assets import style
 from eulerparams_control.analysis.verdict import Verdict, VerdictGroup, groups, shown
 from eulerparams_control.lab.experiments.equations import equation
 
@@ -11,59 +12,6 @@ MISSING = "-"
 NOT_JUDGED = "not judged"
 
 _FEW = 3  # runs that are named each, even if they are the same
-
-_STYLE = """
-:root { --text: #1b1f24; --soft: #5b6470; --line: #d5dae0; --ground: #ffffff; --raised: #f4f6f8;
-  --yes: #00734f; --no: #b3261e; --link: #0b5cad; }
-@media screen and (prefers-color-scheme: dark) {
-  :root { --text: #e6e9ec; --soft: #a2abb5; --line: #3a424b; --ground: #14171b; --raised: #1d2227;
-    --yes: #3ecf9c; --no: #ff8a80; --link: #7db7f5; color-scheme: dark; }
-  .picture svg { filter: invert(1) hue-rotate(180deg); } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1120px; padding: 24px 28px 64px; color: var(--text);
-  background: var(--ground); font: 15px/1.5 system-ui, "Segoe UI", Roboto, "Noto Sans",
-  "Liberation Sans", sans-serif; }
-h1 { font-size: 25px; line-height: 1.3; font-weight: 600; margin: 0 0 8px; max-width: 44em;
-  text-wrap: balance; }
-h2 { font-size: 18px; font-weight: 600; margin: 40px 0 8px; }
-section { border-top: 1px solid var(--line); margin-top: 36px; padding-top: 20px; }
-section h2 { margin: 0 0 6px; max-width: 48em; }
-p { margin: 0 0 8px; max-width: 72em; overflow-wrap: anywhere; }
-a { color: var(--link); }
-.soft { color: var(--soft); }
-.small { font-size: 13px; line-height: 1.45; }
-.yes { color: var(--yes); font-weight: 600; white-space: nowrap; }
-.no { color: var(--no); font-weight: 600; }
-.warning { border-left: 4px solid var(--no); background: var(--raised); padding: 8px 12px;
-  white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
-.columns { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 460px); gap: 8px 32px;
-  align-items: start; margin: 12px 0; }
-.picture svg { width: 100%; height: auto; display: block; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
-th, td { padding: 5px 16px 5px 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid var(--line); }
-th { font-weight: 600; }
-td.number, .whole { white-space: nowrap; }
-dl { display: grid; grid-template-columns: max-content minmax(0, 1fr); gap: 3px 12px; margin: 0; }
-dt { color: var(--soft); } dd { margin: 0; }
-.math { font-family: "STIX Two Text", "Cambria Math", Cambria, Georgia, "Liberation Serif",
-  "DejaVu Serif", serif; }
-.math sub { font-size: 0.72em; line-height: 0; }
-.wrong { color: var(--soft); font-size: 13px; }
-pre, code { font: 13px/1.5 ui-monospace, "Cascadia Mono", Menlo, Consolas, "DejaVu Sans Mono",
-  monospace; }
-code { background: var(--raised); border-radius: 3px; padding: 1px 5px; overflow-wrap: anywhere; }
-@media (max-width: 860px) { .columns { grid-template-columns: minmax(0, 1fr); } }
-@media print {
-  body { padding: 0; max-width: none; font-size: 9.5pt; } a { color: inherit; }
-  h1 { font-size: 15pt; } h2 { font-size: 12pt; break-after: avoid; }
-  section { break-inside: avoid; } tr { break-inside: avoid; } .scroll { overflow: visible; }
-  table { font-size: 8pt; } th, td { padding: 3px 9px 3px 0; }
-  .small, .wrong, code { font-size: 7.5pt; }
-  .columns { grid-template-columns: minmax(0, 1fr) 46%; }
-  * { print-color-adjust: exact; } }
-"""
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -76,7 +24,7 @@ def page(title: str, body: Iterable[str]) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>{style("plain.css")}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + "\n</body>\n</html>\n"
     )

@@ -4,8 +4,9 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -39,12 +40,16 @@ def main(args: list[str] | None = None) -> int:
         could not run or after an error.
     """
     options = _parse(args)
+    is_list = options.list or not (options.names or options.paper)
+    return carry_out(partial(_list if is_list else _run, options))
+
+
+def carry_out(run: Callable[[Console], Sequence[Outcome]]) -> int:
+    """Return the exit code of what came of experiments; say why they could not run."""
     console = make_console()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the nodes, as Ctrl-C does
     try:
-        if options.list or not (options.names or options.paper):
-            return _list(console)
-        outcomes = _run(options, console)
+        outcomes = run(console)
     except EulerParamsError as error:
         say(console, f"error: {error}", "red")
         return 2
@@ -87,11 +92,11 @@ def _jobs() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _list(console: Console) -> int:
+def _list(_options: argparse.Namespace, console: Console) -> list[Outcome]:
     for name in config_names("experiments"):
         experiment = load_experiment(name)
         say(console, Text.assemble((name, "bold"), f"  {experiment.claim}"))
-    return 0
+    return []
 
 
 def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:

@@ -62,8 +62,9 @@ class Variant:
         start_at_reference: whether q starts at the first way-point instead of home.
         start_turn: (3,) rotation vector [rad], tool frame, by which the tip is turned there.
         may_diverge: whether the run may end early, its state non-finite.
-        faults: that happen in it; with some it is in real time, else in lock-step.
+        faults: that happen in it; with some it is in real time.
         fault_seed: of what is random in them.
+        real_time: whether it is in real time without faults, too, else in lock-step.
     """
 
     nodes: Parameters
@@ -75,6 +76,12 @@ class Variant:
     may_diverge: bool = False
     faults: tuple[Fault, ...] = ()
     fault_seed: int = 0
+    real_time: bool = False
+
+    @property
+    def is_in_real_time(self) -> bool:
+        """Whether its nodes run as the time goes, none waiting for another."""
+        return self.real_time or bool(self.faults)
 
 
 @dataclass(frozen=True)

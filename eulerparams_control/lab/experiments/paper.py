@@ -47,13 +47,13 @@ def number_of(experiment: Experiment) -> str:
 def paper_experiments() -> list[Experiment]:
     """Return the experiments of the paper's claims in their order, then those beyond it."""
     names = [name for name in config_names("experiments") if name not in _SHOWN_ELSEWHERE]
-    experiments = [e for e in map(load_experiment, names) if not _has_faults(e)]
+    experiments = [e for e in map(load_experiment, names) if not _is_in_real_time(e)]
     return sorted(experiments, key=lambda e: (not number_of(e), int(number_of(e)[1:] or 0)))
 
 
-def _has_faults(experiment: Experiment) -> bool:
-    """Return whether an experiment is about faults: in real time, no two runs are the same."""
-    return any(variant.faults for variant in experiment.variants.values())
+def _is_in_real_time(experiment: Experiment) -> bool:
+    """Return whether an experiment is in real time, where no two runs are the same."""
+    return any(variant.is_in_real_time for variant in experiment.variants.values())
 
 
 def headline(outcomes: Sequence[Outcome]) -> str:

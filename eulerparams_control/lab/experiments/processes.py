@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -35,14 +35,17 @@ class Nodes:
     Args:
         folder: for their parameter files, logs (stderr) and events (stdout).
         stop: set from another thread when they are to end.
+        prefix: of their commands, where they run on another host.
 
     Attributes:
         environment: of the processes; names the domain.
         processes: by executable.
     """
 
-    def __init__(self, folder: Path, stop: threading.Event | None = None) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: Path, stop: threading.Event | None = None, prefix: Sequence[str] = ()
+    ) -> None:
+        self._folder, self._prefix = folder, prefix
         self._stop = stop or threading.Event()
         self._domain = Domain()
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -75,9 +78,13 @@ class Nodes:
         namespace: str = "/",
         remaps: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Start a node with its parameters, and with other names for some of its topics."""
+        """Start a node with its parameters, and with other names for some of its topics.
+
+        ``executable`` is one of ours, or the name of a module.
+        """
         file = self._write(executable, parameters)
-        command = [sys.executable, "-m", executables()[executable], "--ros-args"]
+        module = executables().get(executable, executable)
+        command = [*self._prefix, sys.executable, "-m", module, "--ros-args"]
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]

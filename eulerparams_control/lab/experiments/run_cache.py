@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from eulerparams_control.analysis.real_time import USAGE
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.lab.experiments.fingerprint import code_of_runs, digest
 from eulerparams_control.lab.experiments.model import LOGS, Parameters, Variant
@@ -188,7 +189,7 @@ class RunRecord:
     def _is_ours(self, path: Path) -> bool:
         """Return whether this is a file of a name that the recorder, or we, give in this bag."""
         recorded = re.fullmatch(rf"{re.escape(self.bag.name)}_\d+\.mcap", path.name)
-        is_named = recorded or path.name in (_KEY, _METADATA)
+        is_named = recorded or path.name in (_KEY, _METADATA, USAGE)
         return bool(is_named) and path.is_file() and not path.is_symlink()
 
     def _size(self) -> int:

@@ -1,24 +1,29 @@
 """Run an experiment: its nodes as processes, one bag a variant.
 
-In lock-step, but with faults in real time, see ``faulty``.
+In lock-step, or in real time, see ``faulty``.
 """
 
 import math
-import struct
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eulerparams_control.bags.reader import Bag
+from eulerparams_control.analysis.real_time import stamped
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments import faulty
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, NodeSetup
-from eulerparams_control.lab.experiments.faulty import BRIDGE, RECORDER, record_faulty, turn
+from eulerparams_control.lab.experiments.faulty import (
+    BRIDGE,
+    RECORDER,
+    record_in_real_time,
+    turn,
+)
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.lab.experiments.processes import EVENTS, Nodes
 from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
@@ -34,9 +39,6 @@ _START_TIMEOUT = 60.0  # [s] for the recorder to find all topics: processes star
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
-
-# A header begins a message: its stamp follows the four bytes that say how it is encoded.
-_CDR_HEADER, _STAMP = 4, struct.Struct("<iI")
 
 Progress = Callable[[float], None]
 
@@ -89,8 +91,8 @@ def run_variant(
     parameters = node_parameters(settings)
     making = Making.of(settings, parameters)
     record.begin(making)
-    if settings.faults:
-        return _run_faulty(settings, parameters, record, progress, stop)
+    if settings.is_in_real_time:
+        return _run_in_real_time(settings, parameters, record, progress, stop)
     try:
         diverged = _record(settings, parameters, record, progress, stop)
     finally:
@@ -102,18 +104,18 @@ def run_variant(
     return run
 
 
-def _run_faulty(
+def _run_in_real_time(
     settings: Variant,
     parameters: Parameters,
     record: RunRecord,
     progress: Progress,
     stop: threading.Event | None,
 ) -> Run:
-    """Run a variant with faults; its bag has what was recorded: in real time none is complete."""
-    with turn(stop):
+    """Run a variant; its bag has what was recorded: in real time none is complete."""
+    with turn(stop) if settings.faults else nullcontext():
         started = time.monotonic()
         try:
-            record_faulty(settings, parameters, record, progress, stop)
+            record_in_real_time(settings, parameters, record, progress, stop)
         finally:
             _claim(record)
     run = Run(record.bag, settings.duration, None, time.monotonic() - started)
@@ -192,7 +194,8 @@ def node_parameters(settings: Variant) -> Parameters:
     given, controller = settings.nodes, CONTROLLERS[settings.controller]
     robot = load_robot(settings.robot)
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    of_node = faulty.control_parameters if settings.faults else NodeSetup.parameters
+    real = settings.is_in_real_time
+    of_node = faulty.control_parameters if real else NodeSetup.parameters
     parameters: Parameters = {
         node.executable: frames | of_node(node, any(settings.start_turn))
         for node in controller.nodes
@@ -215,7 +218,7 @@ def _bridge_parameters(settings: Variant) -> dict[str, Any]:
     """Return what the bridge needs; in lock-step it waits for all that listen to the arm."""
     controller = CONTROLLERS[settings.controller]
     source = "urdf" if settings.robot.endswith(".urdf") else "robot"
-    if settings.faults:
+    if settings.is_in_real_time:
         own = faulty.bridge_parameters()
         return {**own, "control": controller.control, source: settings.robot}
     return {
@@ -250,7 +253,8 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
     A run that diverged ends where it did, and its last state may have no answer.
     """
     answers = [f"/{name}" for name in CONTROLLERS[settings.controller].answers]
-    found = _stamps(bag, [*(f"/{name}" for name in FROM_ROBOT), *answers])
+    times = stamped(bag, [*(f"/{name}" for name in FROM_ROBOT), *answers])
+    found = {topic: set(messages.stamp.tolist()) for topic, messages in times.items()}
     end = max(found["/joint_states"], default=0) / 1e9 if diverged else settings.duration
     expected = round(end * rate) + 1
     for topic, stamps in found.items():
@@ -259,15 +263,6 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
             kind = IncompleteBagError if len(stamps) < least else BagError
             raise kind(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
     return end
-
-
-def _stamps(bag: Path, topics: list[str]) -> dict[str, set[int]]:
-    """Return the stamps [ns] of topics of a bag, in one pass and without decoding the rest."""
-    found: dict[str, set[int]] = {topic: set() for topic in topics}
-    for message in Bag(bag).read_raw(topics):
-        second, nanosecond = _STAMP.unpack_from(message.data, _CDR_HEADER)
-        found[message.topic].add(second * 10**9 + nanosecond)
-    return found
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:

@@ -8,6 +8,7 @@ Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the ba
 frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -73,11 +74,13 @@ class OrientationRepresentation(ABC):
         name: the value of the parameter ``orientation``.
         symbol: of its orientation error, in words.
         unit: of that; "rad" or "".
+        slope: [1/rad] of that where the displacement is small.
     """
 
     name: ClassVar[str]
     symbol: ClassVar[str] = "orientation error"
     unit: ClassVar[str] = ""
+    slope: ClassVar[float] = 1.0
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -249,6 +252,16 @@ class OrientationRepresentation(ABC):
             mu_d: (3,) [Nm] contact moment in the desired frame; its power is in dV_3.
         """
         return None
+
+    def least_moment(self, K_o: Array) -> float:
+        """Return the largest moment [Nm] that the elastic one balances about its weakest axis.
+
+        inf: any.
+
+        Args:
+            K_o: (3, 3) stiffness [Nm/rad].
+        """
+        return math.inf
 
     @abstractmethod
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:

@@ -35,6 +35,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
     name = "euler_parameters"
     symbol = "eps_de"
+    slope = 0.5
 
     def displacement(
         self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None

@@ -19,6 +19,9 @@ from eulerparams_control.laws.orientation.base import (
 from eulerparams_control.laws.rotations import Array, EulerParameters, cross
 from eulerparams_control.laws.rotations_batch import quaternions
 
+# So many turns of up to a half are tried for the largest moment.
+_ANGLES = 181
+
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):
     """A representation whose impedance is (59) with an elastic moment of its own."""
@@ -75,6 +78,16 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
             R_c, omega_c, domega_d + R_d @ dy[4:] + cross(omega_d, omega_c)
         )
 
+    def least_moment(self, K_o: Array) -> float:
+        """Return the largest elastic moment [Nm] about the axis of K_o that has the least."""
+        halves = np.linspace(0.0, np.pi / 2, _ANGLES)[:-1]
+        return min(
+            max(
+                abs(float(axis @ self.elastic_moment(_turned(half, axis), K_o))) for half in halves
+            )
+            for axis in np.linalg.eigh(K_o)[1].T
+        )
+
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov:
         """Return V_3 = x' M_o x / 2 + elastic energy and dV_3 = -x' D_o x + mu^d' x.
 
@@ -83,3 +96,8 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         energy = self.elastic_energy(quaternions(R_cd), Z.K)
         kinetic = np.vecdot(x, x @ Z.M) / 2
         return Lyapunov(kinetic + energy, np.vecdot(mu_d, x) - np.vecdot(x @ Z.D, x))
+
+
+def _turned(half: float, axis: Array) -> EulerParameters:
+    """Return the Euler parameters of a turn by twice ``half`` [rad] about an axis (3,)."""
+    return EulerParameters(np.cos(half), np.sin(half) * axis)

@@ -4,7 +4,7 @@ An oracle sees what was on the wire and where the arm was, never what the contro
 One is added as a class in a file that is imported here.
 """
 
-from eulerparams_control.lab.campaign.oracles import commands, gaps, standstill
+from eulerparams_control.lab.campaign.oracles import commands, gaps, smoothness, standstill
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation, judge
 
 __all__ = [
@@ -13,5 +13,6 @@ __all__ = [
     "commands",
     "gaps",
     "judge",
+    "smoothness",
     "standstill",
 ]

@@ -15,8 +15,9 @@ from typing import ClassVar
 import numpy as np
 
 from eulerparams_control.control.mode import Cause
+from eulerparams_control.lab.campaign.draws import COMMAND_TIMEOUT
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
-from eulerparams_control.lab.campaign.record import COMMAND_TIMEOUT, Command, SequenceRecord
+from eulerparams_control.lab.campaign.record import Command, SequenceRecord
 
 # Beyond a limit by this part of it is rounding.
 _ROUNDING = 1e-9
@@ -122,7 +123,7 @@ class NoJump(Oracle):
         first: Command | None = None  # of those that are the same
         previous: Command | None = None
         for command in record.commands:
-            if first is None or previous is None or not _follows(record, previous, command):
+            if first is None or previous is None or not follows(record, previous, command):
                 first = command
             elif command[2:] != previous[2:]:
                 self._compare(record, first, command, worst)
@@ -149,6 +150,8 @@ class NoJump(Oracle):
             if len(old) != n or len(new) != n or not np.isfinite((*old, *new)).all():
                 continue  # others say so
             step = np.abs(np.subtract(new, old))
+            if what == "position":
+                step = record.limits.deviation(np.array(new), np.array(old))
             excess = step / (rate * dt)
             i = int(np.argmax(excess))
             if excess[i] > max(1 + _STEP_ROUNDING, worst[what][0] if what in worst else 0.0):
@@ -159,7 +162,7 @@ class NoJump(Oracle):
                 worst[what] = float(excess[i]), self.violation(after.t, text)
 
 
-def _follows(record: SequenceRecord, before: Command, after: Command) -> bool:
+def follows(record: SequenceRecord, before: Command, after: Command) -> bool:
     """Whether a command acts while the one before still does."""
     silence = after.t - before.t
     return before.life == after.life and silence <= COMMAND_TIMEOUT + record.jitter

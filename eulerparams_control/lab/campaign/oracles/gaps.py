@@ -68,7 +68,7 @@ class CalmStart(Oracle):
             return self._effort_fault(record, command, state)
         if len(command.q) != len(record.joints):
             return ""  # another oracle says so
-        off = np.abs(np.subtract(command.q, state.q))
+        off = record.limits.deviation(np.array(command.q), np.array(state.q))
         if off.max() > _SAME:
             return f"the position is {off.max():.4g} rad from the measured one"
         speed = np.abs(command.dq).max()

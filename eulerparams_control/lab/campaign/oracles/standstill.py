@@ -35,10 +35,10 @@ class HeldStill(Oracle):
         """Return the times at which it moves."""
         found = []
         for start, end in _holding(record):
-            for calm, until in _calm(start, end, record.shaken):
+            for calm, until in without(start, end, record.shaken):
                 found += self._moves(record, calm + _SETTLING, until)
         for start, end in _without_states(record):
-            for calm, until in _calm(start, end, record.disturbed):
+            for calm, until in without(start, end, record.disturbed):
                 found += self._moves(record, calm + _BRAKING + record.jitter, until)
         return found
 
@@ -95,7 +95,7 @@ def _without_states(record: SequenceRecord) -> list[Span]:
     return [(a, b) for a, b in pairwise(times) if b - a > timeout]
 
 
-def _calm(start: float, end: float, shaken: list[Span]) -> list[Span]:
+def without(start: float, end: float, shaken: list[Span]) -> list[Span]:
     """Return the parts of a span in which nothing shakes the arm."""
     parts = [(start, end)]
     for a, b in shaken:

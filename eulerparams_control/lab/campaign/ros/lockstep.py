@@ -18,17 +18,15 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
-    COMMAND_TIMEOUT,
     KILLED,
-    PROTECTIVE_SPEED,
     STARTS,
     STOPS,
+    UNLOCKED,
     SequenceEvent,
     SequenceRecord,
     Truth,
@@ -45,23 +43,20 @@ from eulerparams_control.lab.campaign.ros.in_process_dds import (
     take,
     until,
 )
+from eulerparams_control.lab.campaign.ros.to_ros import INPUTS, message_of
+from eulerparams_control.lab.campaign.streams import REFERENCE
 from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
 from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
+from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
 from eulerparams_control.parameters.schemes import COMMANDS, schemes
-from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.control_node import ControlNode, node_class
 from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
 from sim_bridge.command_source import UNNUMBERED
-from sim_bridge.drive import IN_STOP, REJECTED, Drive, DrivePolicy
+from sim_bridge.drive import IN_STOP, REJECTED, Drive
 from sim_bridge.drive import STOPS as PROTECTIVE_STOPS
-from sim_bridge.simulator import Simulator, SimulatorParameters
-
-RATE = 250.0
-"""[Hz] of joint_states."""
-
-_STEPS = 4  # of the simulation in a period of joint_states
+from sim_bridge.drive_modes import DriveCause, DriveMode
+from sim_bridge.simulator import Simulator
 
 # The clock of the robot shows this [ns] when the sequence begins, so that it can be set back.
 _BEGINNING = 1_000_000_000_000
@@ -91,18 +86,9 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
         set_steady()
 
 
-def _make_arm(robot: RobotDescription, control: str) -> Drive:
-    """Return the simulated arm; whether its commands have ceased is seen once a period."""
-    parameters = SimulatorParameters(
-        rate=_STEPS * RATE, control=control, protective_speed=PROTECTIVE_SPEED
-    )
-    policy = DrivePolicy(COMMAND_TIMEOUT - 0.5 / RATE, takes_late=True)
-    return Drive(Simulator(robot, parameters), policy)
-
-
 def run_lockstep(plan: SequencePlan, domain: int) -> SequenceRecord:
     """Run a sequence; return what was seen."""
-    robot = load_robot("ur5")
+    robot = plan.robot.description()
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
     with _ros(frames | plan.parameters(), domain):
         sequence = _Sequence(plan)
@@ -117,15 +103,17 @@ class _Sequence:
     """One sequence: the arm, its user and the controller between them."""
 
     def __init__(self, plan: SequencePlan) -> None:
-        self.plan, self.robot = plan, load_robot("ur5")
+        self.plan, self.robot, self.rate = plan, plan.robot.description(), plan.robot.rate
         model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
         faults = faults_of(plan)
         self.t = 0.0
         set_steady(lambda: self.t)
-        self.arm = _make_arm(self.robot, plan.control)
+        self._simulator = Simulator(self.robot, plan.robot.simulator(plan.control))
+        self.arm = Drive(self._simulator, plan.robot.policy())
         self.faults = FaultStream(faults, plan.seed)
         self.user = User(plan, model, faults, self.arm.state.q)
-        self.record = SequenceRecord(model, plan.max_effort_rate, plan.state_timeout, 1 / RATE)
+        self.record = SequenceRecord(model, plan.max_effort_rate, plan.state_timeout, 1 / self.rate)
+        self.record.asked = plan.asked
         self.record.quiet = self.user.quiet
         self.record.contact = plan.contact
         released = self.user.quiet if plan.push else None
@@ -135,6 +123,7 @@ class _Sequence:
         self._kills = [fault for fault in faults if isinstance(fault, Kill)]
         self._seconds = [fault for fault in faults if isinstance(fault, SecondPublisher)]
         self._life = 0
+        self._is_unlocked = False
         self.node: Any = None
         self._own: list[Node] = []
         self._second: tuple[Node, Publisher] | None = None
@@ -155,7 +144,10 @@ class _Sequence:
         self._publishers = {
             "joint_states": create(JointState, "joint_states", QOS_STREAM),
             "wrench": create(WrenchStamped, "wrench", QOS_STREAM),
-            "reference": leader.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM),
+            **{
+                topic: leader.create_publisher(kind, topic, QOS_STREAM)
+                for topic, kind in INPUTS.items()
+            },
         }
         self._start()
 
@@ -193,7 +185,7 @@ class _Sequence:
     def _come(self) -> None:
         """Let a second publisher of references come."""
         node = _plain_node("intruder")
-        self._second = node, node.create_publisher(MultiDOFJointTrajectory, "reference", QOS_STREAM)
+        self._second = node, node.create_publisher(INPUTS[REFERENCE], REFERENCE, QOS_STREAM)
         self._see_publishers()
         self.record.events.append(SequenceEvent(self.t, "a second publisher of references comes"))
 
@@ -211,7 +203,7 @@ class _Sequence:
         """Go through the sequence."""
         self._make_nodes()
         for step in itertools.count():
-            self.t = step / RATE
+            self.t = step / self.rate
             if self.user.is_done(self.t, self.arm.state.q):
                 break
             try:
@@ -222,13 +214,25 @@ class _Sequence:
                 self.record.end = self.t
                 return
             stops = self.arm.values[PROTECTIVE_STOPS]
-            for _ in range(_STEPS):
+            for _ in range(self.plan.robot.steps):
                 self.arm.step(self.t)
             if self.arm.values[PROTECTIVE_STOPS] != stops:
                 self.record.events.append(SequenceEvent(self.t, STOPS))
+            self._unlock()
         self.record.refused = sum(int(self.arm.values[name]) for name in (REJECTED, IN_STOP))
         self.record.end = self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
+
+    def _unlock(self) -> None:
+        """Let a robot be unlocked by its user when no fault acts any more, and start again."""
+        status = self.arm.status
+        is_locked = status.mode is DriveMode.STOPPING and status.cause is DriveCause.ACCELERATION
+        if not self._is_unlocked and is_locked and self.t >= self.user.quiet:
+            self._is_unlocked = True
+            self.record.events.append(SequenceEvent(self.t, UNLOCKED))
+            self._kill()
+            self.arm.unlock(self.t)
+            self._start()
 
     def _do_to_nodes(self) -> None:
         t = self.t - BEGINNING
@@ -244,8 +248,9 @@ class _Sequence:
             self._go()
 
     def _tick(self, step: int) -> None:
-        state, stamp = self.arm.state, stamp_to_ros(_BEGINNING + round(step * 1e9 / RATE))
-        self.record.truth.append(Truth(self.t, tuple(state.q.tolist()), tuple(state.dq.tolist())))
+        state, stamp = self.arm.state, stamp_to_ros(_BEGINNING + round(step * 1e9 / self.rate))
+        q, dq = self._simulator.motion
+        self.record.truth.append(Truth(self.t, tuple(q.tolist()), tuple(dq.tolist())))
         self.arm.push(self.user.push(self.t))
         for topic, msg in self.faults.due(self._fault_time):
             self._pass(topic, msg)
@@ -269,9 +274,9 @@ class _Sequence:
         """Do what the timers of the controller would."""
         if self.node is None:
             return
-        if step % round(_WATCH * RATE) == 0:
+        if step % max(1, round(_WATCH * self.rate)) == 0:
             call(self.node.watch)
-        if step % round(_SAY * RATE) == 0:
+        if step % round(_SAY * self.rate) == 0:
             call(self.node._health._on_timer)
         self._hear()
 
@@ -280,18 +285,19 @@ class _Sequence:
     def _lead(self) -> None:
         """Send what the user sends now, and the second publisher."""
         q = self.arm.state.q
-        for motion, what in self.user.motions(self.t, q):
-            msg = motion_to_ros(motion, self.robot.base_frame, self.robot.tip_frame)
-            if what:
-                self.record.events.append(SequenceEvent(self.t, what))
-            self._last_reference = msg
-            self._send("reference", msg)
+        for sent in self.user.motions(self.t, q):
+            msg = message_of(sent, self.robot, _BEGINNING)
+            if sent.note:
+                self.record.events.append(SequenceEvent(self.t, sent.note))
+            if sent.topic == REFERENCE:
+                self._last_reference = msg
+            self._send(sent.topic, msg)
         if self._second is None or self._last_reference is None:
             return
         for second in self._seconds:
-            period = max(1, round(RATE / second.rate))
+            period = max(1, round(self.rate / second.rate))
             t = self.t - BEGINNING
-            if second.is_active(t) and round((t - second.at) * RATE) % period == 0:
+            if second.is_active(t) and round((t - second.at) * self.rate) % period == 0:
                 deliver(self._second[1], second.message(self._last_reference), self.node)
                 self._hear()
 
@@ -314,9 +320,7 @@ class _Sequence:
         if self.node is None:
             return
         for _ in range(self._new("/diagnostics")):
-            status = take(self._diagnostics)[0].status[0]
-            self.record.said.append(said_of(self.t, status))
-            self.record.counters = {pair.key: pair.value for pair in status.values}
+            self.record.said.append(said_of(self.t, take(self._diagnostics)[0].status[0]))
         for _ in range(self._new(f"/{self._topic}")):
             msg = take(self._commands)[0]
             self.record.commands.append(command_of(self.t, self._life, msg))
@@ -349,6 +353,3 @@ def _plain_node(name: str) -> Node:
 
 def _never(_msg: Any) -> None:
     """Messages are taken by hand."""
-
-
-__all__ = ["RATE", "run_lockstep"]

@@ -18,33 +18,30 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import InvalidMessageError, SimulationError
+from eulerparams_control.lab.campaign.draws import NOTHING
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
-from eulerparams_control.lab.campaign.plan import NOTHING, SequencePlan, faults_of, shaken
+from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
     KILLED,
-    PROTECTIVE_SPEED,
     STARTS,
     SequenceEvent,
     SequenceRecord,
     Truth,
 )
 from eulerparams_control.lab.campaign.ros.from_ros import command_of, said_of, state_of
+from eulerparams_control.lab.campaign.ros.to_ros import INPUTS, message_of
+from eulerparams_control.lab.campaign.streams import REFERENCE, Sent
 from eulerparams_control.lab.experiments.processes import Nodes
 from eulerparams_control.lab.faults import TO_ROBOT, Kill
-from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
+from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.schemes import COMMANDS
-from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_STREAM
-
-RATE = 250.0
-"""[Hz] of joint_states."""
 
 # A message may be this late on a busy machine [s]: the oracles allow for it.
 _JITTER = 0.1
@@ -79,12 +76,17 @@ class _Sequence:
     """One sequence: the processes, and the node that leads and listens."""
 
     def __init__(self, plan: SequencePlan, nodes: Nodes) -> None:
-        self.plan, self.nodes, self.robot = plan, nodes, load_robot("ur5")
+        self.plan, self.nodes, self.robot = plan, nodes, plan.robot.description()
         model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
         faults = faults_of(plan)
         self.user = User(plan, model, faults, np.array(self.robot.home))
         self.record = SequenceRecord(
-            model, plan.max_effort_rate, plan.state_timeout, 1 / RATE, jitter=_JITTER
+            model,
+            plan.max_effort_rate,
+            plan.state_timeout,
+            1 / plan.robot.rate,
+            jitter=_JITTER,
+            asked=plan.asked,
         )
         self.record.contact = plan.contact
         self._reader = JointStateReader(model.joints)
@@ -92,6 +94,7 @@ class _Sequence:
         self._dead: Kill | None = None
         self._life, self._origin = 1, 0.0
         self._looked = 0.0  # when the last look was
+        self._stamp_ahead = 0.0  # of the clock of the robot [s] before that of the sequence
         self._answered = False  # the present life has commanded
         self._topic = COMMANDS[plan.control]
         self._connect()
@@ -110,7 +113,8 @@ class _Sequence:
             use_global_arguments=False,
         )
         create = self._node.create_publisher
-        self._reference = create(MultiDOFJointTrajectory, "reference", QOS_STREAM)
+        self._inputs = {topic: create(kind, topic, QOS_STREAM) for topic, kind in INPUTS.items()}
+        self._reference = self._inputs[REFERENCE]
         self._push = create(WrenchStamped, "external_wrench", QOS_STREAM)
         self._pushed: tuple[float, ...] | None = None
         self._listening = [
@@ -138,12 +142,7 @@ class _Sequence:
         )
         self.nodes.start(
             "pybullet_bridge",
-            {
-                "mode": "realtime",
-                "control": self.plan.control,
-                "rate": RATE,
-                "protective_speed": PROTECTIVE_SPEED,
-            },
+            {"mode": "realtime", **self.plan.robot.bridge(self.plan.control)},
             remaps={self._topic: f"faulty/{self._topic}"},
         )
         self._wait(lambda: self.record.truth and self.record.states, "joint_states")
@@ -225,15 +224,15 @@ class _Sequence:
 
     def _lead(self) -> None:
         q = np.array(self.record.truth[-1].q)
-        motions = list(self.user.motions(self._now, q))
+        sent = list(self.user.motions(self._now, q))
         if self.plan.motion == NOTHING and not self.user.has_begun and self._now >= BEGINNING:
             self.user.has_begun = True  # where the arm is: it begins the time of the injector
-            motions = [(Trajectory([0.0], [DesiredFrame(*self.user.pose(q))]), "")]
-        for motion, what in motions:
-            frames = self.robot.base_frame, self.robot.tip_frame
-            self._reference.publish(motion_to_ros(motion, *frames))
-            if what:
-                self._note(what)
+            sent = [Sent(REFERENCE, Trajectory([0.0], [DesiredFrame(*self.user.pose(q))]))]
+        for each in sent:
+            stamp = round(1e9 * self._stamp_ahead)
+            self._inputs[each.topic].publish(message_of(each, self.robot, stamp))
+            if each.note:
+                self._note(each.note)
         push = self.user.push(self._now)
         if push != self._pushed:
             self._pushed = push
@@ -258,6 +257,7 @@ class _Sequence:
             time.sleep(_LOOK)
 
     def _on_truth(self, t: float, msg: Any) -> None:
+        self._stamp_ahead = ns_from_ros(msg.header.stamp) / 1e9 - (t - self._origin)
         try:
             _, q, dq = self._reader.from_ros(msg)
         except InvalidMessageError as error:
@@ -275,7 +275,6 @@ class _Sequence:
         for status in msg.status:
             if status.name == self.plan.controller:
                 self.record.said.append(said_of(t, status))
-                self.record.counters = {pair.key: pair.value for pair in status.values}
 
     def look_at_end(self) -> None:
         """See how the controller ended when it was told to."""

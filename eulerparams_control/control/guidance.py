@@ -1,0 +1,152 @@
+"""The law on its motion: what a reference becomes, at the rate of time that the arm bears."""
+
+from eulerparams_control.control.options import ControllerOptions
+from eulerparams_control.control.speed_scaling import LEAST, SpeedScaling
+from eulerparams_control.errors import FollowingError, SingularityError
+from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
+from eulerparams_control.motion.shaper import Shaper
+from eulerparams_control.motion.time_scale import TimeScale
+
+
+class LawError(Exception):
+    """The law has no answer, or the arm does not follow it.
+
+    Attributes:
+        error: what the law raised.
+    """
+
+    def __init__(self, error: SingularityError | FollowingError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+class Guidance:
+    """The law on its motion.
+
+    Attributes:
+        scheme: the control scheme.
+        motion: what it follows, or the frame that it holds.
+        scale: the rate of time of the motion.
+        pace: how fast the arm bears it.
+        is_braking: whether it brakes along its path, to hold what it comes to.
+        tick_now: the last tick of the scheme; None before the first.
+        saturated: how many ticks a limit has changed.
+        dt: [s] of the last tick.
+    """
+
+    def __init__(
+        self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
+    ) -> None:
+        self.scheme = scheme
+        self.pace = SpeedScaling(joints, options.slow_below, scheme.robot.length)
+        self.scale = TimeScale(options.motion)
+        self.tick_now: Tick | None = None
+        self.saturated, self.dt = 0, 0.0
+        self.is_braking = False
+        self._options = options
+        self._ticks: tuple[Tick | None, Tick | None] = None, None  # the last one, the one before
+
+    def begin(self, q: Array, *, acts: bool) -> None:
+        """Hold the pose at the measured q (n,), with zero error.
+
+        Args:
+            q: (n,) measured.
+            acts: whether the command before still acts, so that none may jump.
+        """
+        (self.scheme.resume if acts else self.scheme.reset)(q)
+        self.pace.forget()
+        self.motion = Shaper(
+            self.scheme.start_frame(), self._options.motion, self._options.max_jump
+        )
+        self._rest()
+        self.forget()
+
+    def change(self, joints: JointLimits | None, options: ControllerOptions) -> None:
+        """Take over other limits, between two ticks."""
+        self.pace.limits, self._options = joints, options
+        self.scale.limits = options.motion
+        self.motion.change(options.motion, options.max_jump)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the ticks: they are of another law, or of another motion."""
+        self._ticks = None, None
+
+    def _rest(self) -> None:
+        self.is_braking = False
+        self.scale.forget()
+
+    def halt(self) -> None:
+        """Hold the frame of now: the law is not asked any more."""
+        self.motion.hold(self.scheme.start_frame())
+        self._rest()
+        self._ticks = None, self._ticks[1]
+
+    def brake(self) -> None:
+        """Come to rest along the path, from the next tick on; then hold."""
+        self.motion.forget_waiting()
+        self.is_braking = not self.motion.is_at_rest
+        if not self.is_braking:
+            self.halt()
+
+    def wait(self, seconds: float) -> None:
+        """Let the motion be later by a time [s] in which the arm has not gone on."""
+        self.motion.wait(round(seconds * 1e9))
+        self.scheme.skip()
+        self.forget()
+
+    def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
+
+        Raises:
+            LawError: if the law has no finite answer, or the arm does not follow.
+        """
+        scheme, motion, scale = self.scheme, self.motion, self.scale
+        u = 0.0 if scheme.is_frozen else scale.now
+        if u < 1:
+            motion.wait(round((1 - u) * dt * 1e9))
+        planned = desired = motion.sample(t)
+        if not scheme.is_frozen:
+            desired = planned.at_pace(scale.now, scale.rate)
+        try:
+            tick = scheme.tick(dt, q, dq, desired)
+        except (SingularityError, FollowingError) as error:
+            raise LawError(error) from error
+        self._pace(dt, tick)
+        self._ticks, self.dt = (tick, self._ticks[0]), dt
+        self.tick_now = tick
+        self.saturated += tick.saturated
+        return tick.command
+
+    def _pace(self, dt: float, tick: Tick) -> None:
+        """Choose the rate of time for the next tick; end a stop."""
+        scale, state, planned = self.scale, tick.state, self.motion.last
+        self.pace.update(dt, scale.now, state.q, state.dq, state.J)
+        if self.is_braking:
+            scale.update(dt, 0.0, planned)
+            if scale.now == 0 or self.motion.is_at_rest:
+                self.motion.hold(planned)
+                self._rest()
+        elif tick.excess > 1 and self._options.motion is not None:
+            # the arm is behind already: time waits for it at once
+            scale.forget(max(scale.now / tick.excess, min(LEAST, scale.now)))
+        else:
+            wanted = min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
+            scale.update(dt, wanted, planned)
+
+    def lyapunov(self) -> tuple[float, float, float] | None:
+        """Return V, its derivative by the paper, and as measured over the last tick.
+
+        None if the representation has no Lyapunov function, or there are no two ticks yet.
+        """
+        now, before = self.tick_now, self._ticks[1]
+        if now is None or before is None or self.dt == 0:
+            return None
+        if type(now.x_de) is not type(before.x_de):  # the representation was replaced
+            return None
+        V_now, V_before = self.scheme.lyapunov(now), self.scheme.lyapunov(before)
+        if V_now is None or V_before is None:
+            return None
+        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self.dt

@@ -1,0 +1,111 @@
+"""Between a controller of efforts and a driver without a timeout: what is sent, and when."""
+
+import math
+from enum import StrEnum
+
+import numpy as np
+
+from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.robot.robot import Robot
+
+
+class WatchMode(StrEnum):
+    """What a watch does."""
+
+    WAITING = "waiting"  # for joint_states and the first effort: nothing is sent
+    PASSING = "passing"  # the efforts of the controller
+    BRAKING = "braking"  # damping and gravity: the controller is silent
+    HOLDING = "holding"  # the same, since the arm came to rest
+    BLIND = "blind"  # gravity where the arm was seen last: joint_states are silent, too
+
+
+# A silence is not made up for at once: efforts change by what they may in so long [s] at most.
+_LONGEST_STEP = 0.01
+
+_IDLE = WatchMode.WAITING, WatchMode.PASSING
+
+
+class Watch:
+    """Passes efforts on; brakes the arm when they stop, until it is resumed.
+
+    tau = -k B dq + C dq + g needs neither the controller nor a pose to go back to.  Where
+    joint_states are silent there is no speed to brake: g where the arm was seen last stays for
+    good, since without it the arm would fall, and any other effort would drive it.
+
+    Args:
+        robot: the arm.
+        parameters: of the node.
+
+    Attributes:
+        mode: what it does.
+    """
+
+    def __init__(self, robot: Robot, parameters: WatchdogParameters) -> None:
+        self._robot, self._parameters = robot, parameters
+        self.mode = WatchMode.WAITING
+        self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)
+        self._tau, self._joins = np.zeros(robot.n), False  # joins: goes over to the controller
+        self._seen = self._heard = self._sent = -math.inf  # when they came, or left [s]
+
+    def effort(self, tau: Array, t: float) -> Array | None:
+        """Return what is passed on of efforts (n,) that came at t [s]; None: nothing."""
+        if self.mode is WatchMode.WAITING and t - self._seen < self._parameters.state_timeout:
+            self.mode = WatchMode.PASSING
+        self._heard = t
+        if self.mode is not WatchMode.PASSING:
+            return None
+        tau = self._robot.limits.limit_effort(tau)[0]
+        passed = self._ramped(tau, t) if self._joins else tau
+        self._joins = self._joins and bool((passed != tau).any())
+        self._tau, self._sent = passed, t
+        return passed
+
+    def state(self, q: Array, dq: Array, t: float) -> Array | None:
+        """Return what brakes the arm, measured at q, dq (n,) at t [s]; None: it need not."""
+        self._q, self._dq, self._seen = q, dq, t
+        return self.look(t)
+
+    def look(self, t: float) -> Array | None:
+        """Return what is sent at t [s] because the controller is silent; None: it is not."""
+        p = self._parameters
+        if self.mode is WatchMode.PASSING and t - self._heard > p.timeout:
+            self.mode = WatchMode.BRAKING
+        if self.mode in _IDLE:
+            return None
+        if t - self._seen > p.state_timeout:
+            self.mode, self._dq = WatchMode.BLIND, np.zeros_like(self._dq)
+        elif (np.abs(self._dq) < AT_REST).all():
+            self.mode = WatchMode.HOLDING
+        elif self.mode is WatchMode.BLIND:
+            self.mode = WatchMode.BRAKING
+        state = self._robot.dynamic_state(self._q, self._dq)
+        tau = state.C_dq - p.damping * state.B @ self._dq
+        if p.compensate_gravity:
+            tau = tau + state.g
+        self._tau, self._sent = self._ramped(self._robot.limits.limit_effort(tau)[0], t), t
+        return self._tau
+
+    def brake(self) -> bool:
+        """Brake from now on, if efforts act; return whether there is nothing left to brake."""
+        if self.mode is WatchMode.PASSING:
+            self.mode = WatchMode.BRAKING
+        return self.mode not in (WatchMode.PASSING, WatchMode.BRAKING)
+
+    def resume(self, t: float) -> None:
+        """Pass efforts on again; raises InvalidMessageError unless they come and the arm rests."""
+        if self.mode in _IDLE:
+            return
+        if t - self._heard > self._parameters.timeout or self.mode is not WatchMode.HOLDING:
+            raise InvalidMessageError(
+                f"not resumed: {self.mode}; expected an arm at rest, and a controller that sends "
+                "joint_effort again"
+            )
+        self.mode, self._joins = WatchMode.PASSING, True
+
+    def _ramped(self, tau: Array, t: float) -> Array:
+        """Return the efforts (n,) within the rate from those sent last."""
+        step = self._parameters.max_effort_rate * min(t - self._sent, _LONGEST_STEP)
+        return self._tau + np.clip(tau - self._tau, -step, step)

@@ -1,0 +1,224 @@
+"""Does a robot bear what the positions ask for: speed, acceleration and jerk of joints and tip?
+
+Judged are the positions as a robot sees them, over the differences of their stamps: see
+:mod:`sim_bridge.acceleration`.  Those of the tip are differences of its pose at them: of what the
+commands ask for, whatever the law wanted.  After a silence, in which the arm stops, and after a
+gap that is longer than a robot bridges, the differences begin anew.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
+from eulerparams_control.lab.campaign.oracles.commands import follows
+from eulerparams_control.lab.campaign.oracles.standstill import without
+from eulerparams_control.lab.campaign.record import Command, SequenceRecord, Values
+from eulerparams_control.laws.rotations import Array, log
+from sim_bridge.acceleration import BRIDGED, CommandAcceleration
+
+# Beyond a limit by these parts of it: speeds; accelerations; jerks, since a law that corrects what
+# it missed overshoots.
+_SPEED, _ACCELERATION, _JERK = 1.01, 1.05, 1.5
+
+# An acceleration may step by this part of its limit, and a speed by this part of its own, half a
+# millimetre per second: no robot feels them, but their jerk is anything.
+_STEP, _SPEED_STEP = 0.1, 0.002
+
+# The same of an arm that is driven by efforts, whose law corrects what goes wrong; and how long [s]
+# it is given to do so after a start, and any law after a push or a fault that shakes the arm.
+_TRUE_SPEED, _TRUE_ACCELERATION, _SETTLING = 1.1, 1.3, 0.5
+
+Worst = tuple[float, float, str]
+"""By how much a limit is exceeded, when [s], and in words."""
+
+
+class TipSample(NamedTuple):
+    """Where the joints are, or are to be: q (n,) [rad] at t [s] of the sequence, and of the arm."""
+
+    t: float
+    stamp: float
+    q: Values
+
+
+class JointsSmooth(Oracle):
+    """The joints are asked for no more than they may accelerate."""
+
+    name: ClassVar[str] = "smooth joints"
+    claim: ClassVar[str] = (
+        f"the positions and speeds of commands ask for at most {_ACCELERATION:g} times "
+        "max_joint_acceleration, from one to the next, and from where the arm stands to the first"
+    )
+
+    def check(self, record: SequenceRecord) -> list[Violation]:
+        """Return the first command that asks for more."""
+        if record.asked is None or record.jitter:
+            return []
+        n = len(record.joints)
+        limit = np.broadcast_to(_ACCELERATION * np.array(record.asked.joint_acceleration), n)
+        turning = np.isinf(record.limits.upper)
+        watch = CommandAcceleration(record.joints, limit, turning, [False] * n, 1e-3)
+        times, found = [truth.t for truth in record.truth], []
+        for run in runs(record):
+            watch.rest()
+            for command in run:
+                q, dq = np.array(command.q), np.array(command.dq)
+                standing = np.array(record.truth[bisect_right(times, command.t) - 1].q)
+                stamp = round(1e9 * command.stamp)
+                if text := watch.judge(q, dq, stamp, command.t, standing):
+                    found.append(self.violation(command.t, text))
+        return _first(found)
+
+
+class TipSmooth(Oracle):
+    """The tip is asked for no more speed, acceleration and jerk than allowed.
+
+    Not while states or commands are lost or mixed: what is commanded then is stepped as they are.
+    """
+
+    name: ClassVar[str] = "smooth tip"
+    claim: ClassVar[str] = (
+        f"the poses of the tip at the positions of commands change with at most {_SPEED:g} times "
+        f"the speed, {_ACCELERATION:g} times the acceleration and {_JERK:g} times the jerk that "
+        f"max_linear_... and max_angular_... allow, beside steps of {100 * _STEP:g} % of the "
+        f"acceleration and {100 * _SPEED_STEP:g} % of the speed; not while a fault shakes the arm "
+        "or its measured state"
+    )
+
+    def check(self, record: SequenceRecord) -> list[Violation]:
+        """Return the worst speed, acceleration and jerk, of those that are too much."""
+        if record.asked is None or record.jitter:
+            return []
+        paths = (
+            [TipSample(c.t, c.stamp, c.q) for c in run if low <= c.t <= high]
+            for run in runs(record)
+            for low, high in _undisturbed(record, run[0].t, run[-1].t)
+        )
+        return _worst(self, record, paths, (_SPEED, _ACCELERATION, _JERK))
+
+
+class ArmSmooth(Oracle):
+    """An arm that is driven by efforts moves with no more speed and acceleration than allowed."""
+
+    name: ClassVar[str] = "smooth arm"
+    claim: ClassVar[str] = (
+        f"driven by efforts, and not pushed or shaken, the tip of the arm has at most "
+        f"{_TRUE_SPEED:g} times the speed and {_TRUE_ACCELERATION:g} times the acceleration that "
+        f"max_linear_... and max_angular_... allow, from {_SETTLING:g} s on"
+    )
+
+    def check(self, record: SequenceRecord) -> list[Violation]:
+        """Return the worst speed and acceleration, of those that are too much."""
+        if record.asked is None or record.jitter:
+            return []
+        paths = (
+            [TipSample(k.t, k.t, k.q) for k in record.truth if low <= k.t <= high]
+            for start, end in _driven(record)
+            for low, high in _undisturbed(record, start + _SETTLING, end)
+        )
+        return _worst(self, record, paths, (_TRUE_SPEED, _TRUE_ACCELERATION, np.inf))
+
+
+def _undisturbed(record: SequenceRecord, start: float, end: float) -> list[tuple[float, float]]:
+    """Return the parts of a span [s] in which all that the robot says and hears is as it is."""
+    return without(start, end, [(a, b + _SETTLING) for a, b in record.shaken])
+
+
+def _driven(record: SequenceRecord) -> Iterator[tuple[float, float]]:
+    """Yield from when to when [s] efforts followed on each other."""
+    start: Command | None = None
+    last: Command | None = None
+    for command in record.commands:
+        if not command.effort:
+            continue
+        if start is None or last is None or not follows(record, last, command):
+            if start is not None and last is not None:
+                yield start.t, last.t
+            start = command
+        last = command
+    if start is not None and last is not None:
+        yield start.t, last.t
+
+
+def _first(found: list[Violation]) -> list[Violation]:
+    """Return the first of what was found, with how many there are."""
+    if not found:
+        return []
+    first = found[0]
+    return [first._replace(text=f"{first.text}; {len(found)} commands in all")]
+
+
+def runs(record: SequenceRecord) -> Iterator[list[Command]]:
+    """Yield the positions that follow on each other: the last of those at a time, or of a stamp."""
+    run: list[Command] = []
+    n = len(record.joints)
+    for command in record.commands:
+        if len(command.q) != n or not np.isfinite((*command.q, *command.dq)).all():
+            continue  # others say so
+        if run and not follows(record, run[-1], command):
+            yield run
+            run = []
+        if run and (command.t == run[-1].t or command.stamp == run[-1].stamp):
+            run.pop()
+        run.append(command)
+    if run:
+        yield run
+
+
+def _worst(
+    oracle: Oracle,
+    record: SequenceRecord,
+    paths: Iterable[list[TipSample]],
+    factors: tuple[float, float, float],
+) -> list[Violation]:
+    """Return the worst speed, acceleration and jerk of the tip, of those that are too much."""
+    asked = record.asked
+    assert asked is not None
+    speed, acceleration, jerk = factors
+    step, kick = _STEP / record.period, _SPEED_STEP / record.period**2
+    linear_step = max(step * asked.linear_acceleration, kick * asked.linear_speed)
+    angular_step = max(step * asked.angular_acceleration, kick * asked.angular_speed)
+    limits = {
+        "linear speed": speed * asked.linear_speed,
+        "angular speed": speed * asked.angular_speed,
+        "linear acceleration": acceleration * asked.linear_acceleration,
+        "angular acceleration": acceleration * asked.angular_acceleration,
+        "linear jerk": jerk * asked.linear_jerk + linear_step,
+        "angular jerk": jerk * asked.angular_jerk + angular_step,
+    }
+    worst: dict[str, Worst] = {}
+    for t, norms in (each for path in paths for each in _changes(record, path)):
+        for norm, (what, limit) in zip(norms, limits.items(), strict=False):
+            if norm > limit and norm / limit > worst.get(what, (1.0,))[0]:
+                text = f"the {what} of the tip is {norm:.4g}; allowed is {limit:.4g}"
+                worst[what] = norm / limit, t, text
+    return [oracle.violation(t, text) for _, t, text in worst.values()]
+
+
+def _changes(record: SequenceRecord, path: list[TipSample]) -> Iterator[tuple[float, list[float]]]:
+    """Yield when [s], and the norms of v, omega, and as far as is known of their derivatives."""
+    still = np.zeros(len(record.joints))
+    poses = [record.model.state(np.array(sample.q), still) for sample in path]
+    rates: list[tuple[float, Array]] = []  # over how long, v and omega (2, 3); then theirs
+    for (before, a), (after, b) in pairwise(zip(path, poses, strict=True)):
+        dt = after.stamp - before.stamp
+        if not 0.0 < dt <= record.period + BRIDGED:
+            rates = []
+            continue
+        twist = np.stack(((b.p_e - a.p_e) / dt, log(b.R_e @ a.R_e.T) / dt))
+        rates = [*rates[-2:], (dt, twist)]
+        orders = [_difference(rates[-order:]) for order in range(1, len(rates) + 1)]
+        yield after.t, np.linalg.norm(np.concatenate(orders), axis=1).tolist()
+
+
+def _difference(rates: list[tuple[float, Array]]) -> Array:
+    """Return the difference quotient of rates that follow on each other; one is itself."""
+    while len(rates) > 1:
+        rates = [
+            (0.5 * (ta + tb), (b - a) / (0.5 * (ta + tb)))
+            for (ta, a), (tb, b) in pairwise(rates)
+        ]
+    return rates[0][1]

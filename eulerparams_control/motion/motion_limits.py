@@ -1,0 +1,48 @@
+"""Limits of the motion of the tip: speed, acceleration and jerk, of its point and its turning."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits of the Euclidean norms; infinite where there is none.
+
+    Attributes:
+        linear_speed, angular_speed: [m/s], [rad/s].
+        linear_acceleration, angular_acceleration: [m/s^2], [rad/s^2].
+        linear_jerk, angular_jerk: [m/s^3], [rad/s^3].
+    """
+
+    linear_speed: float = math.inf
+    angular_speed: float = math.inf
+    linear_acceleration: float = math.inf
+    angular_acceleration: float = math.inf
+    linear_jerk: float = math.inf
+    angular_jerk: float = math.inf
+
+    def slowdown(self, other: "MotionLimits") -> float:
+        """Return the rate of time at which a motion within other limits is within these."""
+        rows = (self.speeds, other.speeds), (self.accelerations, other.accelerations)
+        ratios = [
+            (one / before) ** (1 / power)
+            for power, (now, then) in enumerate((*rows, (self.jerks, other.jerks)), start=1)
+            for one, before in zip(now, then, strict=True)
+            if math.isfinite(one)
+        ]
+        return min(ratios, default=1.0)
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Of the point and of the turning."""
+        return self.linear_speed, self.angular_speed
+
+    @property
+    def accelerations(self) -> tuple[float, float]:
+        """Of the point and of the turning."""
+        return self.linear_acceleration, self.angular_acceleration
+
+    @property
+    def jerks(self) -> tuple[float, float]:
+        """Of the point and of the turning."""
+        return self.linear_jerk, self.angular_jerk

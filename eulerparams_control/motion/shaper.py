@@ -1,0 +1,399 @@
+"""The shaper: from any reference to a motion that is smooth, and within the limits of the tip.
+
+A motion is a row of legs: one is followed for its duration, then the next one begins, from the
+state at the end of the last.  Trajectories within the limits are a leg of their own, to the bit;
+those beyond go slower along their path.  What does not begin where the tip is, is joined on
+the way.  Set-points and goals are reached in the least time that the limits allow, or as
+they come; a twist is attained.  All end at rest.
+
+Time is that of the motion: at the rate u the caller lets it ``wait``, and what is sampled is
+scaled by it (:class:`TimeScale`).
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.laws.rotations import Array, angle_between, log
+from eulerparams_control.motion.dilation import Dilated, within
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.plan import Plan, Sample, attain, join, reach
+from eulerparams_control.motion.references import Goal, Jog, SetPoint
+from eulerparams_control.motion.stream import PAUSE, StreamFilter
+from eulerparams_control.motion.trajectories import Trajectory
+
+Reference = Trajectory | SetPoint | Jog
+
+# A motion that begins within so much [m, rad; m/s, rad/s; m/s^2, rad/s^2] of the state is there.
+_SAME = ((1e-6, 1e-5), (1e-4, 1e-3), (1e-2, 4e-2))
+
+# A set-point may be this much beyond what the limits allow from tick to tick: its own rounding.
+_MARGIN = 1.05
+
+# So many references may wait for their time; a stream of which none begins so long [ns] stalls.
+_WAITING, _STALLED = 1000, 1_000_000_000
+
+# A set-point with a twist goes on for so many intervals of its stream, but no longer [s], if that
+# is more than it was to last.
+_GOES_ON, _LONGEST = 1.5, 0.4
+
+# A pose of a stream is waited for so long [s] at most after it was to come.
+_LATE = 0.05
+
+# A set-point between two plans of its stream waits so long [s].
+_BETWEEN = 0.008
+
+
+@dataclass
+class _Leg:
+    """A part of a motion.
+
+    Attributes:
+        sample: the frame at a time [s] from its start.
+        duration: [s].
+        then: the leg that follows the frame at the end.
+        is_held: whether it rests for good.
+        expires: when it ends [ns], whatever became of its own time: who sends it is silent.
+    """
+
+    sample: Sample
+    duration: float = math.inf
+    then: Callable[[DesiredFrame], "_Leg"] | None = None
+    is_held: bool = False
+    expires: int | None = None
+
+
+class _Waiting(NamedTuple):
+    """A reference whose time has not come: its start, and when it came if that is known [ns]."""
+
+    reference: Reference
+    start: int | None
+    since: int | None
+
+
+class Shaper:
+    """The motion that a controller follows.
+
+    Args:
+        held: frame at which it rests at first.
+        limits: of the tip; None: references are followed as they are.
+        max_jump: [m], [rad] by which a reference may begin away from where the tip is.
+
+    Attributes:
+        limits: of the tip.
+        last: the frame sampled last.
+        began: time [ns] at which the trajectory that is followed began; None if there is none.
+        is_holding: whether no reference was given since it began to hold.
+        bearable: rate of time that the limits bear, which were lowered since the motion began.
+        slowed: rate of time of the trajectory that is followed, where it is slowest; else 1.
+        leap: how far away [m, rad] a reference began that was refused for it; None if none was.
+        lost: how many references never began, for another one began first.
+        ahead: [s] of the newest set-point at its receipt, of the states.
+    """
+
+    def __init__(
+        self,
+        held: DesiredFrame,
+        limits: MotionLimits | None = None,
+        max_jump: tuple[float, float] = (math.inf, math.inf),
+    ) -> None:
+        self.limits, self.max_jump = limits, max_jump
+        self.lost, self.ahead = 0, 0.0
+        self.leap: tuple[float, float] | None = None
+        self._stream = StreamFilter()
+        self.hold(held)
+
+    def hold(self, frame: DesiredFrame) -> None:
+        """Hold the pose of ``frame`` from now on."""
+        self.last = self._before = rest = frame.at_rest()
+        self._leg = _rest(rest)
+        self._start = self._late = 0
+        self._is_slowed = False  # whether time was not to run at its full rate
+        self._at: int | None = None  # when it was sampled last [ns]
+        self._ends: int | None = None  # when the stream that moves has ended, if nothing comes
+        self._kind: type[Reference] = Trajectory  # of what began last
+        self._taken = 0  # when the set-point came that the stream took last [ns]
+        self._planned = 0  # when the last plan of the stream was made [ns]
+        self._waiting: deque[_Waiting] = deque(maxlen=_WAITING)
+        self._stream.forget()
+        self.began: int | None = None
+        self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
+
+    def has_stopped(self, t: int) -> bool:
+        """Whether set-points that moved have stopped coming, t [ns]."""
+        return self._ends is not None and t > self._ends
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the last frame has no twist."""
+        return not (self.last.dp_d.any() or self.last.omega_d.any())
+
+    @property
+    def expected(self) -> DesiredFrame:
+        """Where the next set-point of the stream is expected, which the tip may lag; else ``last``.
+
+        What is sent may not leap: from what was sent before, else from where the tip is.
+        """
+        frame, since = self._stream.frame, ((self._at or 0) - self._taken) / 1e9
+        return self.last if frame is None or since > PAUSE else frame.moved(since)
+
+    def is_stalled(self, t: int) -> bool:
+        """Whether set-points come, t [ns], whose time does not."""
+        if not self._waiting or not isinstance(self._waiting[-1].reference, SetPoint):
+            return False
+        since = self._waiting[0].since
+        return since is not None and t - since > _STALLED
+
+    def change(self, limits: MotionLimits | None, max_jump: tuple[float, float]) -> None:
+        """Take over other limits; what moves goes on as it was planned, but slower."""
+        self.max_jump = max_jump
+        if limits is not None and self.limits is not None and not self._leg.is_held:
+            self.bearable *= min(1.0, limits.slowdown(self.limits))
+        self.limits = limits
+
+    def wait(self, dt: int) -> None:
+        """Let the present motion be later by dt [ns] than it was to be."""
+        self._late += dt
+        self._is_slowed = True
+
+    def forget_waiting(self) -> None:
+        """Forget the references whose time has not come."""
+        self._waiting.clear()
+
+    def follow(self, reference: Reference, start: int | None) -> None:
+        """Follow a reference from the time ``start`` [ns], or from the next sample if None.
+
+        Until then the present motion goes on; of those that begin the newest counts.
+        """
+        self.is_holding = False
+        self.lost += len(self._waiting) == _WAITING
+        if self._at is not None and start is not None and isinstance(reference, SetPoint):
+            self.ahead = (start - self._at) / 1e9
+        self._waiting.append(_Waiting(reference, start, self._at))
+
+    def sample(self, t: int) -> DesiredFrame:
+        """Return the desired frame at the time t [ns]."""
+        leg, since = self._leg, t - self._start - self._late
+        if leg.expires is not None and t > leg.expires and leg.then is not None:
+            self._leg = leg = leg.then(leg.sample(since / 1e9))
+            self._start, self._late, since = t, 0, 0
+        while leg.then is not None and since > leg.duration * 1e9:
+            whole = round(leg.duration * 1e9)
+            self._leg = leg = leg.then(leg.sample(leg.duration))
+            self._start, since = self._start + whole, since - whole
+        self._before, self.last = self.last, leg.sample(since / 1e9)
+        if self._waiting:
+            self._begin_due(t)
+        self._at, self._is_slowed = t, False
+        return self.last
+
+    # --- references that begin -----------------------------------------------------------
+
+    def _begin_due(self, t: int) -> None:
+        """Begin the newest reference whose time has come; forget those before it."""
+        if self._waiting[0].since is None:
+            self._waiting[0] = self._waiting[0]._replace(since=t)
+        due = [n for n, one in enumerate(self._waiting) if one.start is None or one.start <= t]
+        for place in range(due[-1] + 1 if due else 0):
+            reference, start, _ = self._waiting.popleft()
+            begin = t if start is None else start
+            if place == due[-1]:
+                self._begin(reference, begin, t)
+            else:
+                self.lost += begin > t
+
+    def _begin(self, reference: Reference, begin: int, t: int) -> None:
+        if isinstance(reference, Trajectory):
+            reference = reference.from_frame(self.last)
+        tau = (t - begin) / 1e9
+        if not isinstance(reference, (Goal, Jog)) and self._leaps(reference.sample(tau)):
+            return
+        self.began, self._ends, self.slowed, self.bearable = None, None, 1.0, 1.0
+        if type(reference) is not self._kind:
+            self._kind = type(reference)
+            self._stream.forget()
+        if isinstance(reference, Trajectory):
+            self.began = begin
+            leg, tau = self._trajectory(reference, tau)
+        elif isinstance(reference, SetPoint):
+            found = self._set_point(reference, begin, tau, t)
+            if found is None:  # the plan of a moment ago goes on
+                return
+            leg, tau = found
+        else:
+            leg, tau = self._jog(reference, t), 0.0
+        self._leg, self._start, self._late = leg, t - round(tau * 1e9), 0
+        if tau <= 0 or leg.duration >= tau:
+            self.last = leg.sample(tau)
+
+    def _leaps(self, there: DesiredFrame) -> bool:
+        here = self.expected
+        way = _norm(there.p_d - here.p_d), angle_between(there.R_d, here.R_d)
+        if way[0] <= self.max_jump[0] and way[1] <= self.max_jump[1]:
+            return False
+        self.leap = way
+        return True
+
+    def _trajectory(self, trajectory: Trajectory, tau: float) -> tuple[_Leg, float]:
+        """Return the leg along a trajectory, and how far [s] it has come."""
+        limits = self.limits
+        if limits is None:
+            return _Leg(trajectory.sample), tau
+        motion = within(trajectory, limits)
+        if isinstance(motion, Dilated):
+            self.slowed, tau = motion.slowest, motion.time_at(tau)
+        leg = self._along(motion, 0.0)
+        if tau >= motion.duration:
+            return self._to_rest(self.last, motion.sample(motion.duration).at_rest()), 0.0
+        if _is_there(self.last, motion.sample(tau)):
+            return leg, tau
+        plan = join(self.last, motion.sample, tau, limits, 0.0)
+        return self._planned_leg(plan, lambda _: self._along(motion, tau + plan.duration)), 0.0
+
+    def _along(self, motion: Trajectory | Dilated, offset: float) -> _Leg:
+        """Return the leg along a motion from the time ``offset`` [s] on."""
+        sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
+        end = motion.sample(motion.duration)
+        if not (end.dp_d.any() or end.omega_d.any()):
+            return _Leg(sample)
+        left = max(motion.duration - offset, 0.0)
+        return _Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
+
+    def _set_point(
+        self, point: SetPoint, begin: int, tau: float, t: int
+    ) -> tuple[_Leg, float] | None:
+        """Return the leg to a set-point and on, and how far [s] it has come; None: as it was."""
+        limits, stream, before = self.limits, self._stream, self._at
+        if limits is None:
+            self._ends = begin + round(point.lasting * 1e9) if point.moves else None
+            return _Leg(point.sample), tau
+        stream.take(point.frames[0], begin / 1e9, limits)
+        self._taken = t
+        assert stream.frame is not None
+        line, late = _bounded(stream.frame, limits), 0.0
+        if stream.has_twists:
+            tau = min(tau, point.lasting)  # one that comes late leads on by its twist, so far
+            lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
+            self._ends = t + round(lasting * 1e9)
+            dt = 0.0 if before is None or self._is_slowed else (t - before) / 1e9
+            if self._passes(point.sample(tau), dt):
+                return self._goes_on(point.frames[0], tau, lasting, t), tau
+        elif not stream.interval:
+            return self._to_rest(self.last, line), 0.0
+        else:  # late by the time until the next one comes: so it goes hardly beyond the last
+            tau, late = 0.0, stream.next_within
+            lasting = late + min(late / 2 + _BETWEEN, _LATE)
+        if 0 < t - self._planned < _BETWEEN * 1e9 and stream.interval > 0:
+            return None
+        self._planned = t
+        plan = join(self.last, lambda s: line.moved(s - late), tau, limits, stream.interval)
+        end = self._brake if stream.has_twists else self._to_the_last
+        expires = t + round(lasting * 1e9)
+        if plan.duration >= lasting:
+            return _Leg(plan.sample, lasting, end, expires=expires), 0.0
+        met = tau + plan.duration - late
+        on = _Leg(lambda s: line.moved(met + s), lasting - plan.duration, end, expires=expires)
+        return _Leg(plan.sample, plan.duration, lambda _: on), 0.0
+
+    def _goes_on(self, frame: DesiredFrame, tau: float, lasting: float, t: int) -> _Leg:
+        """Return the leg that leads on from a set-point: soon without its acceleration."""
+        assert self.limits is not None
+        soon = tau + min(max(1.5 * self._stream.interval, 1e-3), lasting)
+        line = _bounded(frame.moved(soon), self.limits)
+        expires = t + round(lasting * 1e9)
+        on = _Leg(line.moved, max(tau + lasting - soon, 0.0), self._brake, expires=expires)
+        return _Leg(frame.moved, soon, lambda _: on)
+
+    def _passes(self, frame: DesiredFrame, dt: float) -> bool:
+        """Return whether the limits allow a frame dt [s] after the one before."""
+        limits, before = self.limits, self._before
+        if limits is None or not dt > 0:
+            return False
+        ways = frame.p_d - before.p_d, log(frame.R_d @ before.R_d.T)
+        return all(
+            _norm(v) <= speed
+            and _norm(a) <= _MARGIN * most
+            and _norm(v - v_0) <= _MARGIN * most * dt
+            and _norm(a - a_0) <= _MARGIN * jerk * dt
+            and _norm(v - v_0 - dt / 2 * (a + a_0)) <= _MARGIN * jerk * dt**2
+            and _norm(way - dt / 2 * (v + v_0)) <= _MARGIN * most * dt**2
+            for way, v, v_0, a, a_0, speed, most, jerk in zip(
+                ways,
+                (frame.dp_d, frame.omega_d),
+                (before.dp_d, before.omega_d),
+                (frame.ddp_d, frame.domega_d),
+                (before.ddp_d, before.domega_d),
+                limits.speeds,
+                limits.accelerations,
+                limits.jerks,
+                strict=True,
+            )
+        )
+
+    def _jog(self, jog: Jog, t: int) -> _Leg:
+        """Return the leg that attains a twist, and ends."""
+        if self.limits is None:
+            line = self.last._replace(dp_d=jog.twist[:3], omega_d=jog.twist[3:]).moved
+            return _Leg(line, jog.lasting, lambda here: _rest(here))
+        plan = attain(self.last, jog.twist, self.limits)
+        expires = t + round(jog.lasting * 1e9)
+        return _Leg(plan.sample, jog.lasting, self._brake, expires=expires)
+
+    # --- ends ----------------------------------------------------------------------------
+
+    def _planned_leg(self, plan: Plan, then: Callable[[DesiredFrame], _Leg]) -> _Leg:
+        return _Leg(plan.sample, plan.duration, then)
+
+    def _to_rest(self, here: DesiredFrame, goal: DesiredFrame) -> _Leg:
+        """Return the leg that ends at rest at a goal."""
+        assert self.limits is not None
+        plan = reach(here, goal, self.limits)
+        return self._planned_leg(plan, lambda _: _rest(goal))
+
+    def _to_the_last(self, here: DesiredFrame) -> _Leg:
+        """Return the leg that ends at rest at the set-point that came last."""
+        assert self._stream.last is not None
+        return self._to_rest(here, self._stream.last.at_rest())
+
+    def _brake(self, here: DesiredFrame) -> _Leg:
+        """Return the leg that comes to rest as soon as it can."""
+        assert self.limits is not None
+        plan = attain(here, np.zeros(6), self.limits)
+        return self._planned_leg(plan, _rest)
+
+
+def _rest(frame: DesiredFrame) -> _Leg:
+    held = frame.at_rest()
+    return _Leg(lambda _: held, is_held=True)
+
+
+def _norm(v: Array) -> float:
+    return math.sqrt(v @ v)
+
+
+def _is_there(here: DesiredFrame, there: DesiredFrame) -> bool:
+    """Return whether two frames with their motion are the same."""
+    pairs = (
+        (here.p_d - there.p_d, None),
+        (here.dp_d - there.dp_d, here.omega_d - there.omega_d),
+        (here.ddp_d - there.ddp_d, here.domega_d - there.domega_d),
+    )
+    for (linear, angular), most in zip(pairs, _SAME, strict=True):
+        turn = angle_between(here.R_d, there.R_d) if angular is None else _norm(angular)
+        if not (_norm(linear) <= most[0] and turn <= most[1]):
+            return False
+    return True
+
+
+def _bounded(frame: DesiredFrame, limits: MotionLimits) -> DesiredFrame:
+    """Return the frame with a twist, and no acceleration, within the limits."""
+    dp_d, omega_d = (
+        v if _norm(v) <= most else most / _norm(v) * v
+        for v, most in zip((frame.dp_d, frame.omega_d), limits.speeds, strict=True)
+    )
+    return DesiredFrame(frame.p_d, frame.R_d, dp_d, omega_d)

@@ -1,0 +1,136 @@
+"""The node ``watchdog``: ``joint_effort`` to a driver without a timeout, or what brakes the arm."""
+
+import sys
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from eulerparams_control.control.clock import steady
+from eulerparams_control.control.watch import Watch, WatchMode
+from eulerparams_control.errors import EulerParamsError, InvalidMessageError
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import JointCommand
+from eulerparams_control.messages.from_ros import CommandReader, JointStateReader
+from eulerparams_control.parameters.schemes import TORQUE
+from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.commands import CommandPublisher
+from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.publishers import refuse_two_publishers
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.runtime import run
+
+_RESUME = "see to the controller; when it sends efforts again, call ~/resume"
+_SAYS = {
+    WatchMode.WAITING: ("waiting for joint_states and joint_effort", ""),
+    WatchMode.PASSING: ("passing joint_effort on", ""),
+    WatchMode.BRAKING: ("joint_effort is silent: the arm is braked", _RESUME),
+    WatchMode.HOLDING: ("joint_effort was silent: the arm is held by gravity and damping", _RESUME),
+    WatchMode.BLIND: ("joint_states is silent: gravity compensation only", "engage the brakes"),
+}
+
+
+class WatchdogNode(Node):
+    """Stands between a controller of efforts and a driver that holds the last one for ever."""
+
+    def __init__(self) -> None:
+        super().__init__("watchdog")
+        self.done = False
+        self._health = diagnostics.Health(self)
+        p = self._params = declare(self, WatchdogParameters)
+        self._watch: Watch | None = None
+        if p.robot_description:
+            self._set_robot(p.robot_description)
+        else:
+            self.create_subscription(String, "robot_description", self._on_urdf, QOS_LATCHED)
+            text = "waiting for a robot description"
+            self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
+        self.create_service(Trigger, "~/resume", self._on_resume)
+        self.create_timer(p.timeout / 5, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_urdf(self, msg: String) -> None:
+        try:
+            if self._watch is None:
+                self._set_robot(msg.data)
+        except EulerParamsError as error:
+            text = f"robot_description refused: {error}"
+            self._health.set(diagnostics.ERROR, text, mode=WatchMode.WAITING)
+
+    def _set_robot(self, urdf: str) -> None:
+        robot, kind = self._params.robot(urdf), self._params.command_type
+        self._readers = CommandReader(robot.joints, TORQUE), JointStateReader(robot.joints, True)
+        self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
+        self._watch, self._stamp = Watch(robot, self._params), Time()
+        self._efforts, _ = (
+            self.create_subscription(
+                JointState, topic, take, QOS, qos_overriding_options=QOS_OVERRIDES
+            )
+            for topic, take in (("joint_effort", self._on_effort), ("joint_states", self._on_state))
+        )
+        self._send(None)
+
+    def _on_effort(self, msg: JointState) -> None:
+        assert self._watch is not None
+        try:
+            refuse_two_publishers(self, self._efforts)
+            tau = self._readers[0].effort_from_ros(msg)
+        except InvalidMessageError as error:
+            self._health.reject("joint_effort", error)
+            return
+        self._stamp = msg.header.stamp
+        self._send(self._watch.effort(tau, steady()))
+
+    def _on_state(self, msg: JointState) -> None:
+        assert self._watch is not None
+        if not self._readers[1].concerns(msg):  # a gripper's, say
+            return
+        try:
+            _, q, dq = self._readers[1].from_ros(msg)
+        except InvalidMessageError as error:
+            self._health.reject("joint_states", error)
+            return
+        self._stamp = msg.header.stamp
+        self._send(self._watch.state(q, dq, steady()))
+
+    def _look(self) -> None:
+        if self._watch is not None:
+            self._send(self._watch.look(steady()))
+
+    def _send(self, tau: Array | None) -> None:
+        """Send efforts to the driver, if there are any, and say what is done."""
+        assert self._watch is not None
+        if tau is not None:
+            self._driver.publish(self._stamp, JointCommand(effort=tau))
+        text, remedy = _SAYS[self._watch.mode]
+        level = diagnostics.ERROR if remedy else diagnostics.OK
+        self._health.set(level, text, remedy, mode=self._watch.mode)
+
+    def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        try:
+            if self._watch is not None:
+                self._watch.resume(steady())
+                self._send(None)
+            answer.success, answer.message = True, self._health.message
+        except InvalidMessageError as error:
+            answer.message = str(error)
+        return answer
+
+    def at_rest(self) -> bool:
+        """Brake the arm before the end; return whether it is at rest, or nothing acts."""
+        return self._watch is None or self._watch.brake()
+
+    def close(self) -> None:
+        """What was sent last is gravity compensation: it may stay."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(WatchdogNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,36 @@
+"""The representations of the orientation by name, and frames where their laws are regular."""
+
+import pytest
+from samples import Array, uniform
+from tolerances import POLE_CLEARANCE
+
+from eulerparams_control.laws.orientation import (
+    ORIENTATIONS,
+    SEQUENCES,
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    SignRule,
+    representation,
+)
+
+# Those whose law is not the same seen from another base frame.
+DEPENDS_ON_THE_BASE = {"euler_angles"}
+
+every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
+every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
+of_angles = pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+
+
+def make(name, sequence="XYZ", sign="hysteretic", initial=1) -> OrientationRepresentation:
+    """Return the representation of that name with those options."""
+    rule = SignRule(sign, initial=initial)
+    return representation(name, OrientationOptions(EulerSequence(sequence), rule))
+
+
+def regular_pairs(law, count=40) -> list[tuple[Array, Array]]:
+    """Return pairs (R_d, R_e), any angle apart, that are away from the law's singularities."""
+    pairs = zip(uniform(8 * count), uniform(8 * count, key=1), strict=True)
+    regular = [pair for pair in pairs if law.singularity_distance(*pair) > POLE_CLEARANCE]
+    assert len(regular) >= count
+    return regular[:count]

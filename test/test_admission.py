@@ -1,0 +1,387 @@
+"""What the states of a robot say of their time: turns, gaps, rates, clocks that are off."""
+
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import HOME, STILL, UR5, Plant
+from samples import generator
+from test_controller import MS, T_0, clik, dynamic_control, moved
+from tolerances import RELATIVE
+
+from eulerparams_control.control.admission import Turns
+from eulerparams_control.control.clock import Latency, NominalPeriod
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.orientation import representation
+from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.trajectories import way_points
+from eulerparams_control.robot.catalogue import find_urdf
+from eulerparams_control.robot.robot import Robot
+
+CHECKED = ControllerOptions(check_states=True)
+KINOVA = Robot(
+    find_urdf("example-robot-data:kinova_description/robots/kinova.urdf", Path()).read_text(),
+    "base",
+    "j2s6s200_end_effector",
+)  # joints 1, 4 and 6 are continuous
+DT, ACCELERATION = 0.002, 10.0  # [s], [rad/s^2]
+
+
+class Driver:
+    """A robot that does what it is told, its controller, and its states by the steady clock.
+
+    Its driver reports continuous joints within (-pi, pi] if it wraps.
+    """
+
+    def __init__(self, scheme, q, *, wraps=True, period=DT, options=CHECKED):
+        self.robot, self.wraps, self.period = scheme.robot, wraps, period
+        self.q, self.dq = q.copy(), np.zeros(scheme.robot.n)
+        self.t, self.now = T_0, 50.0
+        self.commands = []
+        self.controller = Controller(scheme, options, self.measured)
+
+    @property
+    def measured(self):
+        """The positions that the driver reports."""
+        q = self.q.copy()
+        if self.wraps:
+            turning = np.isinf(self.robot.limits.upper)
+            q[turning] = np.pi - (np.pi - q[turning]) % (2 * np.pi)
+        return q
+
+    def step(self, dt=None, *, stamps=None, pushed=None):
+        """Let a time pass, by the stamps perhaps another, and obey; return the command."""
+        dt = self.period if dt is None else dt
+        self.now += dt
+        self.t += round(1e9 * (dt if stamps is None else stamps))
+        if pushed is not None:
+            self.q = self.q + pushed
+        command = self.controller.step(self.t, self.measured, self.dq, self.now)
+        if command is not None and command.q is not None:
+            self.commands.append(command.q)
+            turns = 2 * np.pi * np.round((self.q - command.q) / (2 * np.pi))
+            turns[np.isfinite(self.robot.limits.upper)] = 0
+            self.q, self.dq = command.q + turns * self.wraps, command.dq
+        return command
+
+    def run(self, seconds):
+        """Go on for a time [s]."""
+        for _ in range(round(seconds / self.period)):
+            self.step()
+
+    def turn(self, joint, angle, duration=1.5):
+        """Send the motion to where a joint is turned by an angle [rad]."""
+        here = self.controller.scheme.frame_at(self.q)
+        q = self.q.copy()
+        q[joint] += angle
+        goal = self.controller.scheme.frame_at(q)
+        path = [(here.p_d, here.R_d), (goal.p_d, goal.R_d)]
+        self.controller.follow(way_points([0.0, duration], path), None, self.now)
+
+
+def kinova(q, **options):
+    """Return a Kinova under CLIK at q."""
+    law = ClikLaw(representation("euler_parameters"))
+    limits = replace(KINOVA.limits, acceleration=np.full(6, ACCELERATION))
+    return Driver(Clik(KINOVA, law, limits=limits), q, **options)
+
+
+# --- turns ----------------------------------------------------------------------------------
+
+
+NEAR_PI = np.array([0.3, 2.9, 1.3, -2.07, 1.4, np.pi - 0.15])
+
+
+def stamp_jump(arm):
+    arm.step(stamps=0.3)
+
+
+def silence(arm):
+    arm.step(0.3)
+
+
+def fault(arm):
+    arm.controller.step(arm.t, arm.measured + 1e-3, arm.dq, arm.now)  # under the same stamp
+    assert arm.controller.why.cause is Cause.STAMP_STUCK
+    arm.run(0.6)
+
+
+@pytest.mark.parametrize("event", [stamp_jump, silence, fault])
+@pytest.mark.parametrize("wraps", [True, False])
+def test_a_driver_that_wraps_continuous_joints_never_makes_a_command_step(event, wraps):
+    arm = kinova(NEAR_PI, wraps=wraps)
+    arm.run(0.1)
+    for angle, goal in ((0.4, np.pi + 0.25), (-0.3, np.pi - 0.05)):
+        arm.turn(5, angle)
+        arm.run(2.0)
+        assert arm.commands[-1][5] == pytest.approx(goal, abs=1e-3)  # through pi, and back
+        event(arm)
+        arm.run(0.6)
+    arm.turn(5, 0.4)
+    arm.run(0.75)
+    if event is not silence:  # after which the arm has come to rest
+        event(arm)
+    arm.run(1.0)
+    speeds = np.diff(arm.commands, axis=0) / DT
+    assert np.abs(np.diff(speeds, axis=0)).max() <= ACCELERATION * DT + 1e-9
+
+
+def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
+    """Its driver lost the count of turns: a command a turn away would turn the arm round."""
+    arm = kinova(NEAR_PI, wraps=False)
+    arm.run(0.1)
+    command = arm.step(5.0, pushed=-2 * np.pi * np.eye(6)[5])
+    np.testing.assert_allclose(command.q, arm.q, rtol=0, atol=RELATIVE)
+    assert command.q[5] < 0
+
+
+def test_joints_with_limits_are_never_taken_a_turn_away():
+    turns = Turns(np.array([True, False]), np.zeros(2))
+    found = turns.unwound(np.array([6.2, 6.2]), None, is_lost=False)
+    np.testing.assert_allclose(found, [6.2 - 2 * np.pi, 6.2])
+
+
+# --- gaps -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
+@pytest.mark.parametrize("feedback", ["internal", "measured"])
+def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
+    arm = Driver(clik(limits=UR5.limits, feedback=feedback), HOME)
+    goal = moved(0.2)
+    arm.run(0.1)
+    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.run(0.75)
+    command, desired = arm.step(), arm.controller.guidance.tick_now.desired
+    after = arm.step(gap)
+    most = 3.001 * DT * np.abs([command.dq, after.dq]).max(axis=0)
+    assert (np.abs(after.q - command.q) <= most + RELATIVE).all()
+    went = arm.controller.guidance.tick_now.desired.p_d - desired.p_d
+    assert np.linalg.norm(went) <= 3.01 * DT * np.linalg.norm(desired.dp_d)
+    arm.run(1.0)
+    last = arm.controller.guidance.tick_now.desired
+    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)  # later, but all of it
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.05])
+def test_under_efforts_the_arm_goes_on_through_a_gap_and_so_does_the_motion(gap):
+    """The efforts acted: waiting would pull the arm back, by 4.5 m/s^2 after 50 ms."""
+    plant = Plant()
+    controller = Controller(dynamic_control(), CHECKED, HOME)
+    goal, tau, peak, missed = moved(0.2), None, 0.0, range(350, 350 + round(gap / DT))
+    for step in range(1000):
+        if step not in missed:
+            t = T_0 + round(step * DT * 1e9)
+            tau = controller.step(t, plant.q.copy(), plant.dq.copy()).effort
+            if step == 0:
+                controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+        ddq = plant.acceleration(plant.q, plant.dq, tau)
+        if step > 345:
+            a = plant.tip_acceleration(plant.q, plant.dq, ddq)
+            peak = max(peak, np.linalg.norm(a[:3]))
+        plant.step(tau, DT)
+    assert controller.fault == ""
+    assert peak < 0.6
+
+
+# --- rates ----------------------------------------------------------------------------------
+
+
+def periods(text):
+    """Return the steps [s] of a pattern of milliseconds."""
+    return [float(word) / 1e3 for word in text.split()]
+
+
+@pytest.mark.parametrize(
+    ("steps", "seconds", "missed"),
+    [
+        (periods("2") * 100, 0.002, 0),
+        (periods("1.7 2.3 2.1 1.9") * 25, 0.002, 0),
+        (periods("90") + periods("2") * 99, 0.002, 0),  # it began with a hiccup
+        ((periods("2") * 49 + periods("50")) * 2, 0.002, 48),
+        (periods("2") * 50 + periods("10") * 400, 0.010, None),
+        (periods("10") * 50 + periods("2") * 400, 0.002, None),
+        (periods("125") * 20, 0.125, 0),
+    ],
+)
+def test_the_period_is_the_usual_one_whatever_is_lost_or_late(steps, seconds, missed):
+    period = NominalPeriod()
+    for step in steps:
+        period.take(step)
+    assert period.seconds == pytest.approx(seconds, rel=0.06)
+    assert missed is None or period.missed == pytest.approx(missed, abs=2)
+
+
+def test_a_period_is_known_after_nine_steps_and_a_bound_of_it_after_three():
+    period, known = NominalPeriod(), []
+    for step in [0.3, *[0.1] * 8]:
+        period.take(step)
+        known.append((period.least, period.seconds))
+    assert known == [(0, 0)] * 2 + [(0.1 / 1.5, 0)] * 6 + [(0.1, 0.1)]
+
+
+def fast(gain=100.0):
+    """Return CLIK with this gain."""
+    law = ClikLaw(representation("euler_parameters"), gain, gain)
+    return Clik(UR5, law, limits=UR5.limits)
+
+
+def effort(k_Po=800.0):
+    """Return dynamic control with this gain; the error of Euler parameters has the slope 1/2."""
+    scheme = dynamic_control()
+    law = scheme.law
+    scheme.replace_law(
+        type(law)(law.orientation, 100.0, 20.0, k_Po, 20.0), scheme.dynamics, scheme.limits
+    )
+    return scheme
+
+
+@pytest.mark.parametrize(
+    ("scheme", "rate", "fault", "warning"),
+    [
+        (fast, 1000, "", ""),
+        (fast, 150, "", "150 times a second, too seldom for k_Pp 100, whose loop has 100 1/s"),
+        (fast, 40, "40 times a second, too seldom for k_Pp 100, whose loop has 100 1/s", ""),
+        (partial(fast, 10.0), 40, "", ""),
+        (partial(fast, 10.0), 20.5, "", ""),
+        (partial(effort, 20_000.0), 80, "too seldom for k_Po 20000, whose loop has 100 1/s", ""),
+        (partial(effort, 20_000.0), 500, "", ""),
+        (effort, 30, "", "too seldom for k_Po 800, whose loop has 20 1/s"),
+    ],
+)
+def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate, fault, warning):
+    arm = Driver(scheme(), HOME, period=1 / rate)
+    for _ in range(15):
+        arm.step()
+    why = arm.controller.supervisor.rate.why
+    assert fault in arm.controller.fault
+    assert bool(fault) == bool(arm.controller.fault)
+    assert warning in why.note
+    assert bool(warning) == bool(why.note)
+    if fault:
+        assert arm.controller.why.cause is Cause.RATE_TOO_LOW
+        assert arm.step() is not None  # it is held
+        with pytest.raises(InvalidMessageError, match="too seldom"):
+            arm.controller.follow(SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0)
+
+
+def test_the_remedy_of_a_rate_that_is_too_low_helps():
+    arm = Driver(fast(), HOME, period=0.025)
+    arm.run(0.5)
+    remedy = "publish 200 times a second or more, or set k_Pp to 20 or less"
+    assert remedy in arm.controller.why.remedy
+    arm.controller.scheme.replace_law(fast(20.0).law)
+    arm.run(0.6)
+    arm.turn(5, 0.2)
+    arm.run(2.0)
+    assert arm.controller.fault == ""
+    assert arm.controller.mode is Mode.FOLLOWING
+    arm.controller.scheme.replace_law(fast(100.0).law)  # a gain is judged when it is changed
+    arm.step()
+    assert arm.controller.why.cause is Cause.RATE_TOO_LOW
+
+
+def test_jitter_about_the_bound_does_not_toggle_the_verdict():
+    arm, random = Driver(fast(), HOME, period=0.0105), generator(701)
+    verdicts = []
+    for _ in range(2000):
+        arm.step(0.0105 * random.uniform(0.7, 1.3))
+        verdicts.append(arm.controller.supervisor.rate.is_too_low)
+    assert sum(before != after for before, after in pairwise(verdicts)) <= 1
+
+
+@pytest.mark.parametrize("is_simulated", [False, True])
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_states_that_come_less_often_than_the_timeout_are_a_fault_with_its_remedy(
+    scheme, is_simulated
+):
+    arm = Driver(scheme(), HOME, period=0.125)
+    if is_simulated:
+        arm.controller = Controller(scheme(), CHECKED, HOME)
+    answers = []
+    for step in range(20):
+        now = None if is_simulated else 50.0 + 0.125 * step
+        answers.append(arm.controller.step(T_0 + 125 * step * MS, HOME, STILL, now))
+    why = arm.controller.why
+    assert why.cause is Cause.RATE_TOO_LOW
+    assert "come every 0.125 s, but state_timeout is 0.1 s" in why.fault
+    assert "set state_timeout to 0.25 s" in why.remedy
+    last = answers[-1]
+    if scheme is clik:
+        np.testing.assert_array_equal(last.q, HOME)
+    else:  # there is no loop that could hold it at 8 Hz
+        assert last is None
+
+
+# --- clocks that are off ----------------------------------------------------------------------
+
+
+MINUTES = 20.0
+
+
+def lateness(clock, seconds=60 * MINUTES, rate=100, jitter=1e-3):
+    """Return when states are refused [s] under efforts; ``clock`` makes stamps of the time."""
+    latency, random, refused = Latency(0.03), generator(702), []
+    for k in range(round(seconds * rate)):
+        t = k / rate
+        stamp, now = round(1e9 * (1000 + clock(t))), 50.0 + t + random.exponential(jitter)
+        if latency.of(stamp, now, patient=False) > latency.most:
+            refused.append(t)
+    return refused
+
+
+@pytest.mark.parametrize("ppm", [-1000, -200, 200, 1000])
+def test_a_clock_that_drifts_by_1000_ppm_never_makes_a_state_late(ppm):
+    assert lateness(lambda t: t * (1 + 1e-6 * ppm)) == []
+
+
+@pytest.mark.parametrize("slewed", [0.04, 0.2, -0.2])
+def test_a_clock_that_is_slewed_silences_no_arm_for_longer_than_some_seconds(slewed):
+    """As chrony slews: by 40 ms within 1 s, and by more at that speed."""
+    duration = abs(slewed) / 0.04
+    refused = lateness(
+        lambda t: t - np.sign(slewed) * 0.04 * np.clip(t - 100, 0, duration), seconds=200
+    )
+    assert len(refused) < 100 * (duration + 11)
+    assert all(100 <= t < 100 + duration + 11 for t in refused)
+
+
+def test_a_clock_that_is_stepped_back_within_the_allowed_lateness_goes_on():
+    refused = lateness(lambda t: t - 0.1 * (t > 100), seconds=150)
+    assert len(refused) == pytest.approx(100 * 10, abs=5)
+    assert max(refused) < 111
+
+
+@pytest.mark.parametrize("growth", [0.005, 0.01, 0.1])
+def test_lateness_that_grows_by_congestion_is_refused_for_as_long_as_it_grows(growth):
+    refused = lateness(lambda t: t - growth * max(0.0, t - 10), seconds=60)
+    from_then_on = [k / 100 for k in range(round(100 * (10.5 + 0.03 / (growth - 0.002))), 6000)]
+    assert set(from_then_on) <= set(np.round(refused, 2))
+
+
+def test_lateness_that_swings_is_not_taken_for_that_of_a_clock():
+    refused = lateness(lambda t: t - (t > 10) * (0.1 + 0.03 * np.sin(t)), seconds=35)
+    assert len(refused) == pytest.approx(100 * 25, abs=5)
+
+
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+@pytest.mark.parametrize("step", [-0.5, -0.05, 0.05, 0.5])
+def test_a_clock_that_ntp_steps_stops_the_arm_at_most_and_silences_it_for_seconds(scheme, step):
+    arm = Driver(scheme(), HOME)
+    arm.run(1.0)
+    arm.t += round(1e9 * step)
+    answered = []
+    for k in range(round(12 / DT)):
+        with suppress(InvalidMessageError):
+            if arm.step() is not None:
+                answered.append(k * DT)
+    assert answered[0] < 0.2 or answered[0] == pytest.approx(10, abs=0.5)
+    assert answered[-1] > 11.9
+    assert arm.controller.fault == ""

@@ -1,0 +1,365 @@
+"""What comes from a robot beyond its own states: others' joints, NaN, stuck and rival sources."""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from in_process import World
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, pose, reference, values
+from sensor_msgs.msg import JointState
+from tolerances import LAW_IN_A_NODE
+
+from eulerparams_control.control.clock import set_steady
+from eulerparams_control.errors import InvalidMessageError, RobotError
+from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.messages.to_ros import stamp_to_ros
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.wrench_input import WrenchInput
+
+MODEL = Robot(UR5.urdf, "base_link", "tool0")
+JOINTS = ("a", "b")
+NAN = math.nan
+REAL = {"use_sim_time": False}
+
+
+def goal(z: float = 0.1) -> DesiredFrame:
+    """Return a pose above home."""
+    p, R = pose(HOME)
+    return DesiredFrame(p + [0.0, 0.0, z], R)
+
+
+def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) -> Any:
+    """Step until a status of a node in real time meets a condition; return it."""
+    heard = node.peer.listen(DiagnosticArray, "/diagnostics")
+    for _ in range(3000):
+        step()
+        for status in (status for array in heard for status in array.status):
+            if status.name == node.name and condition(status):
+                return status
+        heard.clear()
+    raise AssertionError(f"it was not told\n{node.process.log}")
+
+
+# --- velocities ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("velocity", "needed", "words"),
+    [
+        ([NAN, NAN, 1.0], False, ""),  # of another's joint there is one
+        ([NAN, NAN, NAN], False, ""),
+        ([NAN, NAN, NAN], True, "joint_states has no velocities, all are NaN; efforts need the"),
+        ([NAN, 0.1, 0.0], False, "joint_states has a non-finite velocity: {'a': nan"),
+        ([0.1, NAN, 0.0], False, "joint_states has a non-finite velocity: {'a': 0.1"),
+    ],
+)
+def test_velocities_that_are_all_nan_are_none(
+    velocity: list[float], needed: bool, words: str
+) -> None:
+    msg = JointState(name=[*JOINTS, "finger"], position=[1.0, 2.0, 3.0], velocity=velocity)
+    reader = JointStateReader(JOINTS, needed)
+    if words:
+        with pytest.raises(InvalidMessageError, match=words):
+            reader.from_ros(msg)
+    else:
+        assert reader.from_ros(msg)[2].tolist() == [0.0, 0.0]
+        assert not reader.has_velocity
+    msg.velocity = [0.1, 0.2, NAN]
+    assert reader.from_ros(msg)[2].tolist() == [0.1, 0.2]
+    assert reader.has_velocity
+
+
+def without_velocities(arm: Any) -> None:
+    """Let an arm report NaN for its velocities, as joint_state_broadcaster does."""
+    say = arm.message
+
+    def message(q: Any = None) -> Any:
+        msg = say(q)
+        msg.velocity = [NAN] * 6
+        return msg
+
+    arm.message = message
+
+
+def test_clik_controls_an_arm_that_reports_no_velocities(world: World) -> None:
+    node = Controlled(world, "clik", FRAMES)
+    without_velocities(node.arm)
+    node.follow(reference(goal(0.05), times=(0.5,)))
+    node.arm.ticks(800)
+    np.testing.assert_allclose(pose(node.arm.q)[0], goal(0.05).p_d, atol=LAW_IN_A_NODE)
+    assert "joint_states rejected" not in values(node.status())
+
+
+# --- others' joints -----------------------------------------------------------------------------
+
+
+def gripper(arm: Any) -> Any:
+    """Return joint_states of a gripper, of now."""
+    msg = JointState(name=["finger"], position=[0.01])
+    msg.header.stamp = stamp_to_ros(arm.t + 500_000)
+    return msg
+
+
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control", "impedance_control"])
+def test_joint_states_of_others_are_ignored_in_silence(world: World, executable: str) -> None:
+    node = Controlled(world, executable, FRAMES)
+    rival = node.peer.another_node("gripper_driver")
+    others = rival.create_publisher(JointState, "joint_states", 10)
+    node.follow(reference(goal(), times=(1.0,)))
+    for _ in range(300):
+        others.publish(gripper(node.arm))
+        others.publish(gripper(node.arm))
+        node.arm.tick()  # it is answered
+    shown = values(node.status())
+    assert "joint_states rejected" not in shown
+    assert "states dropped, waiting for what belongs to them" not in shown
+    assert shown["mode"] == "following"
+
+
+def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world: World) -> None:
+    node = Controlled(world, "clik", {**FRAMES, **REAL})
+    node.arm.tick()
+
+    def others() -> None:
+        node.arm.t += 20_000_000
+        node.arm.states.publish(gripper(node.arm))
+
+    status = node.peer.status("clik", lambda s: values(s)["cause"] == "no_states", others)
+    assert status.level == b"\x02"
+
+
+def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world: World) -> None:
+    process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
+    states = world.peer.publisher(JointState, "joint_states")
+    states.publish(JointState(name=["left_elbow_joint"], position=[0.0]))
+    words = "joint_states of left_elbow_joint came, but none yet of shoulder_pan_joint, shoulder_"
+    world.until_said(process, words)
+    assert "rejected" not in process.log
+
+
+# --- two robots ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])  # [rad] of the other arm
+def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(
+    world: World, offset: float
+) -> None:
+    node = Controlled(world, "clik", FRAMES)
+    node.follow(reference(goal(), times=(2.0,)))
+    node.arm.ticks(100)
+    rival = node.peer.another_node("rival")
+    others = rival.create_publisher(JointState, "joint_states", 10)
+
+    def both(count: int) -> None:
+        for k in range(count):
+            if k % 30 == 0:
+                msg = node.arm.message(node.arm.q + offset)
+                msg.header.stamp = stamp_to_ros(node.arm.t + (500_000 if offset else -5_000_000))
+                others.publish(msg)
+            node.arm.tick()
+
+    both(100)
+    status = node.status(lambda s: values(s)["cause"] == "two_publishers")
+    assert values(status)["mode"] == "stopped"
+    assert "published by /peer, /rival" in status.message
+    both(600)
+    node.references.publish(reference(DesiredFrame(*pose(node.arm.q)), goal(), times=(0.0, 1.0)))
+    both(30)
+    assert np.abs(node.arm.dq).max() < 0.02  # a pause is not enough
+    rival.destroy_node()
+    node.arm.ticks(1500)
+    node.follow(reference(DesiredFrame(*pose(node.arm.q)), goal(), times=(0.0, 1.0)))
+    assert values(node.status())["mode"] == "following"
+
+
+# --- rates --------------------------------------------------------------------------------------
+
+
+def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world: World) -> None:
+    node = Controlled(world, "clik", {**FRAMES, **REAL})
+
+    def step() -> None:
+        world.advance(0.125 - TICK)
+        node.arm.tick(dt=0.125)
+
+    def is_rare(status: Any) -> bool:
+        return values(status)["cause"] == "rate_too_low" and "state_timeout" in status.message
+
+    status = told(node, is_rare, step)
+    for _ in range(20):
+        step()
+        assert is_rare(told(node, bool, step))  # no silence is told between them
+    assert status.level == b"\x02"
+    assert "come every 0.125 s, but state_timeout is 0.1 s" in status.message
+    assert "set state_timeout to 0.25 s" in values(status)["remedy"]
+
+
+def test_a_rate_that_the_gain_bears_badly_is_a_warning_with_what_helps(world: World) -> None:
+    node = Controlled(world, "clik", FRAMES)
+    node.arm.ticks(300, dt=0.008)
+    step = partial(node.arm.tick, dt=0.008)
+    shown = told(node, lambda s: "125 times" in s.message, step)
+    assert shown.level == b"\x01"
+    assert "joint_states come 125 times a second, too seldom for k_Pp 100" in shown.message
+    assert "publish 200 times a second or more, or set k_Pp to 62.5" in values(shown)["remedy"]
+    assert values(shown)["cause"] != "rate_too_low"
+
+
+# --- the wrench ---------------------------------------------------------------------------------
+
+
+def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world: World) -> None:
+    node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
+    arm = node.arm
+    node.references.publish(reference(goal(0.2), times=(3.0,)))
+    arm.ticks(500)
+    begin, arm.sensor.noise, arm.sensor.bias = arm.q, 0.0, np.full(6, 1e-3)
+    status = told(node, lambda s: values(s)["cause"] == "wrench_stuck", arm.tick)
+    assert "repeats its value to the bit while the arm moves" in status.message
+    assert "see to the sensor" in values(status)["remedy"]
+    arm.ticks(500)
+    assert values(told(node, bool, arm.tick))["frozen"] == "1"
+    assert 0.02 < np.abs(arm.q - begin).max() < 0.1  # it came to rest
+    assert np.abs(arm.dq).max() < 1e-3
+    arm.sensor.noise = 1e-12
+    told(node, lambda s: values(s)["cause"] == "", arm.tick)
+    arm.ticks(200)
+    assert np.abs(arm.dq).max() > 0.01
+
+
+class RealTime:
+    """The clock of a node in real time."""
+
+    ros_time_is_active = False
+
+
+class Sensed:
+    """A sensor and its input, by an injected clock; ``offset`` [s] is that of its own clock."""
+
+    def __init__(self, offset: float = 0.0) -> None:
+        self.input = WrenchInput(RealTime(), "latest", 0.1, 0.03)
+        self.now, self.offset, self.count = 50.0, offset, 0
+
+    def send(self, delay: float = 0.0, *, step: float = 0.002, stamp: float | None = None) -> bool:
+        """Let a wrench come so late [s]; return whether it was taken."""
+        self.now, self.count = self.now + step, self.count + 1
+        set_steady(lambda: self.now)
+        stamp = self.now - delay if stamp is None else stamp
+        msg = WrenchStamped()
+        msg.header.stamp = stamp_to_ros(round(1e9 * (1000 + self.offset + stamp)))
+        msg.wrench.force.x = float(self.count)
+        try:
+            self.input.take(msg, AT_ORIGIN, may_repeat=False, waits=False)
+        except InvalidMessageError:
+            return False
+        return True
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether a state of now has a wrench."""
+        self.input.choose(0, HOME, MODEL.limits)
+        return self.input.fresh is not None
+
+
+@pytest.fixture
+def sensed() -> Iterator[Callable[..., Sensed]]:
+    yield Sensed
+    set_steady()
+
+
+@pytest.mark.parametrize("offset", [-900.0, 0.0, 5.0])
+def test_a_wrench_counts_whatever_its_clock_says_unless_it_is_late(
+    sensed: Callable[..., Sensed], offset: float
+) -> None:
+    sensor = sensed(offset)
+    assert all(sensor.send(0.004) for _ in range(100))
+    assert not sensor.send(stamp=sensor.now - 0.01)  # in another order
+    assert not sensor.send(stamp=sensor.now - 0.004 - 2 * 0.002)  # again
+    assert sensor.send(0.004)
+    assert not any(sensor.send(0.05) for _ in range(70))  # late: what was felt before
+    assert not sensor.is_believed
+    assert sensor.send(0.01)
+    assert sensor.is_believed
+
+
+def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(
+    sensed: Callable[..., Sensed],
+) -> None:
+    for step, longest in ((0.5, 0.01), (-0.5, 0.2), (-0.05, 11.0)):
+        sensor = sensed()
+        assert all(sensor.send() for _ in range(100))
+        sensor.offset += step
+        silence = next(k for k in range(10_000) if sensor.send()) * 0.002
+        assert silence <= longest
+        assert all(sensor.send() for _ in range(100))
+
+
+# --- activation -----------------------------------------------------------------------------------
+
+
+def moving(arm: Any, seconds: float, speed: float) -> None:
+    """Let an arm be led by hand."""
+    for _ in range(round(seconds / 0.01)):
+        arm.t += 10_000_000
+        arm.dq = np.full(6, speed)
+        arm.q = arm.q + 0.01 * arm.dq  # as a hand leads it
+        arm.graph.advance(0.01)
+        arm.send(arm.message())
+
+
+@pytest.mark.parametrize(
+    ("executable", "has_velocities"),
+    [
+        ("clik", True),
+        ("clik", False),
+        ("dynamic_control", True),
+        ("impedance_control", True),
+    ],
+)
+def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(
+    world: World, executable: str, has_velocities: bool
+) -> None:
+    arm = Controlled.ARMS[executable](world, UR5)
+    if arm.sensor is not None:
+        arm.sensor.noise = 1e-12
+    if not has_velocities:
+        without_velocities(arm)
+    process = world.start(executable, {**FRAMES, **REAL})
+    node = SimpleNamespace(name=executable, peer=world.peer, process=process)
+    status = told(node, lambda s: "the arm moves" in s.message, lambda: moving(arm, 0.01, 0.06))
+    words = "the arm moves, shoulder_pan_joint at 0.06 rad/s; expected at most 0.05: bring it to"
+    assert words in status.message
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
+    assert not world.peer.call(ChangeState, f"/{executable}/change_state", request).success
+    assert arm.commands == []
+    moving(arm, 0.2, 0.0)
+    assert arm.commands
+
+
+# --- the robot ------------------------------------------------------------------------------------
+
+
+def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps() -> None:
+    urdf = UR5.urdf.replace(
+        '<joint name="wrist_2_joint" type="revolute">',
+        '<joint name="wrist_2_joint" type="revolute"><mimic joint="wrist_1_joint"/>',
+    )
+    assert "<mimic" in urdf
+    with pytest.raises(RobotError) as refusal:
+        Robot(urdf, "base_link", "tool0").refuse_locked()
+    text = str(refusal.value)
+    assert "wrist_2_joint between base_link and tool0 mimics wrist_1_joint" in text
+    assert "set tip_frame to wrist_1_link or a link before it" in text
+    assert 'make the joint type="fixed" in the URDF, or remove its <mimic>' in text
+    Robot(urdf, "base_link", "wrist_1_link").refuse_locked()
+    with pytest.raises(RobotError, match=r"wrist_3_joint can move .* set joints"):
+        Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_locked()

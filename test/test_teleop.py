@@ -1,0 +1,205 @@
+"""``teleop``: keyboard, joystick and SpaceMouse to ``target_twist``, and when it stops."""
+
+import math
+import os
+import pty
+import termios
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Twist, TwistStamped
+from in_process import Running, World, run_to_its_end
+from ros_processes import values
+from sensor_msgs.msg import Joy
+
+SPEEDS = np.array([0.1] * 3 + [0.4] * 3)
+TICK = 0.02  # [s] of its timer
+
+
+def numbers(msg: TwistStamped) -> list[float]:
+    v, w = msg.twist.linear, msg.twist.angular
+    return [v.x, v.y, v.z, w.x, w.y, w.z]
+
+
+class Sent(list[Any]):
+    """The twists that were sent."""
+
+    @property
+    def last(self) -> list[float]:
+        return numbers(self[-1])
+
+    def assert_ended(self, world: World) -> None:
+        """Hold that zero was sent once, and then nothing."""
+        assert self.last == [0.0] * 6
+        assert any(numbers(self[-2]))
+        count = len(self)
+        world.advance(1.0)
+        assert len(self) == count
+
+
+def start(world: World, **parameters: Any) -> tuple[Running, Sent]:
+    sent = Sent()
+    world.peer.node.create_subscription(TwistStamped, "target_twist", sent.append, 100)
+    return world.start("teleop", parameters), sent
+
+
+# --- devices -----------------------------------------------------------------------------------
+
+
+def joy(*axes: float, pressed: bool = True) -> Joy:
+    return Joy(axes=[*axes, *[0.0] * (6 - len(axes))], buttons=[0, 0, 0, 0, int(pressed)])
+
+
+def test_a_joystick_moves_the_tip_while_its_deadman_button_is_pressed(world: World) -> None:
+    _, sent = start(world, device="joy", frame="tool0", signs=[1.0, -1.0, 1.0, 1.0, 1.0, 0.5])
+    stick = world.peer.publisher(Joy, "joy")
+    for _ in range(5):
+        stick.publish(joy(0.525, 1.0, 0.0, 1.0))  # y, x, -, turn about z
+        world.advance(TICK)
+    assert len(sent) == 5
+    assert sent[-1].header.frame_id == "tool0"
+    np.testing.assert_allclose(sent.last, SPEEDS * [1, -0.5, 0, 0, 0, 9 / 19], atol=1e-6)
+    stick.publish(joy(0.525, 1.0, 0.0, 1.0, pressed=False))
+    world.advance(TICK)
+    sent.assert_ended(world)
+
+
+def test_a_device_that_falls_silent_stops_the_tip(world: World) -> None:
+    _, sent = start(world, device="joy", joy_timeout=0.2)
+    stick = world.peer.publisher(Joy, "joy")
+    stick.publish(joy(1.0))
+    world.advance(0.15)
+    assert sent.last[1] == pytest.approx(0.1)
+    world.advance(0.1)
+    sent.assert_ended(world)
+
+
+@pytest.mark.parametrize(
+    ("msg", "words"),
+    [
+        (Joy(axes=[1.0, 1.0], buttons=[1] * 5), "joy has 2 axes and 5 buttons; expected the axes"),
+        (Joy(axes=[1.0] * 6, buttons=[1]), "the deadman button 4: set axes and deadman"),
+        (joy(math.nan), "expected finite numbers"),
+    ],
+)
+def test_a_joystick_that_does_not_fit_stops_the_tip_and_is_said(
+    world: World, msg: Joy, words: str
+) -> None:
+    process, sent = start(world, device="joy")
+    stick = world.peer.publisher(Joy, "joy")
+    stick.publish(joy(1.0))
+    world.advance(TICK)
+    stick.publish(msg)
+    assert words in process.log
+    world.advance(TICK)
+    sent.assert_ended(world)
+    assert values(world.peer.status("teleop"))["joy rejected"] == "1"
+
+
+def test_two_joysticks_are_refused_and_both_named(world: World) -> None:
+    process, sent = start(world, device="joy")
+    for name in ("left", "right"):
+        another = world.peer.another_node(name).create_publisher(Joy, "joy", 10)
+        another.publish(joy(1.0))
+        world.advance(TICK)
+    assert "two publishers on 'joy': /left, /right; expected one" in process.log
+    sent.assert_ended(world)
+
+
+def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world: World) -> None:
+    _, sent = start(world, device="spacenav", deadzone=0.0)
+    mouse = world.peer.publisher(Twist, "spacenav/twist")
+    msg = Twist()
+    msg.linear.x, msg.linear.z, msg.angular.y = 0.5, -7.0, 0.25
+    mouse.publish(msg)
+    world.advance(TICK)
+    np.testing.assert_allclose(sent.last, SPEEDS * [0.5, 0, -1, 0, 0.25 * 1, 0], atol=1e-9)
+    mouse.publish(Twist())
+    world.advance(TICK)
+    sent.assert_ended(world)
+
+
+def test_the_end_of_the_node_stops_the_tip(world: World) -> None:
+    process, sent = start(world, device="joy")
+    world.peer.publisher(Joy, "joy").publish(joy(1.0))
+    world.advance(TICK)
+    assert any(sent.last)
+    assert process.stop() == 0
+    assert sent.last == [0.0] * 6
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"device": "keyboard"}, "needs a terminal; start it with ros2 run"),
+        ({"device": "keybord"}, "did you mean 'keyboard'?"),
+        ({"axes": [1, 2]}, "axes has 2 values; expected 6"),
+        ({"linear_speed": 2.0}, "linear_speed"),
+    ],
+)
+def test_what_cannot_be_used_ends_it_with_one_line(
+    tmp_path: Path, parameters: dict[str, Any], words: str
+) -> None:
+    process = run_to_its_end("teleop", tmp_path, parameters)
+    assert process.exit_code == 1
+    assert words in process.stderr
+    assert len(process.stderr.splitlines()) == 1
+
+
+# --- the keyboard ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
+    """A terminal as the standard input: what a person types into, and what is read."""
+    types, reads = pty.openpty()
+    with os.fdopen(reads, closefd=False) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        yield types, reads
+    os.close(types)
+    os.close(reads)
+
+
+def test_a_key_moves_the_tip_until_it_is_released(
+    world: World, terminal: tuple[int, int]
+) -> None:
+    types, reads = terminal
+    before = termios.tcgetattr(reads)
+    process, sent = start(world)
+    assert not termios.tcgetattr(reads)[3] & termios.ICANON  # single keys
+    assert not termios.tcgetattr(reads)[3] & termios.ECHO
+    for _ in range(10):  # as a terminal repeats it
+        os.write(types, b"w")
+        world.advance(0.033)
+    assert sent.last == pytest.approx([0.1, 0, 0, 0, 0, 0])
+    world.advance(0.12)
+    sent.assert_ended(world)
+    for keys, expected in (
+        (b"s", [-0.1, 0, 0, 0, 0, 0]),
+        (b"q", [0, 0, 0.1, 0, 0, 0]),
+        (b"l", [0, 0, 0, 0, 0, -0.4]),
+        (b"+i", [0, 0, 0, 0, 0.5, 0]),
+        (b"--d", [0, -0.08, 0, 0, 0, 0]),
+    ):
+        os.write(types, keys)
+        world.advance(TICK)
+        assert sent.last == pytest.approx(expected), keys
+    assert process.stop() == 0
+    assert sent.last == [0.0] * 6
+    assert termios.tcgetattr(reads) == before
+
+
+@pytest.mark.parametrize("keys", [b" ", b"x", b"\x1b[A", b"\x1bOd", b"\x1b[1;5d", b"\xff"])
+def test_any_other_key_stops_the_tip_also_one_that_sends_letters(
+    world: World, terminal: tuple[int, int], keys: bytes
+) -> None:
+    _, sent = start(world)
+    os.write(terminal[0], b"w")
+    world.advance(TICK)
+    assert any(sent.last)
+    os.write(terminal[0], keys)
+    world.advance(TICK)
+    sent.assert_ended(world)

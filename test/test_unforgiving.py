@@ -1,0 +1,446 @@
+"""The simulated robot is as unforgiving as a real one, where it is told to be."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from builtin_interfaces.msg import Time
+from in_process import World
+from ros_processes import values
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.messages.keys import MODE
+from eulerparams_control.robot.catalogue import load_robot
+from sim_bridge.acceleration import BRIDGED, CommandAcceleration
+from sim_bridge.bridge_parameters import BridgeParameters
+from sim_bridge.drive import IN_STOP, STOPS, Drive
+from sim_bridge.drive_modes import DriveCause, DriveMode, DrivePolicy, DriveReply, OnSilence
+from sim_bridge.parameters import SimulatorParameters
+from sim_bridge.servo import wrapped
+from sim_bridge.simulator import Simulator
+
+UR5 = load_robot("ur5")
+HOME = np.array(UR5.home)
+NAMES = list(UR5.joints)
+# Its last joint turns for ever.
+TURNING = replace(
+    UR5,
+    urdf=UR5.urdf.replace('name="wrist_3_joint" type="revolute"',
+                          'name="wrist_3_joint" type="continuous"'),
+)  # fmt: skip
+LIMIT = 10.0  # [rad/s^2]
+MS = 1_000_000  # ns
+DT = 1e-3  # [s] of a step
+
+# Efforts of up to 100 Nm over an inertia of down to 1e-2 kg m^2, 200 steps: 1e-16 grows so far.
+DYNAMICS = 1e-9
+# Of the motors of PyBullet, which leave 5e-8 rad/s in a step.
+MOTORS = 1e-3
+
+# --- the acceleration that commands ask for --------------------------------------------------
+
+Asked = tuple[int, float, float, float]
+"""Stamp [ns], when it came [s], position [rad] and speed [rad/s] of a joint."""
+
+
+def swing(stamps: Any, *, late: Any = 0.0, speeds: bool = True, turn: bool = False) -> list[Asked]:
+    """Return commands that swing a joint with 0.95 of the limit, stamped so [ms].
+
+    Args:
+        stamps: [ms] after the beginning.
+        late: how much later each comes [s].
+        speeds: whether the speeds are sent, too.
+        turn: whether its positions are wrapped.
+    """
+    t, w = np.asarray(stamps) / 1e3, 2.0
+    q = 0.95 * LIMIT / w**2 * (1.0 - np.cos(w * t))
+    dq = 0.95 * LIMIT / w * np.sin(w * t) * speeds
+    q = wrapped(q, np.array(turn))
+    found = zip(1_000_000_000 + np.round(t * 1e9).astype(int), t + late, q, dq, strict=True)
+    return [(int(s), *map(float, rest)) for s, *rest in found]
+
+
+def spoilt(k: int, *, since: int = 0, **by: float) -> list[Asked]:
+    """Return a swing whose commands from ``k`` on are off by so much."""
+    changes = [by.get(name, 0.0) for name in ("stamp", "now", "q", "dq")]
+    asked = swing(range(400))
+    return asked[since:k] + [tuple(map(sum, zip(c, changes, strict=True))) for c in asked[k:]]
+
+
+RANDOM = np.random.default_rng(1)
+MISSED = [0, *np.cumsum(RANDOM.choice([1, 2, 3, 5, 12], size=300))]
+EVERY = range(3000)
+UNSTAMPED = [(0, now, q, dq) for _, now, q, dq in swing(EVERY)]
+REPEATED = [asked for asked in swing(range(0, 3000, 4)) for _ in range(3)]
+A_GAP = [k for k in range(900) if not 700 <= k < 750]
+# Positions go on as if there had been no gap.
+LEFT_OUT = [(s + 19 * MS * (k > 100), t, q, dq) for k, (s, t, q, dq) in enumerate(swing(EVERY))]
+
+SMOOTH: dict[str, list[Asked]] = {
+    "at each state": swing(EVERY),
+    "at 20 Hz": swing(range(0, 3000, 50)),
+    "positions only": swing(EVERY, speeds=False),
+    "states are missed": swing(MISSED),
+    "late by chance": swing(EVERY, late=RANDOM.uniform(0.0, 0.05, 3000)),
+    "without stamps": UNSTAMPED,
+    "repeated under the same stamp": REPEATED,
+    "a clock that goes back": [(s - 5 * 10**8 * (k > 400), *rest) for k, (s, *rest) in
+                               enumerate(swing(range(0, 3000, 4)))],
+    "past half a turn, wrapped": swing(EVERY, turn=True),
+    "from where it is measured to be": spoilt(0, q=1e-4),
+    "a gap that a robot bridges": swing([k for k in range(900) if not 700 <= k < 719]),
+    "what was missed is left out": LEFT_OUT,
+}  # fmt: skip
+
+SUDDEN: dict[str, list[Asked]] = {
+    "a step of 1 mrad": spoilt(200, q=1e-3),
+    "a step of speed alone": spoilt(200, dq=0.05),
+    "it begins with a speed": spoilt(200, since=200, q=-swing([200])[0][2]),
+    "it begins elsewhere": spoilt(0, q=0.02),
+    "it halts at once": [*swing(range(300)), *[(s, t, swing([299])[0][2], 0.0) for s, t, _, _ in
+                                                swing(range(300, 310))]],
+    "a step without stamps": [(0, now, q, dq) for _, now, q, dq in spoilt(200, q=1e-3)],
+    "a step under a stamp of the past": spoilt(200, stamp=-(10**8), q=0.05),
+    "a step instead of the last command": [*swing(range(200)), (*swing([199])[0][:2],
+                                           swing([199])[0][2] + 1e-3, swing([199])[0][3])],
+    "a step over a long gap": swing(A_GAP),
+}  # fmt: skip
+
+
+def judged(asked: list[Asked], *, turning: bool = True) -> str:
+    """Return what is found of commands to a joint of an arm that stands at 0."""
+    one = np.array([LIMIT])
+    watch = CommandAcceleration(["a"], one, np.array([turning]), [False], DT)
+    zero = np.zeros(1)
+    found = (watch.judge(np.array([q]), np.array([dq]), s, t, zero) for s, t, q, dq in asked)
+    return next(filter(None, found), "")
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_smooth_commands_are_taken_however_they_come(name: str) -> None:
+    assert judged(SMOOTH[name]) == ""
+
+
+@pytest.mark.parametrize("name", SUDDEN)
+def test_a_sudden_command_is_found(name: str) -> None:
+    assert "joint 'a' was asked for" in judged(SUDDEN[name])
+
+
+def test_a_turn_is_a_step_for_a_joint_that_does_not_turn_for_ever() -> None:
+    assert "joint 'a' was asked for" in judged(swing(EVERY, turn=True), turning=False)
+
+
+def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own() -> None:
+    watch = CommandAcceleration("ab", np.array([LIMIT, np.inf]), np.zeros(2, bool), [True] * 2, DT)
+    zero = np.zeros(2)
+    for k, (jump, words) in enumerate([(0.999, ""), (1.001, "10.01 m/s^2; the most is 10 m/s^2")]):
+        watch.rest()
+        watch.judge(zero, zero, MS, 0.0, zero)
+        watch.judge(zero, zero, 2 * MS, DT, zero)
+        text = watch.judge(zero, np.array([jump * LIMIT * DT, 1e3]), 3 * MS, 2 * DT, zero)
+        assert words in text, k
+        assert bool(text) is bool(words)
+
+
+# --- what it does then -----------------------------------------------------------------------
+
+
+class Bench:
+    """A drive and a controller at each step of 1 ms."""
+
+    def __init__(self, robot: Any = UR5, policy: Any = None, **parameters: Any) -> None:
+        given = {"policy": DrivePolicy(**policy or {})}
+        self.drive = Drive(Simulator(robot, SimulatorParameters(**parameters)), **given)
+        self.numbers = itertools.count(1)
+        self.step_number = 0
+
+    @property
+    def now(self) -> float:
+        return self.step_number * DT
+
+    @property
+    def status(self) -> tuple[DriveMode, DriveCause]:
+        return self.drive.status.mode, self.drive.status.cause
+
+    @property
+    def q(self) -> Any:
+        return self.drive.state.q
+
+    def send(self, **fields: Any) -> DriveReply:
+        msg = JointState(name=NAMES, **{name: list(map(float, v)) for name, v in fields.items()})
+        stamp = self.step_number * MS + MS
+        msg.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
+        return self.drive.command(msg, next(self.numbers), self.now)
+
+    def step(self, count: int = 1, command: Callable[[], dict[str, Any]] | None = None) -> None:
+        for _ in range(count):
+            if command is not None:
+                self.send(**command())
+            self.drive.step(self.now)
+            self.step_number += 1
+
+
+@pytest.fixture
+def bench() -> Iterator[Callable[..., Bench]]:
+    made: list[Bench] = []
+
+    def make(*args: Any, **keywords: Any) -> Bench:
+        made.append(Bench(*args, **keywords))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.drive.close()
+
+
+def at(q: Any) -> dict[str, Any]:
+    return {"position": q, "velocity": [0.0] * 6}
+
+
+def beside(by: float, joint: int = 0) -> Any:
+    """Return home, one joint off by so much [rad]."""
+    return HOME + by * (np.arange(6) == joint)
+
+
+SUDDENLY = {"max_joint_acceleration": (LIMIT,)}
+
+
+@pytest.mark.parametrize("delay", [0, 5])
+def test_a_sudden_command_stops_the_robot_until_it_is_unlocked(
+    bench: Callable[..., Bench], delay: int
+) -> None:
+    it = bench(policy={**SUDDENLY, "command_delay": delay})
+    it.step(20, lambda: at(HOME))
+    it.step(1 + delay, lambda: at(beside(0.05)))
+    assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
+    assert "shoulder_pan_joint" in it.drive.status.violation
+    it.step(300, lambda: at(HOME))  # it is at rest for long
+    assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
+    np.testing.assert_allclose(it.q, HOME, atol=1e-6)
+    assert (it.drive.values[STOPS], it.drive.values[IN_STOP]) == (1, 300)
+    assert it.drive.unlock(it.now)
+    assert it.status == (DriveMode.BRAKED, DriveCause.ACCELERATION)
+    assert it.send(**at(it.q)) is DriveReply.TAKEN
+    assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
+
+
+def test_a_moving_robot_is_not_unlocked(bench: Callable[..., Bench]) -> None:
+    it = bench(policy=SUDDENLY)
+    speeds = iter(0.9 * LIMIT * DT * np.arange(1, 101))
+
+    def faster() -> dict[str, Any]:
+        speed = next(speeds)
+        return {"position": it.q + DT * speed, "velocity": [speed] * 6}
+
+    it.step(100, faster)
+    it.step(1, lambda: at(it.q))
+    assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
+    assert not it.drive.unlock(it.now)
+    it.step(100)
+    assert it.drive.unlock(it.now)
+
+
+def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench: Callable[..., Bench]) -> None:
+    free, pushed = bench(), bench(policy=SUDDENLY, control="torque")
+    free.step(20, lambda: at(HOME))
+    free.step(1, lambda: at(beside(0.05)))
+    pushed.step(20, lambda: {"effort": [0.0] * 6})
+    pushed.step(1, lambda: {"effort": [20.0] * 6})
+    assert free.status == pushed.status == (DriveMode.OBEYING, DriveCause.NONE)
+
+
+def test_of_several_commands_in_a_step_the_last_is_judged(bench: Callable[..., Bench]) -> None:
+    it = bench(policy=SUDDENLY)
+    it.step(20, lambda: at(HOME))
+    it.send(**at(beside(0.05)))
+    it.step(1, lambda: at(HOME))
+    assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
+
+
+def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(
+    bench: Callable[..., Bench],
+) -> None:
+    it = bench(policy=SUDDENLY)
+    it.step(20, lambda: at(HOME))
+    it.step(200)
+    assert it.status == (DriveMode.BRAKED, DriveCause.SILENCE)
+    it.step(1, lambda: at(beside(2 * LIMIT * BRIDGED**2)))
+    assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
+
+
+@pytest.mark.parametrize("values", [(1.0, 2.0), (1.0,) * 7])
+def test_a_limit_for_the_wrong_number_of_joints_is_refused(
+    bench: Callable[..., Bench], values: tuple[float, ...]
+) -> None:
+    with pytest.raises(ConfigurationError, match="max_joint_acceleration must be empty, one"):
+        bench(policy={"max_joint_acceleration": values})
+    with pytest.raises(ConfigurationError, match="rotor_inertia must be empty, one"):
+        bench(rotor_inertia=values)
+
+
+@pytest.mark.parametrize(
+    ("on_silence", "control", "status"),
+    [
+        (OnSilence.BRAKE, "position", (DriveMode.BRAKED, DriveCause.SILENCE)),
+        (OnSilence.BRAKE, "torque", (DriveMode.BRAKED, DriveCause.SILENCE)),
+        (OnSilence.HOLD_LAST, "position", (DriveMode.OBEYING, DriveCause.NONE)),
+        (OnSilence.HOLD_LAST, "torque", (DriveMode.OBEYING, DriveCause.NONE)),
+    ],
+)
+def test_in_silence_it_brakes_or_holds_the_last_command_for_ever(
+    bench: Callable[..., Bench], on_silence: OnSilence, control: str, status: Any
+) -> None:
+    it = bench(policy={"on_silence": on_silence, "command_timeout": 0.01}, control=control,
+               gravity=(0.0, 0.0, 0.0), servo_bandwidth=5.0)  # fmt: skip
+    it.send(**(at(beside(0.2)) if control == "position" else {"effort": [10.0, *[0.0] * 5]}))
+    it.step(60)
+    before = it.q
+    it.step(300)
+    assert it.status == status
+    moved = abs(it.q[0] - before[0])
+    assert moved > 0.05 if on_silence is OnSilence.HOLD_LAST else moved < 1e-6
+
+
+# --- its servo, its sensors, its motors ------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.05])
+def test_the_servo_lags_behind_positions_by_a_first_order(
+    bench: Callable[..., Bench], lag: float
+) -> None:
+    it = bench(servo_lag=lag, servo_bandwidth=1000.0, gravity=(0.0, 0.0, 0.0))
+    it.step(round(lag / DT), lambda: at(beside(0.01)))
+    assert it.q[0] - HOME[0] == pytest.approx(0.01 * (1 - np.exp(-1)), rel=MOTORS)
+    it.step(600, lambda: at(beside(0.01)))
+    start, speed = it.now, 0.1
+
+    def ramp() -> dict[str, Any]:
+        return {"position": beside(0.01 + speed * (it.now + DT - start)), "velocity": [speed] * 6}
+
+    it.step(400, ramp)
+    behind = ramp()["position"][0] - speed * DT - it.q[0]
+    assert behind == pytest.approx(speed * (lag - 0.5 * DT), rel=MOTORS)
+
+
+def test_without_a_lag_the_speed_is_fed_forward(bench: Callable[..., Bench]) -> None:
+    it = bench(gravity=(0.0, 0.0, 0.0))
+    it.step(300, lambda: {"position": beside(0.1 * it.now), "velocity": [0.1, *[0.0] * 5]})
+    assert it.q[0] - HOME[0] == pytest.approx(0.1 * it.now, rel=MOTORS)
+
+
+@pytest.mark.parametrize(("is_on", "expected"), [(True, -2.9), (False, 2 * np.pi - 2.9)])
+def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(
+    bench: Callable[..., Bench], is_on: bool, expected: float
+) -> None:
+    it = bench(TURNING, wrap_continuous=is_on, gravity=(0.0, 0.0, 0.0))
+    it.step(1500, lambda: at([*HOME[:5], min(3.0, 2.0 * it.now)]))
+    it.step(1000, lambda: at([*HOME[:5], expected]))
+    assert it.q[5] == pytest.approx(expected, abs=1e-3)
+    assert it.drive._simulator.motion[0][5] == pytest.approx(2 * np.pi - 2.9, abs=1e-3)
+
+
+def test_what_is_wrapped_is_in_the_half_open_interval_and_a_limited_joint_is_not() -> None:
+    q = np.array([-np.pi, np.pi, 3.2, -9.0, 3.2])
+    expected = [np.pi, np.pi, 3.2 - 2 * np.pi, -9.0 + 2 * np.pi, 3.2]
+    turning = np.array([True, True, True, True, False])
+    np.testing.assert_allclose(wrapped(q, turning), expected, atol=1e-15)
+    sim = Simulator(TURNING, SimulatorParameters(wrap_continuous=True))
+    assert sim.turning.tolist() == [False] * 5 + [True]
+    sim.close()
+
+
+def test_a_driver_without_velocities_reports_none_and_the_robot_knows_them(
+    bench: Callable[..., Bench],
+) -> None:
+    it = bench(velocities=False)
+    it.step(50, lambda: at(beside(0.1)))
+    assert np.isnan(it.drive.state.dq).all()
+    assert not it.drive.is_standing
+
+
+ROTORS = np.array([0.5, 0.4, 0.3, 0.05, 0.04, 0.03])
+
+
+class Heavy:
+    """The arm with rotors, as Pinocchio has it."""
+
+    def __init__(self) -> None:
+        self.model = pin.buildModelFromXML(UR5.urdf)
+        self.data = self.model.createData()
+        self.model.armature = ROTORS
+        self.sensor = self.model.getFrameId(UR5.sensor_frame)
+
+    def ddq(self, q: Any, dq: Any, tau: Any, force: Any) -> Any:
+        frame = self.model.frames[self.sensor]
+        pushes = [pin.Force.Zero() for _ in range(self.model.njoints)]
+        pushes[frame.parentJoint] = frame.placement.act(pin.Force(np.array(force)))
+        return pin.aba(self.model, self.data, q, dq, tau, pushes)
+
+
+def test_rotors_are_a_part_of_the_inertia_that_efforts_and_pushes_feel() -> None:
+    sim = Simulator(UR5, SimulatorParameters(control="torque", rotor_inertia=tuple(ROTORS)))
+    heavy, q, dq = Heavy(), HOME, np.zeros(6)
+    random = np.random.default_rng(2)
+    for step in range(200):
+        tau, push = random.uniform(-20, 20, 6), random.uniform(-10, 10, 6) * (step > 100)
+        sim.command_effort(tau)
+        sim.set_external_wrench(push)
+        sim.step()
+        dq = dq + DT * heavy.ddq(q, dq, tau, push)
+        q = q + DT * dq
+    np.testing.assert_allclose(sim.motion[1], dq, atol=DYNAMICS)
+    np.testing.assert_allclose(sim.motion[0], q, atol=DYNAMICS)
+    assert np.abs(dq).max() > 0.1
+    sim.close()
+
+
+def test_a_servo_reports_the_effort_that_its_rotors_take() -> None:
+    found = []
+    for rotors in ((), tuple(ROTORS)):
+        sim = Simulator(UR5, SimulatorParameters(rotor_inertia=rotors))
+        for k in range(1, 50):
+            sim.command_position(HOME + 0.5 * 2.0 * (k * DT) ** 2, np.full(6, 2.0 * k * DT))
+            sim.step()
+        found.append(sim.read().tau)
+        sim.close()
+    np.testing.assert_allclose(found[1] - found[0], 2.0 * ROTORS, rtol=0.01)
+
+
+# --- in the node -----------------------------------------------------------------------------
+
+
+def test_the_node_has_each_option_and_is_unlocked_by_its_service(world: World) -> None:
+    options = {"velocities": False, "max_joint_acceleration": [LIMIT], "robot": "panda"}
+    robot = load_robot("panda")
+    states = world.peer.listen(JointState, "joint_states")
+    commands = world.peer.publisher(JointState, "joint_reference")
+    world.start("pybullet_bridge", {"mode": "lockstep", **options})
+    world.until(lambda: states, "the robot")
+    assert len(states[-1].velocity) == len(states[-1].name) > len(robot.joints)
+    assert np.isnan(states[-1].velocity).all()
+    q = np.array(robot.home)
+    for step, goal in enumerate((q, q, q + 0.05, q, q)):
+        if step == 4:
+            answer = world.peer.call(Trigger, "/pybullet_bridge/unlock", Trigger.Request())
+            assert answer.success, answer.message
+        msg = JointState(name=list(robot.joints), position=goal.tolist())
+        msg.header.stamp = Time(sec=0, nanosec=step * MS)
+        commands.publish(msg)
+        mode = values(world.peer.status("pybullet_bridge"))[MODE]
+        assert mode == ("stopping" if step in (2, 3) else "obeying"), step
+
+
+def test_parameters_of_the_node_reach_the_drive_and_the_simulator() -> None:
+    p = BridgeParameters(on_silence="hold_last", max_joint_acceleration=(3.0,), servo_lag=0.1,
+                         wrap_continuous=True, velocities=False, rotor_inertia=(0.1,))  # fmt: skip
+    assert p.policy().on_silence is OnSilence.HOLD_LAST
+    assert p.policy().max_joint_acceleration == (3.0,)
+    given = p.simulator()
+    assert (given.servo_lag, given.wrap_continuous, given.velocities) == (0.1, True, False)
+    assert given.rotor_inertia == (0.1,)
