@@ -248,6 +248,14 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
     assert running.fault == ""
 
 
+def test_while_the_speed_override_is_0_a_reference_moves_nothing():
+    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    running, goal = controller(ControllerOptions(motion=limits, speed_override=0.0)), moved(0.1)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    assert_holds(running, T_0, HOME)
+    assert_holds(running, T_0 + 500 * MS, HOME)
+
+
 # --- references ---------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from ruckig import ControlInterface, Ruckig, RuckigError
 from samples import about, generator
 
 from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
@@ -223,9 +224,7 @@ def test_a_goal_is_reached_in_the_shortest_time_that_the_limits_allow():
 def test_goals_that_come_while_it_moves_keep_the_limits_and_the_last_is_reached():
     rng, worst = generator(2), []
     for _ in range(12):
-        goals = [
-            DesiredFrame(HERE.p_d + rng.uniform(-0.2, 0.2, 3), turned(rng)) for _ in range(4)
-        ]
+        goals = [DesiredFrame(HERE.p_d + rng.uniform(-0.2, 0.2, 3), turned(rng)) for _ in range(4)]
         times = np.sort(rng.uniform(0.0, 3.0, 4))
         motion = follow([(t, sent(Goal(g))) for t, g in zip(times, goals, strict=True)], 10.0)
         assert_within(motion)
@@ -439,6 +438,14 @@ def test_what_was_sent_long_ago_does_not_move_when_time_goes_on_again():
         assert norm(motion.p[1000:] - motion.p[999]) < 0.002  # the brake of what had begun
 
 
+@pytest.mark.parametrize(
+    "reference", [Jog(0.2 * np.eye(6)[0], 0.1), SetPoint(moved(twist=0.01), 0.3)]
+)
+def test_what_came_while_time_stood_still_and_fell_silent_moves_nothing(reference):
+    motion = follow([(1.5, sent(reference))], 3.0, scale=Plan(0.0, 1.0))
+    assert norm(motion.p - HERE.p_d) < 1e-9
+
+
 def test_a_motion_beyond_limits_that_were_lowered_can_always_brake():
     scale = TimeScale(MotionLimits(0.5, 1.0, 0.2, 4.0, 20.0, 80.0))
     circling = moved(twist=0.27)._replace(ddp_d=np.array([0.0, 0.9, 0.0]))
@@ -479,6 +486,32 @@ def test_a_reference_that_leaps_when_it_begins_is_refused_then():
     assert shaper.leap is not None
     assert shaper.leap[0] == pytest.approx(0.25)
     np.testing.assert_allclose(frames[-1].p_d, moved(0.25).p_d, atol=1e-12)
+
+
+class FromRestAlone(Ruckig):
+    """A planner that finds no way from a tip that moves."""
+
+    def calculate(self, problem, profile):
+        if problem.control_interface is ControlInterface.Position and any(problem.current_velocity):
+            raise RuckigError("no way")
+        return super().calculate(problem, profile)
+
+
+@pytest.mark.parametrize(
+    ("reference", "arrives"),
+    [
+        (Goal(moved(0.1)), True),
+        (SetPoint(moved(0.1, twist=0.05), 2.0), False),
+        (way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.1))]), False),
+    ],
+)
+def test_where_no_plan_leads_on_the_tip_stops_before_what_follows(monkeypatch, reference, arrives):
+    monkeypatch.setattr("eulerparams_control.motion.plan.Ruckig", FromRestAlone)
+    jog = sent(Jog(-0.2 * np.eye(6)[0], 5.0))
+    motion = follow([(0.0, jog), (0.5, sent(reference))], 4.0)
+    assert_within(motion, jerk=False)
+    assert not motion.v[-1].any()
+    assert (np.linalg.norm(motion.p[-1] - moved(0.1).p_d) < 1e-9) == arrives
 
 
 def test_without_limits_references_are_followed_as_they_are():

@@ -93,6 +93,16 @@ def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays() -> None
     assert steps <= P.max_effort_rate * 5 * DT + 1e-9  # the first one, after the silence
 
 
+def test_an_arm_that_is_pushed_while_it_is_held_is_braked_again() -> None:
+    plant = Plant()
+    plant.push()
+    while plant.watch.mode is not WatchMode.HOLDING:
+        plant.step()
+    plant.dq = plant.dq + 20 * AT_REST
+    plant.step()
+    assert plant.watch.mode is WatchMode.BRAKING
+
+
 def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly() -> None:
     plant = Plant(payload=1.0)
     for _ in range(5):

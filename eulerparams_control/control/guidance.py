@@ -76,7 +76,7 @@ class Guidance:
 
     def _rest(self) -> None:
         self.is_braking = False
-        self.scale.forget()
+        self.scale.forget(self._options.speed_override)
 
     def halt(self) -> None:
         """Hold the frame of now: the law is not asked any more."""

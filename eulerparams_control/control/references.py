@@ -8,8 +8,7 @@ import numpy as np
 from eulerparams_control.control.mode import Latch
 from eulerparams_control.control.modes import ControlMode
 from eulerparams_control.errors import InvalidMessageError, SingularityError
-from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -58,8 +57,8 @@ class References:
 
     def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:
         """Return whether a frame is farther from another than a reference may jump."""
-        distance, angle = _distance(here, there)
-        return not (distance <= self.max_jump_position and angle <= self.max_jump_rotation)
+        way, angle = distance(here, there)
+        return not (way <= self.max_jump_position and angle <= self.max_jump_rotation)
 
     def refuse_jump(self, motion: Trajectory | SetPoint, late: float, here: DesiredFrame) -> None:
         """Raise InvalidMessageError if a motion leads too far away at once.
@@ -80,9 +79,9 @@ class References:
         if isinstance(motion, SetPoint):
             self._refuse_leap(motion)
         if self.jumps(here, there):
-            distance, angle = _distance(here, there)
+            way, angle = distance(here, there)
             raise InvalidMessageError(
-                f"the reference begins {distance:.3f} m and {math.degrees(angle):.1f} deg away "
+                f"the reference begins {way:.3f} m and {math.degrees(angle):.1f} deg away "
                 f"from the present desired frame; at most {self.max_jump_position} m and "
                 f"{math.degrees(self.max_jump_rotation):.1f} deg are followed at once: give its "
                 "first point a time_from_start > 0, or raise max_jump_position and "
@@ -110,8 +109,3 @@ def _farthest(motion: Trajectory | SetPoint, here: DesiredFrame, late: float) ->
     if isinstance(motion, Trajectory):
         return motion.from_frame(here).sample(late)
     return motion.sample(math.inf)
-
-
-def _distance(a: DesiredFrame, b: DesiredFrame) -> tuple[float, float]:
-    difference = a.p_d - b.p_d
-    return math.sqrt(difference @ difference), angle_between(a.R_d, b.R_d)

@@ -79,7 +79,7 @@ class Watch:
             self.mode, self._dq = WatchMode.BLIND, np.zeros_like(self._dq)
         elif (np.abs(self._dq) < AT_REST).all():
             self.mode = WatchMode.HOLDING
-        elif self.mode is WatchMode.BLIND:
+        else:
             self.mode = WatchMode.BRAKING
         state = self._robot.dynamic_state(self._q, self._dq)
         tau = state.C_dq - p.damping * state.B @ self._dq

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.rotations import Array, cross, exp
+from eulerparams_control.laws.rotations import Array, angle_between, cross, exp
 
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
@@ -107,3 +107,9 @@ def with_an_angle(x: Array) -> Array:
     if not math.isfinite(x @ x):
         raise SingularityError(f"the rotation of the desired frame is not finite: {x.tolist()} rad")
     return x
+
+
+def distance(here: DesiredFrame, there: DesiredFrame) -> tuple[float, float]:
+    """Return how far [m] a frame is from another, and by which angle [rad] it is turned."""
+    way = there.p_d - here.p_d
+    return math.sqrt(way @ way), angle_between(there.R_d, here.R_d)

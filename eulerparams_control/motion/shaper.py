@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array, angle_between, log
+from eulerparams_control.laws.rotations import Array, log
 from eulerparams_control.motion.dilation import Dilated, within
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Plan, Sample, attain, join, reach
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
@@ -29,8 +29,8 @@ from eulerparams_control.motion.trajectories import Trajectory
 
 Reference = Trajectory | SetPoint | Jog
 
-# A motion that begins within so much [m, rad; m/s, rad/s; m/s^2, rad/s^2] of the state is there.
-_SAME = ((1e-6, 1e-5), (1e-4, 1e-3), (1e-2, 4e-2))
+# A motion within so much [m, rad; m/s, rad/s] of the state is there; [m/s^2, rad/s^2] it begins.
+_SAME, _SAME_ACCELERATION = ((1e-6, 1e-5), (1e-4, 1e-3)), (1e-2, 4e-2)
 
 # A set-point may be this much beyond what the limits allow from tick to tick: its own rounding.
 _MARGIN = 1.05
@@ -59,13 +59,15 @@ class _Leg:
         then: the leg that follows the frame at the end.
         is_held: whether it rests for good.
         expires: when it ends [ns], whatever became of its own time: who sends it is silent.
+        end: the leg that follows the frame where it expires.
     """
 
     sample: Sample
     duration: float = math.inf
     then: Callable[[DesiredFrame], "_Leg"] | None = None
     is_held: bool = False
-    expires: int | None = None
+    expires: float = math.inf
+    end: Callable[[DesiredFrame], "_Leg"] | None = None
 
 
 class _Waiting(NamedTuple):
@@ -179,8 +181,8 @@ class Shaper:
     def sample(self, t: int) -> DesiredFrame:
         """Return the desired frame at the time t [ns]."""
         leg, since = self._leg, t - self._start - self._late
-        if leg.expires is not None and t > leg.expires and leg.then is not None:
-            self._leg = leg = leg.then(leg.sample(since / 1e9))
+        if leg.end is not None and t > leg.expires:
+            self._leg = leg = leg.end(leg.sample(since / 1e9))
             self._start, self._late, since = t, 0, 0
         while leg.then is not None and since > leg.duration * 1e9:
             whole = round(leg.duration * 1e9)
@@ -232,8 +234,7 @@ class Shaper:
             self.last = leg.sample(tau)
 
     def _leaps(self, there: DesiredFrame) -> bool:
-        here = self.expected
-        way = _norm(there.p_d - here.p_d), angle_between(there.R_d, here.R_d)
+        way = distance(self.expected, there)
         if way[0] <= self.max_jump[0] and way[1] <= self.max_jump[1]:
             return False
         self.leap = way
@@ -250,10 +251,10 @@ class Shaper:
         leg = self._along(motion, 0.0)
         if tau >= motion.duration:
             return self._to_rest(self.last, motion.sample(motion.duration).at_rest()), 0.0
-        if _is_there(self.last, motion.sample(tau)):
+        if _is_alike(self.last, motion.sample(tau)):
             return leg, tau
         plan = join(self.last, motion.sample, tau, limits, 0.0)
-        return self._planned_leg(plan, lambda _: self._along(motion, tau + plan.duration)), 0.0
+        return self._then(plan, self._along(motion, tau + plan.duration), self._brake), 0.0
 
     def _along(self, motion: Trajectory | Dilated, offset: float) -> _Leg:
         """Return the leg along a motion from the time ``offset`` [s] on."""
@@ -295,10 +296,12 @@ class Shaper:
         end = self._brake if stream.has_twists else self._to_the_last
         expires = t + round(lasting * 1e9)
         if plan.duration >= lasting:
-            return _Leg(plan.sample, lasting, end, expires=expires), 0.0
-        met = tau + plan.duration - late
-        on = _Leg(lambda s: line.moved(met + s), lasting - plan.duration, end, expires=expires)
-        return _Leg(plan.sample, plan.duration, lambda _: on), 0.0
+            return _Leg(plan.sample, lasting, end, expires=expires, end=end), 0.0
+        met, left = tau + plan.duration - late, lasting - plan.duration
+        on = _Leg(lambda s: line.moved(met + s), left, end, expires=expires, end=end)
+        leg = self._then(plan, on, self._brake)
+        leg.expires, leg.end = expires, end
+        return leg, 0.0
 
     def _goes_on(self, frame: DesiredFrame, tau: float, lasting: float, t: int) -> _Leg:
         """Return the leg that leads on from a set-point: soon without its acceleration."""
@@ -306,8 +309,9 @@ class Shaper:
         soon = tau + min(max(1.5 * self._stream.interval, 1e-3), lasting)
         line = _bounded(frame.moved(soon), self.limits)
         expires = t + round(lasting * 1e9)
-        on = _Leg(line.moved, max(tau + lasting - soon, 0.0), self._brake, expires=expires)
-        return _Leg(frame.moved, soon, lambda _: on)
+        left, end = max(tau + lasting - soon, 0.0), self._brake
+        on = _Leg(line.moved, left, end, expires=expires, end=end)
+        return _Leg(frame.moved, soon, lambda _: on, expires=expires, end=end)
 
     def _passes(self, frame: DesiredFrame, dt: float) -> bool:
         """Return whether the limits allow a frame dt [s] after the one before."""
@@ -342,18 +346,33 @@ class Shaper:
             return _Leg(line, jog.lasting, lambda here: _rest(here))
         plan = attain(self.last, jog.twist, self.limits)
         expires = t + round(jog.lasting * 1e9)
-        return _Leg(plan.sample, jog.lasting, self._brake, expires=expires)
+        end = self._brake
+        return _Leg(plan.sample, jog.lasting, end, expires=expires, end=end)
 
     # --- ends ----------------------------------------------------------------------------
 
-    def _planned_leg(self, plan: Plan, then: Callable[[DesiredFrame], _Leg]) -> _Leg:
+    def _then(self, plan: Plan, leg: _Leg, otherwise: Callable[[DesiredFrame], _Leg]) -> _Leg:
+        """Return the leg of a plan that a leg follows, if the plan ends where that begins."""
+
+        def then(here: DesiredFrame) -> _Leg:
+            return leg if _is_there(here, leg.sample(0.0)) else otherwise(here)
+
         return _Leg(plan.sample, plan.duration, then)
 
     def _to_rest(self, here: DesiredFrame, goal: DesiredFrame) -> _Leg:
-        """Return the leg that ends at rest at a goal."""
+        """Return the leg that ends at rest at a goal; where no plan leads there, after a stop."""
         assert self.limits is not None
         plan = reach(here, goal, self.limits)
-        return self._planned_leg(plan, lambda _: _rest(goal))
+        moves = here.dp_d.any() or here.omega_d.any()
+        return self._then(
+            plan, _rest(goal), lambda end: self._again(end, goal) if moves else _rest(end)
+        )
+
+    def _again(self, here: DesiredFrame, goal: DesiredFrame) -> _Leg:
+        """Return the leg that stops, and goes to a goal from there."""
+        leg = self._brake(here)
+        leg.then = lambda end: self._to_rest(end.at_rest(), goal)
+        return leg
 
     def _to_the_last(self, here: DesiredFrame) -> _Leg:
         """Return the leg that ends at rest at the set-point that came last."""
@@ -364,7 +383,7 @@ class Shaper:
         """Return the leg that comes to rest as soon as it can."""
         assert self.limits is not None
         plan = attain(here, np.zeros(6), self.limits)
-        return self._planned_leg(plan, _rest)
+        return _Leg(plan.sample, plan.duration, _rest)
 
 
 def _rest(frame: DesiredFrame) -> _Leg:
@@ -377,17 +396,24 @@ def _norm(v: Array) -> float:
 
 
 def _is_there(here: DesiredFrame, there: DesiredFrame) -> bool:
-    """Return whether two frames with their motion are the same."""
-    pairs = (
-        (here.p_d - there.p_d, None),
-        (here.dp_d - there.dp_d, here.omega_d - there.omega_d),
-        (here.ddp_d - there.ddp_d, here.domega_d - there.domega_d),
+    """Return whether two frames are the same, and as fast."""
+    ways = (
+        distance(here, there),
+        (_norm(here.dp_d - there.dp_d), _norm(here.omega_d - there.omega_d)),
     )
-    for (linear, angular), most in zip(pairs, _SAME, strict=True):
-        turn = angle_between(here.R_d, there.R_d) if angular is None else _norm(angular)
-        if not (_norm(linear) <= most[0] and turn <= most[1]):
-            return False
-    return True
+    return all(
+        way <= most
+        for pair, bounds in zip(ways, _SAME, strict=True)
+        for way, most in zip(pair, bounds, strict=True)
+    )
+
+
+def _is_alike(here: DesiredFrame, there: DesiredFrame) -> bool:
+    """Return whether two frames are the same, as fast, and as accelerated."""
+    ways = _norm(here.ddp_d - there.ddp_d), _norm(here.domega_d - there.domega_d)
+    return _is_there(here, there) and all(
+        way <= most for way, most in zip(ways, _SAME_ACCELERATION, strict=True)
+    )
 
 
 def _bounded(frame: DesiredFrame, limits: MotionLimits) -> DesiredFrame:

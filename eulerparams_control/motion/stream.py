@@ -9,8 +9,6 @@ interval between two of them has to do with the rate of the filter is its time c
 
 import math
 
-import numpy as np
-
 from eulerparams_control.laws.rotations import Array, exp, log
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -70,16 +68,23 @@ class StreamFilter:
             return
         self._time(T)
         expected = before.moved(T)
+        e_p, e_R = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
         if self.has_twists:
-            away = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
-            alpha = 1 - math.exp(-T / _TWISTS)
-            p_d, R_d = expected.p_d + alpha * away[0], expected.R_d @ exp(alpha * away[1])
-            self.frame = frame._replace(p_d=p_d, R_d=R_d)
-            return
-        if leaps(expected, frame, T + 2 * _POSES, limits):
+            alpha, dp_d, omega_d = 1 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
+        elif _leaps(e_p, e_R, T + 2 * _POSES, limits):
             self.frame = frame
             return
-        self.frame = _filtered(before, expected, frame, T)
+        else:
+            theta = math.exp(-T / _POSES)
+            alpha, beta = 1 - theta**2, (1 - theta) ** 2
+            dp_d = before.dp_d + beta / T * e_p
+            omega_d = before.omega_d + beta / T * (expected.R_d @ e_R)
+        self.frame = frame._replace(
+            p_d=expected.p_d + alpha * e_p,
+            R_d=expected.R_d @ exp(alpha * e_R),
+            dp_d=dp_d,
+            omega_d=omega_d,
+        )
 
     def _time(self, T: float) -> None:
         if self.interval == 0.0:
@@ -88,23 +93,7 @@ class StreamFilter:
         self.interval += _SMOOTHING * (T - self.interval)
 
 
-def _filtered(
-    before: DesiredFrame, expected: DesiredFrame, frame: DesiredFrame, T: float
-) -> DesiredFrame:
-    """Return the frame between what was expected and what came, without a twist, T [s] later."""
-    theta = math.exp(-T / _POSES)
-    alpha, beta = 1 - theta**2, (1 - theta) ** 2
-    e_p, e_R = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
-    return DesiredFrame(
-        expected.p_d + alpha * e_p,
-        expected.R_d @ exp(alpha * e_R),
-        before.dp_d + beta / T * e_p,
-        before.omega_d + beta / T * (expected.R_d @ e_R),
-    )
-
-
-def leaps(here: DesiredFrame, there: DesiredFrame, T: float, limits: MotionLimits) -> bool:
-    """Return whether the way to a frame within T [s] is faster than the limits."""
-    turn: Array = log(here.R_d.T @ there.R_d)
-    way = np.linalg.norm(there.p_d - here.p_d), np.linalg.norm(turn)
-    return any(one > T * most for one, most in zip(way, limits.speeds, strict=True))
+def _leaps(e_p: Array, e_R: Array, T: float, limits: MotionLimits) -> bool:
+    """Return whether a way [m], [rad] within T [s] is faster than the limits."""
+    ways = math.sqrt(e_p @ e_p), math.sqrt(e_R @ e_R)
+    return any(way > T * most for way, most in zip(ways, limits.speeds, strict=True))
