@@ -131,8 +131,7 @@ def run() -> list[tuple[str, str, str]]:
             echo.terminate()
             echo.wait()
     p50, p99 = (
-        {name: np.percentile(driver.times[name], p) * 1e6 for name in CONTESTANTS}
-        for p in (50, 99)
+        {name: np.percentile(driver.times[name], p) * 1e6 for name in CONTESTANTS} for p in (50, 99)
     )
     return [
         (f"node {name}, {label} ({p[name]:.0f} us)", f"bare rclpy echo ({p['echo']:.0f} us)",

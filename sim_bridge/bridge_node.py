@@ -21,11 +21,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import (
-    InvalidMessageError,
-    SimulationError,
-    kind_of,
-)
+from eulerparams_control.errors import InvalidMessageError, SimulationError, kind_of
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros

@@ -260,9 +260,7 @@ class Simulator:
         self.violation = ""
         if self._servo.is_on:
             limit = self._limits.velocity
-            self.engine.drive(
-                clip(self._servo.speed(self._q), -limit, limit), self._limits.effort
-            )
+            self.engine.drive(clip(self._servo.speed(self._q), -limit, limit), self._limits.effort)
         self._advance()
         self._count += 1
         if (self._is_stiff or self._has_rotors) and self._effort is not None:

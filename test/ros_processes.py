@@ -657,10 +657,7 @@ class FeelingArm(TorqueArm):
         self.sensor.mass, self.sensor.com = mass, com
         robot = self.robot
         self._dynamics = Robot(
-            robot.urdf,
-            robot.base_frame,
-            robot.tip_frame,
-            tool=Tool(mass, com, np.zeros((3, 3))),
+            robot.urdf, robot.base_frame, robot.tip_frame, tool=Tool(mass, com, np.zeros((3, 3)))
         )
 
 

@@ -7,20 +7,9 @@ import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, displaced, pose_of, robot_named, robot_of
 from samples import about, generator, rodrigues
-from tolerances import (
-    CLOSED_FORM,
-    CLOSED_LOOP,
-    HELD,
-    NO_JUMP,
-    REACHED,
-    RELATIVE,
-)
+from tolerances import CLOSED_FORM, CLOSED_LOOP, HELD, NO_JUMP, REACHED, RELATIVE
 
-from eulerparams_control.errors import (
-    ConfigurationError,
-    RobotError,
-    SingularityError,
-)
+from eulerparams_control.errors import ConfigurationError, RobotError, SingularityError
 from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics

@@ -5,16 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from in_process import World
-from ros_processes import (
-    FRAMES,
-    HOME,
-    Controlled,
-    Graph,
-    assert_may_stay,
-    pose,
-    reference,
-    values,
-)
+from ros_processes import FRAMES, HOME, Controlled, Graph, assert_may_stay, pose, reference, values
 
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.laws.clik import Clik

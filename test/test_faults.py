@@ -9,14 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from geometry_msgs.msg import (
-    Quaternion,
-    Transform,
-    Twist,
-    Vector3,
-    Wrench,
-    WrenchStamped,
-)
+from geometry_msgs.msg import Quaternion, Transform, Twist, Vector3, Wrench, WrenchStamped
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 

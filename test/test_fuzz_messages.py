@@ -32,15 +32,7 @@ from geometry_msgs.msg import (
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import Running, World
-from ros_processes import (
-    FRAMES,
-    MODEL,
-    UR5,
-    Controlled,
-    assert_may_stay,
-    pose,
-    reference,
-)
+from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay, pose, reference
 from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
@@ -410,10 +402,7 @@ def sent(shared_world: World) -> Sent:
     process = shared_world.start("reference", {**FRAMES, "motion": "circle"})
     publishers = {
         name: shared_world.peer.publisher(kind, name, latched=kind is String)
-        for name, kind in (
-            ("robot_description", String),
-            ("joint_states", JointState),
-        )
+        for name, kind in (("robot_description", String), ("joint_states", JointState))
     }
     heard = shared_world.peer.listen(MultiDOFJointTrajectory, "reference")
     return process, lambda topic, msg: publishers[topic].publish(msg), heard

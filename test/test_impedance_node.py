@@ -232,9 +232,7 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
     assert paired.peer.counter(paired.name, dropped, before + 2) == before + 2
 
 
-def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(
-    node: Controlled,
-) -> None:
+def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(node: Controlled) -> None:
     arm = node.arm
     arm.push(10.0, 0.0, 0.0)
     arm.ticks(20)
@@ -590,9 +588,7 @@ def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(
     assert tare(paired).success  # of nothing, for the tests that follow
 
 
-def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(
-    paired: Controlled,
-) -> None:
+def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(paired: Controlled) -> None:
     arm, (p, _) = paired.arm, pose(HOME)
     arm.sensor.bias[0] = 4.0
     settled(arm)
@@ -735,9 +731,7 @@ def test_two_publishers_are_refused_and_both_named(node: Controlled) -> None:
         rival.destroy_node()
 
 
-def test_a_reference_is_followed_with_the_displacement_of_the_contact(
-    paired: Controlled,
-) -> None:
+def test_a_reference_is_followed_with_the_displacement_of_the_contact(paired: Controlled) -> None:
     arm, (p, R) = paired.arm, pose(HOME)
     arm.push(0.0, 10.0, 0.0)
     arm.ticks(20)

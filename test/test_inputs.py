@@ -318,12 +318,7 @@ def moving(arm: Any, seconds: float, speed: float) -> None:
 
 @pytest.mark.parametrize(
     ("executable", "has_velocities"),
-    [
-        ("clik", True),
-        ("clik", False),
-        ("dynamic_control", True),
-        ("impedance_control", True),
-    ],
+    [("clik", True), ("clik", False), ("dynamic_control", True), ("impedance_control", True)],
 )
 def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(
     world: World, executable: str, has_velocities: bool

@@ -123,11 +123,7 @@ def test_what_to_do_about_a_fault_of_a_halted_arm_tells_both():
 
 def test_a_halt_before_the_first_reference_is_latched_in_silence_until_it_is_resumed():
     halted = Waiting(Why()).after(ModeEvent.HALT, HALTED)
-    assert (halted.mode, halted.latch, halted.why.cause) == (
-        Mode.WAITING,
-        Latch.RESUME,
-        Cause.HALT,
-    )
+    assert (halted.mode, halted.latch, halted.why.cause) == (Mode.WAITING, Latch.RESUME, Cause.HALT)
     assert halted.after(ModeEvent.RESUME, Why()).why == Why()
 
 

@@ -44,7 +44,7 @@ def moving_frame(R, key):
 
 def trajectory_turning(theta, key=0):
     """Return a motion of three moving frames, each theta [rad] away from its neighbour."""
-    (R_1, R_0), = pairs_apart(theta, 1, key)
+    ((R_1, R_0),) = pairs_apart(theta, 1, key)
     R_2 = rodrigues(theta, unit_vectors(1, key + 50)[0]) @ R_1
     frames = [moving_frame(R, 10 * key + i) for i, R in enumerate((R_0, R_1, R_2))]
     return Trajectory([0.0, 0.8, 2.0], frames)
@@ -227,8 +227,7 @@ def test_the_rates_of_a_circle_are_its_derivatives(ramp, turns):
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}],
+    "change", [{"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}]
 )
 def test_an_impossible_circle_is_refused_with_its_numbers(change):
     with pytest.raises(ConfigurationError, match="expected positive period and turns"):

@@ -107,9 +107,7 @@ def matches(node: ast.AST, named: dict[str, str], lines: frozenset[str]) -> bool
         case ast.Call(func=ast.Attribute(value=ast.Name(id="re")), args=[pattern, *rest]):
             return is_of_words(pattern, named) or any(map(is_said, rest))
         case ast.Call(func=ast.Attribute(value=value, attr=attr), args=args) if attr in METHODS:
-            return any(is_of_words(arg, named) for arg in args) or any(
-                map(is_said, [value, *args])
-            )
+            return any(is_of_words(arg, named) for arg in args) or any(map(is_said, [value, *args]))
     return False
 
 

@@ -40,12 +40,7 @@ from samples import rodrigues
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
-from tolerances import (
-    LAW_IN_A_NODE,
-    RELATIVE,
-    SIMULATED_POSE,
-    THROUGH_A_QUATERNION,
-)
+from tolerances import LAW_IN_A_NODE, RELATIVE, SIMULATED_POSE, THROUGH_A_QUATERNION
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.events import Event, events_of

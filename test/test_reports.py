@@ -10,14 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
-from synthetic_runs import (
-    DISTANCE,
-    PERIOD_NS,
-    arms_together,
-    topics_of,
-    write_messages,
-    write_run,
-)
+from synthetic_runs import DISTANCE, PERIOD_NS, arms_together, topics_of, write_messages, write_run
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import Options, blocks, load

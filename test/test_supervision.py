@@ -506,8 +506,7 @@ def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration)
 def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(accelerates):
     running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
     there_and_back = pose_of(HOME)._replace(
-        dp_d=np.array([10.0, 0.0, 0.0]),
-        ddp_d=np.array([-200.0 if accelerates else 0.0, 0.0, 0.0]),
+        dp_d=np.array([10.0, 0.0, 0.0]), ddp_d=np.array([-200.0 if accelerates else 0.0, 0.0, 0.0])
     )
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
         running.follow(SetPoint(there_and_back, 0.1), None)

@@ -163,9 +163,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     os.close(reads)
 
 
-def test_a_key_moves_the_tip_until_it_is_released(
-    world: World, terminal: tuple[int, int]
-) -> None:
+def test_a_key_moves_the_tip_until_it_is_released(world: World, terminal: tuple[int, int]) -> None:
     types, reads = terminal
     before = termios.tcgetattr(reads)
     process, sent = start(world)

@@ -71,8 +71,7 @@ def test_a_quaternion_printed_with_four_digits_is_normalised():
 
 
 @pytest.mark.parametrize(
-    ("values", "norm"),
-    [([0, 0, 0, 0], "0"), ([0, 0, 0, 1.01], "1.01"), ([1, 1, 0, 0], "1.41421")],
+    ("values", "norm"), [([0, 0, 0, 0], "0"), ([0, 0, 0, 1.01], "1.01"), ([1, 1, 0, 0], "1.41421")]
 )
 def test_a_quaternion_that_is_not_of_norm_1_is_refused_with_its_norm(values, norm):
     with pytest.raises(ConfigurationError, match=f"has norm {norm}; expected 1"):

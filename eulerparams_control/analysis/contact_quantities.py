@@ -72,9 +72,7 @@ _WRENCH = (
     "(52), (55), (59), from the sensor, without the weight of the tool that the controller knows"
 )
 
-FORCE = Quantity(
-    "force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, _force
-)
+FORCE = Quantity("force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, _force)
 MOMENT = Quantity(
     "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _moment
 )
@@ -121,14 +119,7 @@ MOTION_LOOP_ORIENTATION = Quantity(
 
 VECTORS = (
     VectorQuantity(
-        "f",
-        "Contact force, base axes",
-        "f [N]",
-        f"Force: {_WRENCH}.",
-        "N",
-        1e-6,
-        _f,
-        group=_GROUP,
+        "f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _f, group=_GROUP
     ),
     VectorQuantity(
         "mu",

@@ -162,9 +162,7 @@ def finite(values: Iterable[NDArray[Any]]) -> NDArray[np.bool_]:
     return np.all([np.isfinite(v).all(axis=1) for v in numbers], axis=0)
 
 
-def motion(
-    message: Any, base_frame: str, tip_frame: str
-) -> tuple[int, Frames, Trajectory | None]:
+def motion(message: Any, base_frame: str, tip_frame: str) -> tuple[int, Frames, Trajectory | None]:
     """Return start, first frame and trajectory (None: a set-point) of a reference.
 
     Raises:

@@ -102,11 +102,7 @@ class DesiredFrames:
         return found, done
 
     def _hold(
-        self,
-        found: Frames,
-        received: NDArray[np.intp],
-        begins: NDArray[np.intp],
-        stamps: Stamps,
+        self, found: Frames, received: NDArray[np.intp], begins: NDArray[np.intp], stamps: Stamps
     ) -> None:
         """Write the pose that is held from the receipt of the first reference until one begins."""
         first = int(received[0])

@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.poles import (
-    Approach,
-    approach,
-    merged,
-    near_pole,
-    near_singular,
-)
+from eulerparams_control.analysis.poles import Approach, approach, merged, near_pole, near_singular
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report

@@ -67,9 +67,7 @@ class Parsers:
             "compliant_frame": lambda group: list(decode.frame_rows(group, base, tip)),
         }
         parsers = {
-            name: self._parser(name, of)
-            for name, of in of_group.items()
-            if name in self._topics
+            name: self._parser(name, of) for name, of in of_group.items() if name in self._topics
         }
         for name in ("reference", "diagnostics"):
             if name in self._topics:
@@ -80,9 +78,7 @@ class Parsers:
         schema = self._bag.schema(self._topics[name])
         return columns(schema, [message.data for message in messages])
 
-    def _parser(
-        self, name: str, of: Callable[[Group], list[NDArray[Any]]]
-    ) -> Parse:
+    def _parser(self, name: str, of: Callable[[Group], list[NDArray[Any]]]) -> Parse:
         def parse(messages: list[RawMessage]) -> tuple[list[Rows], int]:
             sent = np.array([message.publish_time or message.log_time for message in messages])
             found, valid = [], 0

@@ -49,9 +49,7 @@ class Reports:
         delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
     """
 
-    def __init__(
-        self, start: float = 0.0, end: float = math.inf, controller: str = ""
-    ) -> None:
+    def __init__(self, start: float = 0.0, end: float = math.inf, controller: str = "") -> None:
         self._controller = controller.strip("/")
         self._rates: list[tuple[int, float, float, float]] = []
         self._start, self._end = start if start > 0 else -math.inf, end

@@ -207,9 +207,7 @@ class Controller:
             supervisor.left = at
         return self._command
 
-    def _limit(
-        self, command: JointCommand | None, acted: float, dt: float
-    ) -> JointCommand | None:
+    def _limit(self, command: JointCommand | None, acted: float, dt: float) -> JointCommand | None:
         """Return the command within all bounds, or gravity compensation where there is none."""
         supervisor, release = self.supervisor, self._release
         if supervisor.mode.mode is Mode.DISTRUSTING:

@@ -165,9 +165,7 @@ NEVER_BEGINS = Why(
     "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
     f"see to the clocks, or stamp them 0; then {AGAIN}",
 )
-ARM_MOVED = Why(
-    Cause.ARM_MOVED, "the arm moved before the reference began; send it again", AGAIN
-)
+ARM_MOVED = Why(Cause.ARM_MOVED, "the arm moved before the reference began; send it again", AGAIN)
 FROZEN_ENCODER = Why(
     Cause.FROZEN_ENCODER,
     "joint_states reports speeds, but positions that stay the same to the bit",

@@ -22,13 +22,7 @@ from eulerparams_control.control.mode import (
     runs_away,
     why_of,
 )
-from eulerparams_control.control.modes import (
-    ControlMode,
-    Distrusting,
-    Holding,
-    Releasing,
-    Waiting,
-)
+from eulerparams_control.control.modes import ControlMode, Distrusting, Holding, Releasing, Waiting
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
 from eulerparams_control.errors import FollowingError, InvalidMessageError, defect
@@ -89,9 +83,7 @@ class Supervisor:
         elif not was_halted:
             guidance.brake()
 
-    def follow(
-        self, motion: Reference, start: int | None, now: float | None, q: Array
-    ) -> None:
+    def follow(self, motion: Reference, start: int | None, now: float | None, q: Array) -> None:
         """Follow a motion, the arm being at q (n,); see ``Controller.follow``."""
         clock, desired = self._clock, self._guidance.motion
         self._references.refuse_after_fault(self.mode, clock.time(now))
@@ -130,9 +122,7 @@ class Supervisor:
         if state.restart is not None:
             self._restart(at, state.restart, q)
 
-    def observe(
-        self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool
-    ) -> None:
+    def observe(self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool) -> None:
         """Change the mode as the new state q, dq (n,) tells to.
 
         Args:

@@ -217,9 +217,7 @@ class CompliantFrame:
         for i in range(n):
             a, b = i / n, (i + 1) / n
             z = _runge_kutta(translation, z, before.f, now.f, a, b, dt / n)
-            y = o.compliance_normalised(
-                _runge_kutta(rotation, y, before.u, now.u, a, b, dt / n)
-            )
+            y = o.compliance_normalised(_runge_kutta(rotation, y, before.u, now.u, a, b, dt / n))
         if not (math.isfinite(z @ z) and math.isfinite(y @ y)):
             raise SingularityError("the motion of the compliant frame is not finite")
         self._x, self._dx, self._y = z[:3], z[3:], y

@@ -167,7 +167,6 @@ class ImpedanceLaw:
                     f"the tool, then send the reference again, or raise {name}"
                 )
 
-
     def refuse_return(self, desired: DesiredFrame, compliant: DesiredFrame) -> None:
         """Raise FollowingError if a wrench is measured again while the frames are far apart."""
         distance = float(np.linalg.norm(compliant.p_d - desired.p_d))

@@ -61,9 +61,7 @@ class ErrorBounds:
     def __post_init__(self) -> None:
         for name in ("position", "rotation"):
             if not getattr(self, name) > 0:
-                raise ConfigurationError(
-                    f"max_error_{name} is {getattr(self, name)}; expected > 0"
-                )
+                raise ConfigurationError(f"max_error_{name} is {getattr(self, name)}; expected > 0")
 
     def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""

@@ -29,6 +29,7 @@ class LifecycleCause(StrEnum):
     TRANSITION_ERROR = "transition_error"
     DEFECT = "defect"
 
+
 MODE = "mode"
 """What the node does: a value of the enumeration of its modes."""
 

@@ -64,15 +64,10 @@ class Plan:
         return DesiredFrame(self._p + p, R, v, R @ omega, a, R @ domega)
 
 
-def reach(
-    start: DesiredFrame, end: DesiredFrame, limits: MotionLimits, least: float = 0.0
-) -> Plan:
+def reach(start: DesiredFrame, end: DesiredFrame, limits: MotionLimits, least: float = 0.0) -> Plan:
     """Return the plan from one state to another, in no less than ``least`` [s]."""
     begin = _begin(start)
-    ends = (
-        (end.p_d - start.p_d, end.dp_d, end.ddp_d),
-        rotation_vector_at_end(start, end),
-    )
+    ends = ((end.p_d - start.p_d, end.dp_d, end.ddp_d), rotation_vector_at_end(start, end))
     return _planned(start, begin, ends, limits, least, ControlInterface.Position)
 
 
@@ -86,9 +81,7 @@ def attain(start: DesiredFrame, twist: Array, limits: MotionLimits) -> Plan:
     return _planned(start, _begin(start), ends, limits, 0.0, ControlInterface.Velocity)
 
 
-def join(
-    start: DesiredFrame, motion: Sample, t: float, limits: MotionLimits, least: float
-) -> Plan:
+def join(start: DesiredFrame, motion: Sample, t: float, limits: MotionLimits, least: float) -> Plan:
     """Return the plan that meets a motion, which goes on meanwhile, as soon as it can.
 
     Args:

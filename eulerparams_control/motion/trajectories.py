@@ -66,9 +66,7 @@ class _Segment:
         return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
 
 
-def rotation_vector_at_end(
-    start: DesiredFrame, end: DesiredFrame
-) -> tuple[Array, Array, Array]:
+def rotation_vector_at_end(start: DesiredFrame, end: DesiredFrame) -> tuple[Array, Array, Array]:
     """Return x, dx, ddx at the end of a segment: the inverse of ``_Segment.sample``."""
     x = log(start.R_d.T @ end.R_d)
     if not (end.omega_d.any() or end.domega_d.any()):
@@ -141,9 +139,7 @@ def _segments(frames: DesiredFrame, index: NDArray[np.intp], T: Array) -> tuple[
     ddx = np.linalg.solve(J_r, (turn_back(R_1, end.domega_d) - dJ_dx)[:, :, None])[:, :, 0]
     begin = none, turn_back(R_0, start.omega_d), turn_back(R_0, start.domega_d)
     duration = T[:, None]
-    p = quintic(
-        (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
-    )
+    p = quintic((start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration)
     both = np.concatenate((p, quintic(begin, (x, dx, ddx), duration)), axis=2)
     return R_0, np.moveaxis(both, 0, 1)
 

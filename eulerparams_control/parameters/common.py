@@ -99,11 +99,7 @@ class ControlParameters:
         live=True,
     )
     max_joint_acceleration: tuple[float, ...] = parameter(
-        (10.0,),
-        "one, or one a joint",
-        unit="rad/s^2",
-        bounds=(0.01, 1e6),
-        live=True,
+        (10.0,), "one, or one a joint", unit="rad/s^2", bounds=(0.01, 1e6), live=True
     )
     max_error_position: float = parameter(
         0.1, "a larger position error stops the motion", unit="m", bounds=(1e-4, 100.0), live=True

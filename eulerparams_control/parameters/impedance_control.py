@@ -35,10 +35,7 @@ _MOST_TOOL = 0.5
 
 @dataclass(frozen=True)
 class ImpedanceParameters(
-    EffortParameters,
-    scheme="impedance_control",
-    inputs=("wrench",),
-    outputs=("compliant_frame",),
+    EffortParameters, scheme="impedance_control", inputs=("wrench",), outputs=("compliant_frame",)
 ):
     """Parameters of the node ``impedance_control``."""
 

@@ -68,12 +68,7 @@ class ManagedNode(LifecycleNode):
         survive_wrong_transitions(self, self._health)
 
     def _tell(
-        self,
-        level: bytes,
-        message: str,
-        mode: Lifecycle,
-        cause: Cause | str = "",
-        remedy: str = "",
+        self, level: bytes, message: str, mode: Lifecycle, cause: Cause | str = "", remedy: str = ""
     ) -> None:
         self._health.set(level, message, remedy, mode=mode.value, cause=str(cause))
 

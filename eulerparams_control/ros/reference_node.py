@@ -52,9 +52,7 @@ class ReferenceNode(Node):
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent = 0
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
-        self._health.set(
-            diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING
-        )
+        self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._started = steady()
         self._subscribe()
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -62,9 +62,7 @@ class WrenchInput:
         self._stuck: StuckSensor | None = None
         self.trouble = _lost("no valid wrench yet; is the force/torque sensor running?")
 
-    def take(
-        self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool
-    ) -> None:
+    def take(self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool) -> None:
         """Take a message of a sensor.
 
         Args:

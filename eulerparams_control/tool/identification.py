@@ -66,9 +66,7 @@ class Identification(NamedTuple):
 
 
 def identify(
-    orientations: Sequence[ArrayLike],
-    wrenches: Sequence[ArrayLike],
-    gravity: ArrayLike = GRAVITY,
+    orientations: Sequence[ArrayLike], wrenches: Sequence[ArrayLike], gravity: ArrayLike = GRAVITY
 ) -> Identification:
     """Return what N wrenches measured at rest say about the tool, by least squares.
 

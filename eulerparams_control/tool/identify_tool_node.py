@@ -29,12 +29,7 @@ from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.tool.identification import (
-    LEAST_SPREAD,
-    Identification,
-    identify,
-    spread,
-)
+from eulerparams_control.tool.identification import LEAST_SPREAD, Identification, identify, spread
 from eulerparams_control.tool.mount import SensorMount
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from eulerparams_control.tool.poses import Pose, PoseCollector
@@ -62,9 +57,7 @@ class IdentifyToolNode(Node):
         self._received = {"joint_states": self._started, "wrench": self._started}
         self._health.check = self._check_time
         self._health.values["poses"] = 0
-        self._health.set(
-            diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING
-        )
+        self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._subscribe()
 
     # --- set-up ------------------------------------------------------------------------

@@ -21,13 +21,7 @@ from eulerparams_control.analysis.metrics import (
     real_time,
     stability,
 )
-from eulerparams_control.analysis.metrics.base import (
-    METRICS,
-    Metric,
-    get_metric,
-    measure,
-    quotient,
-)
+from eulerparams_control.analysis.metrics.base import METRICS, Metric, get_metric, measure, quotient
 
 __all__ = [
     "METRICS",

@@ -76,9 +76,7 @@ _family("displacement", "mm", _displacement, lambda length: 1e3 * length)
 
 
 @metric("deg")
-def moment_axis_angle(
-    recording: Recording, window: float = 0.0, before: float = math.inf
-) -> float:
+def moment_axis_angle(recording: Recording, window: float = 0.0, before: float = math.inf) -> float:
     """Angle between the axes of turn and moment at the end.
 
     Of the rotation vector of R_d' R_c and mu^d: 0 by (65) about an axis of K_o.

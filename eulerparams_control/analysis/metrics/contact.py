@@ -93,9 +93,7 @@ def _in_frame(recording: Recording, t: Array, vectors: Array, frame: str) -> Arr
     return turned
 
 
-def _family(
-    name: str, unit: str, of: Callable[[Recording, str], tuple[Array, Array]]
-) -> None:
+def _family(name: str, unit: str, of: Callable[[Recording, str], tuple[Array, Array]]) -> None:
     """Register the metrics that force and moment have in common."""
 
     @metric(unit, name=f"final_{name}", text=f"Contact {name} at the end")

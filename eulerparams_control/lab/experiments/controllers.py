@@ -26,11 +26,7 @@ _WIDE = {
 _LISTENERS = 2  # to each command: who acts on it, and the recorder
 
 # No state is answered before all listen, and none before a reference came.
-_LOCK_STEP = {
-    "use_sim_time": True,
-    "require_reference": True,
-    "wait_for_subscribers": _LISTENERS,
-}
+_LOCK_STEP = {"use_sim_time": True, "require_reference": True, "wait_for_subscribers": _LISTENERS}
 
 
 @dataclass(frozen=True)
@@ -120,6 +116,6 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         POSITION,
         ("wrench",),
         ("compliant_frame",),
-    ),
+    )
 }
 """The controllers by name: each scheme by itself, and what is made of several."""

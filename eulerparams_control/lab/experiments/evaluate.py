@@ -91,11 +91,7 @@ def write_report(
 
 
 def _of_numbers(
-    experiment: Experiment,
-    result: Result,
-    verdicts: Sequence[Verdict],
-    sentence: str,
-    figure: str,
+    experiment: Experiment, result: Result, verdicts: Sequence[Verdict], sentence: str, figure: str
 ) -> str:
     rows = "".join(
         f"<tr><td>{escape(number.text)}</td>"

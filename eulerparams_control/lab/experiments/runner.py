@@ -18,12 +18,7 @@ from eulerparams_control.errors import BagError, ConfigurationError, SimulationE
 from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments import faulty
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, NodeSetup
-from eulerparams_control.lab.experiments.faulty import (
-    BRIDGE,
-    RECORDER,
-    record_in_real_time,
-    turn,
-)
+from eulerparams_control.lab.experiments.faulty import BRIDGE, RECORDER, record_in_real_time, turn
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
 from eulerparams_control.lab.experiments.processes import EVENTS, Nodes
 from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord

@@ -121,10 +121,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument("names", nargs="*", help="of config/maps, or paths of YAML files")
     parser.add_argument("--out", type=Path, default=Path("out/map"), help="folder of the results")
     parser.add_argument(
-        "--workers",
-        type=whole_number(),
-        default=2,
-        help="processes; 0: in this one, without Dask",
+        "--workers", type=whole_number(), default=2, help="processes; 0: in this one, without Dask"
     )
     parser.add_argument("--scheduler", default="", help="address of a Dask scheduler: tcp://...")
     parser.add_argument(

@@ -54,9 +54,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
         Q = R_d @ transposed(R_e)
         return AngleAxisDisplacement(2 * np.expand_dims(eta, 1) * turn(R_e, eps), Q, _L(Q))
 
-    def resolved_velocity(
-        self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
+    def resolved_velocity(self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float) -> Array:
         """Return L^-1 (L' omega_d + k_Po o_de), which gives do_de = -k_Po o_de.
 
         Raises:

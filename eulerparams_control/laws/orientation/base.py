@@ -141,13 +141,7 @@ class OrientationRepresentation(ABC):
 
     @abstractmethod
     def resolved_acceleration(
-        self,
-        x_de: Any,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return the angular acceleration a_o (3,) [rad/s^2] of dynamic control, eqs. (38), (40).
 
@@ -188,9 +182,7 @@ class OrientationRepresentation(ABC):
         return Z
 
     @abstractmethod
-    def compliance_begin(
-        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
-    ) -> Array:
+    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return the state y of the rotational impedance for two frames.
 
         It is relative to the desired frame: the displacement and its rate.

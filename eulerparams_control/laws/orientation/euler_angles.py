@@ -85,14 +85,11 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         dphi_e = sequence.rates(x_de.phi_e, omega_e)
         ddphi_d = self._accelerations(x_de.phi_d, dphi_d, domega_d)
         return (
-            sequence.T(x_de.phi_e)
-            @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
+            sequence.T(x_de.phi_e) @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
             + sequence.dT(x_de.phi_e, dphi_e) @ dphi_e
         )
 
-    def compliance_begin(
-        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
-    ) -> Array:
+    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y (6,) = (Delta phi_cd, Delta dphi_cd), phi_c - phi_d and its rate."""
         sequence = self.options.sequence
         phi_d, phi_c = sequence.extract(R_d), sequence.extract(R_c)

@@ -51,9 +51,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, turn(R_e, Q_de.eps))
 
-    def resolved_velocity(
-        self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
+    def resolved_velocity(self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float) -> Array:
         """Return omega_d + k_Po eps_de, eq. (28)."""
         return omega_d + k_Po * x_de.eps_de
 

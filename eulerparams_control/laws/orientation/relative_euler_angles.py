@@ -98,9 +98,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
             )
         return Z.transformed(sequence.T(np.zeros(3)))
 
-    def compliance_begin(
-        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
-    ) -> Array:
+    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y (6,) = (phi_cd, dphi_cd) of R_d' R_c."""
         sequence = self.options.sequence
         phi_cd = sequence.extract(R_d.T @ R_c)
@@ -130,9 +128,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
         dx = T @ dy[3:] + sequence.dT(phi_cd, dphi_cd) @ dphi_cd
         omega_c = omega_d + R_d @ (T @ dphi_cd)
         return CompliantRotation(
-            R_d @ sequence.R(phi_cd),
-            omega_c,
-            domega_d + R_d @ dx + cross(omega_d, omega_c),
+            R_d @ sequence.R(phi_cd), omega_c, domega_d + R_d @ dx + cross(omega_d, omega_c)
         )
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:

@@ -39,9 +39,7 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return the energy [J] whose rate along x is mu_E' x: the second term of (68)."""
 
-    def compliance_begin(
-        self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array
-    ) -> Array:
+    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y (7,) = (eta_cd, eps_cd_d, R_d' (omega_c - omega_d))."""
         eta, eps = EulerParameters.from_R(R_d.T @ R_c)
         return np.concatenate(([eta], eps, R_d.T @ (omega_c - omega_d)))
@@ -74,17 +72,13 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         """
         R_c = R_d @ EulerParameters(y[0], y[1:4]).R
         omega_c = omega_d + R_d @ y[4:]
-        return CompliantRotation(
-            R_c, omega_c, domega_d + R_d @ dy[4:] + cross(omega_d, omega_c)
-        )
+        return CompliantRotation(R_c, omega_c, domega_d + R_d @ dy[4:] + cross(omega_d, omega_c))
 
     def least_moment(self, K_o: Array) -> float:
         """Return the largest elastic moment [Nm] about the axis of K_o that has the least."""
         halves = np.linspace(0.0, np.pi / 2, _ANGLES)[:-1]
         return min(
-            max(
-                abs(float(axis @ self.elastic_moment(_turned(half, axis), K_o))) for half in halves
-            )
+            max(abs(float(axis @ self.elastic_moment(_turned(half, axis), K_o))) for half in halves)
             for axis in np.linalg.eigh(K_o)[1].T
         )
 

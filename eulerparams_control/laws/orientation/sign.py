@@ -51,9 +51,7 @@ class SignRule:
                 f"the initial sign of eta is {self.initial}; expected 1, or -1 with continuous"
             )
 
-    def mutual(
-        self, R_e: Array, R_d: Array, previous: EulerParameters | None
-    ) -> EulerParameters:
+    def mutual(self, R_e: Array, R_d: Array, previous: EulerParameters | None) -> EulerParameters:
         """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
 
         Args:
@@ -64,9 +62,7 @@ class SignRule:
             return mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
         return self.choose(mutual_R(R_e, R_d), previous)
 
-    def mutuals(
-        self, R_e: Array, R_d: Array, previous: EulerParameters | None
-    ) -> EulerParameters:
+    def mutuals(self, R_e: Array, R_d: Array, previous: EulerParameters | None) -> EulerParameters:
         """Return eta_de (N,), eps_de_e (N, 3) of N successive samples: see :meth:`mutual`."""
         if self.name == SEPARATE:
             pairs = zip(R_e, R_d, strict=True)

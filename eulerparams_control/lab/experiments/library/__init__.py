@@ -49,8 +49,9 @@ class Result:
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> "Result":
         """Return the result of :meth:`to_json`."""
-        numbers = {n: Number(float(v), text, unit) for n, (v, text, unit) in
-                   content["numbers"].items()}
+        numbers = {
+            n: Number(float(v), text, unit) for n, (v, text, unit) in content["numbers"].items()
+        }
         return cls(numbers, content["chart"] and Chart.from_json(content["chart"]))
 
 

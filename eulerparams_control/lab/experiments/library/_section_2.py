@@ -95,9 +95,7 @@ def angles() -> Residuals:
                 yield "(3)", size(sequence.T(phi) @ dphi - omega)
 
 
-def _angles(
-    sequence: EulerSequence, R_of: Callable[[float], Array], phi: Array, t: float
-) -> Array:
+def _angles(sequence: EulerSequence, R_of: Callable[[float], Array], phi: Array, t: float) -> Array:
     """Return the angles of a frame at t, moved by whole turns next to those at t = 0."""
     there = sequence.extract(R_of(t))
     return there - 2 * np.pi * np.round((there - phi) / (2 * np.pi))

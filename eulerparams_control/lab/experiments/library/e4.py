@@ -46,9 +46,7 @@ def run() -> Result:
         "differenced_speed": (differenced.max(), "largest joint speed, dphi_d by differences"),
         "parameters_speed": (parameters, "largest joint speed with Euler parameters"),
     }
-    ratio = Number(
-        float(differenced.max() / parameters), "joint speed with dphi_d by differences"
-    )
+    ratio = Number(float(differenced.max() / parameters), "joint speed with dphi_d by differences")
     found = {name: Number(float(value), text, "rad/s") for name, (value, text) in numbers.items()}
     return Result(found | {"differenced_ratio": ratio})
 
