@@ -555,6 +555,25 @@ def test_a_campaign_that_is_told_to_end_ends_its_workers_and_their_nodes(tmp_pat
     assert not list(tmp_path.glob("faults_*"))
 
 
+def test_a_worker_that_is_told_to_end_twice_at_once_is_told_once(monkeypatch):
+    told = []
+
+    class Twice:
+        def set(self):  # of an event: a signal within it that sets it again waits for ever
+            told.append(len(told))
+            if len(told) < 3:
+                signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(schedule, "_stop", Twice())
+    monkeypatch.setattr(schedule, "_has_nodes", True)
+    before = signal.signal(signal.SIGTERM, schedule._end)
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert told == [0]
+
+
 def test_a_sequence_that_cannot_be_run_ends_with_2(instead, tmp_path):
     instead(lambda plan: replace(outcome_of(plan), error="no simulator"))
     assert main(["--seed", "1", "--out", str(tmp_path)]) == 2

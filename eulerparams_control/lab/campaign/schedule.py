@@ -87,6 +87,7 @@ _stop = threading.Event()
 
 def _end(*_: object) -> None:
     """End this worker: at once, or when the nodes of its sequence have ended."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one within set() waits for ever
     _stop.set()
     if not _has_nodes:
         os._exit(1)
