@@ -98,12 +98,8 @@ def says(
     who: str, mode: str | None = None, cause: str | None = None
 ) -> Callable[[dict[str, Any]], bool]:
     """Return whether a line is a status of a node, in a mode, for a cause; None is any."""
-    return lambda line: (
-        line["who"] == who
-        and all(
-            wanted in (None, line["values"].get(key))
-            for key, wanted in ((MODE, mode), (CAUSE, cause))
-        )
+    return lambda line: line["who"] == who and all(
+        wanted in (None, line["values"].get(key)) for key, wanted in ((MODE, mode), (CAUSE, cause))
     )
 
 

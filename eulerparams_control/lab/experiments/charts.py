@@ -1,13 +1,13 @@
 """A chart of numbers over a parameter: what was measured against what is predicted.
 
-chart:
-  metric: final_moment          # with the options of a criterion on it
-  xlabel: beta [deg]
-  log: y                        # the axes that are logarithmic: x, y or xy
-  measured:
-    Euler parameters: {parameters_0_5: 0.5, parameters_60: 60.0}
-  predicted:
-    50 sin(theta): [[0.5, 7.903], [85.0, 7.903]]
+    chart:
+      metric: final_moment          # with the options of a criterion on it
+      xlabel: beta [deg]
+      log: y                        # the axes that are logarithmic: x, y or xy
+      measured:
+        Euler parameters: {parameters_0_5: 0.5, parameters_60: 60.0}
+      predicted:
+        50 sin(theta): [[0.5, 7.903], [85.0, 7.903]]
 """
 
 from collections.abc import Callable, Mapping

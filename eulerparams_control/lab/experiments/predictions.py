@@ -1,10 +1,10 @@
 """Predictions of theory for a quantity over time, as an experiment's file states them.
 
-predictions:
-  - {quantity: moment, text: "50 sin(theta) = 500 (10 deg - theta)", value: 7.903}
-  - {quantity: force, text: ..., points: [[0.0, 0.0], [1.0, 9.52]]}
-  - {quantity: orientation_error, text: (41), form: error_41,
-     options: {error: 30.0, k_Po: 100.0, k_Vo: 14.142}}
+    predictions:
+      - {quantity: moment, text: "50 sin(theta) = 500 (10 deg - theta)", value: 7.903}
+      - {quantity: force, text: ..., points: [[0.0, 0.0], [1.0, 9.52]]}
+      - {quantity: orientation_error, text: (41), form: error_41,
+         options: {error: 30.0, k_Po: 100.0, k_Vo: 14.142}}
 """
 
 import math
