@@ -129,9 +129,7 @@ def spring(anchor: Array) -> Callable[[RobotState], Array]:
 # --- the arm that the test moves -------------------------------------------------------------
 
 
-def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(
-    both: Admittance,
-) -> None:
+def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(both):
     arm, (p, R) = both.arm, pose(HOME)
     arm.environment = spring(p)
     both.references.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
@@ -147,16 +145,14 @@ def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment
     np.testing.assert_allclose(pose(arm.q)[0], p + [DEPTH, 0.0, 0.0], rtol=0, atol=FOLLOWED)
 
 
-def test_a_blow_is_followed_from_its_first_frame(both: Admittance) -> None:
+def test_a_blow_is_followed_from_its_first_frame(both):
     before = both.peer.counter("clik", "reference rejected")
     both.arm.push(20.0, 0.0, 0.0)  # 20 m/s^2, 0.1 m in 0.1 s if it lasted
     both.arm.ticks(30)
     assert both.peer.counter("clik", "reference rejected") == before
 
 
-def test_when_the_wrench_stops_the_arm_stands_still_and_goes_on_when_it_is_back(
-    both: Admittance,
-) -> None:
+def test_when_the_wrench_stops_the_arm_stands_still_and_goes_on_when_it_is_back(both):
     arm, (p, _) = both.arm, pose(HOME)
     arm.push(8.0, 0.0, 0.0)
     arm.ticks(20)
@@ -179,7 +175,7 @@ def test_when_the_wrench_stops_the_arm_stands_still_and_goes_on_when_it_is_back(
     np.testing.assert_allclose(pose(arm.q)[0], p + [8.0 / K_P, 0, 0], rtol=0, atol=FOLLOWED)
 
 
-def test_when_clik_dies_the_one_that_is_started_anew_takes_over(both: Admittance) -> None:
+def test_when_clik_dies_the_one_that_is_started_anew_takes_over(both):
     arm, (p, _) = both.arm, pose(HOME)
     arm.push(4.0, 0.0, 0.0)
     settle(arm)
@@ -204,8 +200,8 @@ def test_when_clik_dies_the_one_that_is_started_anew_takes_over(both: Admittance
 
 
 def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_where_the_arm_is(
-    both: Admittance,
-) -> None:
+    both,
+):
     arm = both.arm
     arm.push(8.0, 0.0, 0.0)
     arm.ticks(20)
@@ -251,7 +247,7 @@ class PositionArm(Arm):
         self.q = inverse_kinematics(MODEL, frame, self.q)
 
 
-def test_an_arm_without_velocities_and_inertias_is_compliant_too(world: World) -> None:
+def test_an_arm_without_velocities_and_inertias_is_compliant_too(world):
     urdf = re.sub(r"<inertial>.*?</inertial>", "", UR5.urdf, flags=re.DOTALL)
     assert urdf.count("<inertial>") == 0 < UR5.urdf.count("<inertial>")
     arm = PositionArm(world, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
@@ -312,8 +308,8 @@ def pressed(world: World, namespace: str) -> dict[str, list[Any]]:
 
 
 def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equal_to_the_bit(
-    world: World,
-) -> None:
+    world,
+):
     found = []
     for namespace in ("/first", "/second"):
         said = pressed(world, namespace)

@@ -103,9 +103,7 @@ def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
         ("period_growth", {"period": 0.01}, 4.0),
     ],
 )
-def test_a_metric_is_what_the_rod_gives_by_hand(
-    run: Recording, name: str, options: dict[str, str], expected: float
-) -> None:
+def test_a_metric_is_what_the_rod_gives_by_hand(run, name, options, expected):
     assert get_metric(name).compute(run, **options) == pytest.approx(expected, rel=EXACT, abs=1e-6)
 
 
@@ -121,18 +119,18 @@ def test_a_metric_is_what_the_rod_gives_by_hand(
     ],
 )
 def test_metrics_of_dynamic_control_are_of_the_efforts_and_the_measured_motion(
-    dynamic: Recording, name: str, options: dict[str, float], expected: float
-) -> None:
+    dynamic, name, options, expected
+):
     assert get_metric(name).compute(dynamic, **options) == pytest.approx(expected, rel=EXACT)
 
 
-def test_an_effort_at_its_limit_but_for_rounding_counts_as_saturated(tmp_path: Path) -> None:
+def test_an_effort_at_its_limit_but_for_rounding_counts_as_saturated(tmp_path):
     efforts = [9.99, 10.0 * (1 - 1e-12), 12.0, 10.0]  # the last lasts for no known time
     folder = write_run(tmp_path / "run", MEASURED, efforts=efforts)
     assert measure("saturated_time", load(folder)) == pytest.approx(0.02, rel=EXACT)
 
 
-def test_what_does_not_fit_the_recording_is_refused(run: Recording) -> None:
+def test_what_does_not_fit_the_recording_is_refused(run):
     with pytest.raises(BagError, match="has no joint_effort"):
         measure("peak_effort", run)
     with pytest.raises(BagError, match=r"no sample from 1 to inf s; the last is at 0\.03 s"):
@@ -145,7 +143,7 @@ def test_what_does_not_fit_the_recording_is_refused(run: Recording) -> None:
         measure("growth_rate", run, low=10.0, high=30.0)
 
 
-def test_the_growth_rate_is_that_of_the_first_way_out(tmp_path: Path) -> None:
+def test_the_growth_rate_is_that_of_the_first_way_out(tmp_path):
     t = np.arange(100) / 100
     out, back, again = 0.01 * np.exp(4 * t), np.linspace(0.5, 0.001, 30), 0.01 * np.exp(2 * t)
     run = moved(tmp_path, [0.1, 0.05, *out, *back, *again])
@@ -154,7 +152,7 @@ def test_the_growth_rate_is_that_of_the_first_way_out(tmp_path: Path) -> None:
     assert measure("growth_rate", early, low=2.0, high=15.0) == pytest.approx(4.0, rel=1e-6)
 
 
-def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run: Recording) -> None:
+def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run):
     ended = replace(run, diverged=0.03)
     assert measure("settling_time", ended, threshold=30.0) == math.inf
     assert measure("divergence_time", ended) == 0.03
@@ -164,24 +162,24 @@ def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run: Re
         measure("peak_speed", ended)
 
 
-def test_a_quotient_by_zero_is_infinite_or_nothing() -> None:
+def test_a_quotient_by_zero_is_infinite_or_nothing():
     assert quotient(3.0, 2.0) == 1.5
     assert quotient(-3.0, 0.0) == -math.inf
     assert math.isnan(quotient(0.0, 0.0))
 
 
-def test_an_unknown_metric_or_series_lists_those_that_exist(run: Recording) -> None:
+def test_an_unknown_metric_or_series_lists_those_that_exist(run):
     with pytest.raises(UnknownNameError, match=r"did you mean 'servo_lag'.*peak_joint_speed"):
         get_metric("servo_lags")
     with pytest.raises(UnknownNameError, match="command, leading, measured"):
         get_metric("peak_joint_speed").compute(run, of="comand")
 
 
-def test_every_metric_says_what_it_is() -> None:
+def test_every_metric_says_what_it_is():
     assert all(metric.description for metric in METRICS.values())
 
 
-def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path: Path) -> None:
+def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path):
     folder = write_run(tmp_path / "run", [0.3], parameters={"euler_sequence": "ZYZ"})
     assert get_metric("closest_approach").compute(load(folder), of="measured") == pytest.approx(
         math.degrees(0.3), rel=EXACT
@@ -191,12 +189,12 @@ def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path: Path) -> None:
 # --- recordings ----------------------------------------------------------------------
 
 
-def test_times_start_at_the_first_joint_states(run: Recording) -> None:
+def test_times_start_at_the_first_joint_states(run):
     assert run.command is not None
     assert run.measured.t.tolist() == run.command.t.tolist() == [0.0, 0.01, 0.02, 0.03]
 
 
-def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path: Path) -> None:
+def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path):
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False, urdf="")
     run = load(folder, URDF, "tip")
     assert run.command is None
@@ -210,7 +208,7 @@ def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path: Path
         get_metric("peak_orientation_error").compute(run, of="measured")
 
 
-def test_topics_of_another_type_are_not_taken(tmp_path: Path) -> None:
+def test_topics_of_another_type_are_not_taken(tmp_path):
     with BagWriter(tmp_path / "run") as bag:
         for name in ("/joint_states", "/robot_description"):
             bag.add_topic(Topic(name, "std_msgs/msg/String"))
@@ -220,20 +218,20 @@ def test_topics_of_another_type_are_not_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("parameters", ["- 1", "/clik: 3", "/clik: {ros__parameters: [1]}"])
-def test_parameters_of_another_form_are_left_out(tmp_path: Path, parameters: str) -> None:
+def test_parameters_of_another_form_are_left_out(tmp_path, parameters):
     source = write_run(tmp_path / "source", MEASURED)
     run = rewritten(source, tmp_path / "run", lambda message, _k: message, parameters)
     assert load(run).parameters == {}
 
 
-def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
+def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path):
     runs = [recorded(tmp_path / p, MEASURED) for p in ("a/x", "b/x", "b/y")]
     assert labels(runs) == [str(Path(*p)) for p in (("a", "x"), ("b", "x"), ("b", "y"))]
     assert labels(runs[1:]) == ["x", "y"]
     assert labels([runs[0], runs[0]]) == ["1: x", "2: x"]
 
 
-def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic: Recording) -> None:
+def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic):
     assert dynamic.effort is not None
     assert dynamic.effort.t.tolist() == dynamic.measured.t.tolist()
     assert dynamic.effort.tau.tolist() == [[tau, 0.5] for tau in EFFORTS]
@@ -242,11 +240,11 @@ def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic: 
     assert dynamic.leading is dynamic.measured
 
 
-def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic: Recording) -> None:
+def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic):
     assert dynamic.measured.orientation_error.tolist() == pytest.approx([0.0, 0.3, 0.5, 0.2])
 
 
-def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None:
+def test_a_trajectory_begins_when_the_controller_said_so(tmp_path):
     began = 5 * PERIOD_NS
     run = recorded(tmp_path / "run", [0.0] * 30, lasting=0.1, began=began)
     for index, along in ((4, 0.0), (5, 0.0), (10, 0.5), (15, 1.0), (29, 1.0)):
@@ -256,8 +254,8 @@ def test_a_trajectory_begins_when_the_controller_said_so(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(("published", "known"), [(True, 4), (False, 1)])
 def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
-    tmp_path: Path, published: bool, known: int
-) -> None:
+    tmp_path, published, known
+):
     def late(message: RawMessage, _k: int) -> RawMessage:
         log_time = message.log_time + (25_000_000 if message.topic == "/reference" else 0)
         sent = message.publish_time if published else 0
@@ -271,7 +269,7 @@ def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
 # --- Lyapunov functions --------------------------------------------------------------
 
 
-def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
+def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path):
     q = np.linspace(2.0, 0.1, 50)
     V = moved(tmp_path, q, parameters=GAINS).lyapunov
     assert V is not None
@@ -283,7 +281,7 @@ def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
     assert np.isnan(V.dV_measured[0])
 
 
-def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic: Recording) -> None:
+def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic):
     V, q, dq = dynamic.lyapunov, np.array(MEASURED), np.array(SPEEDS)
     assert V is not None
     expected = 100.0 * 2 * (1 - np.cos(q / 2)) + dq**2 / 2  # eq. (42)
@@ -304,16 +302,14 @@ def test_v_2_and_its_derivative_are_those_of_the_paper(dynamic: Recording) -> No
         ),
     ],
 )
-def test_v_follows_the_sign_of_the_parameters_from_sample_to_sample(
-    tmp_path: Path, sign: dict[str, Any], eta_of: Any
-) -> None:
+def test_v_follows_the_sign_of_the_parameters_from_sample_to_sample(tmp_path, sign, eta_of):
     q = np.linspace(2.6, 3.5, 20)  # past half a turn
     V = moved(tmp_path, q, parameters=GAINS | sign).lyapunov
     assert V is not None
     np.testing.assert_allclose(V.V, [2 * (1 - eta_of(each)) for each in q], rtol=EXACT)
 
 
-def test_in_the_closed_loop_v_never_increases_and_its_balance_is_1(tmp_path: Path) -> None:
+def test_in_the_closed_loop_v_never_increases_and_its_balance_is_1(tmp_path):
     k, t = 20.0, np.arange(60) / 100
     eta = np.tanh(k * t / 2 + math.atanh(math.cos(1.0)))  # eq. (29), from 2 rad
     q = 2 * np.arccos(np.minimum(eta, 1.0))
@@ -325,7 +321,7 @@ def test_in_the_closed_loop_v_never_increases_and_its_balance_is_1(tmp_path: Pat
     assert measure("energy_balance", other) == pytest.approx(2.0, abs=4e-3)
 
 
-def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path: Path) -> None:
+def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path):
     V = [2 * (1 - math.cos(q / 2)) for q in (1.0, 0.2, 0.4, 0.3, 0.45)]
     run = moved(tmp_path, [1.0, 0.2, 0.4, 0.3, 0.45], parameters=GAINS)
     assert measure("lyapunov_increase", run) == pytest.approx((V[4] - V[1]) / V[0], rel=EXACT)
@@ -346,9 +342,7 @@ def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path: Path) -> 
         ),
     ],
 )
-def test_without_a_lyapunov_function_the_recording_says_why(
-    tmp_path: Path, options: dict[str, Any], words: str
-) -> None:
+def test_without_a_lyapunov_function_the_recording_says_why(tmp_path, options, words):
     folder = write_run(tmp_path / "run", MEASURED, COMMAND, **options)
     run = load(folder, tip_frame="tip")
     assert run.lyapunov is None
@@ -362,7 +356,7 @@ def test_without_a_lyapunov_function_the_recording_says_why(
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [1e30, 1e200, 1e300])
-def test_every_number_of_a_run_that_diverged_has_no_warning(tmp_path: Path, size: float) -> None:
+def test_every_number_of_a_run_that_diverged_has_no_warning(tmp_path, size):
     q, dq, tau = [0.1, 0.2, size, -size], [0.0, 1.0, size, -size], [1.0, 2.0, size, -size]
     folder = write_run(tmp_path / "run", q, speeds=dq, efforts=tau, parameters=GAINS)
     found = all_numbers(replace(load(folder), diverged=0.03))
@@ -372,7 +366,7 @@ def test_every_number_of_a_run_that_diverged_has_no_warning(tmp_path: Path, size
 
 
 @pytest.mark.filterwarnings("error")
-def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers() -> None:
+def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers():
     ur5 = load_robot("ur5")
     robot = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame)
     home, still = np.array(ur5.home), np.zeros(6)
@@ -399,12 +393,12 @@ def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers() 
         (4.652e8, "4.65e8"), (3e120, "3.00e120"), (math.nan, "nan"), (math.inf, "inf"),
     ],
 )  # fmt: skip
-def test_a_number_has_three_digits_and_its_unit(value: float, text: str) -> None:
+def test_a_number_has_three_digits_and_its_unit(value, text):
     assert number(value) == quantity(value, "") == text
     assert quantity(value, "deg") == f"{text} deg"
 
 
-def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> None:
+def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path):
     runs = {
         name: recorded(tmp_path / name, [q], [q], speeds=[2.0])
         for name, q in (("near", 0.1), ("far", 0.5))
@@ -423,14 +417,14 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path: Path) -> N
     )
 
 
-def test_runs_with_nothing_desired_are_described_by_their_speed(tmp_path: Path) -> None:
+def test_runs_with_nothing_desired_are_described_by_their_speed(tmp_path):
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False)
     run = Digest.of(load(folder, tip_frame="tip"))
     assert describe([run]) == "Largest joint speed: 2.00 rad/s (run)."
 
 
 @pytest.mark.parametrize("name", config_names("experiments"))
-def test_the_summary_of_an_experiment_names_its_variants_and_metrics(name: str) -> None:
+def test_the_summary_of_an_experiment_names_its_variants_and_metrics(name):
     experiment = load_experiment(name)
     found = placeholders(experiment.summary)
     assert len(found) == experiment.summary.count("{")
@@ -445,7 +439,7 @@ def test_the_summary_of_an_experiment_names_its_variants_and_metrics(name: str) 
 # --- fewer points, axes --------------------------------------------------------------
 
 
-def test_decimation_keeps_the_ends_and_every_peak() -> None:
+def test_decimation_keeps_the_ends_and_every_peak():
     t = np.arange(100_000) / 1e3
     y = np.sin(t)
     y[41_234], y[77_777] = 5e8, -3.0
@@ -458,7 +452,7 @@ def test_decimation_keeps_the_ends_and_every_peak() -> None:
     assert np.array_equal(few_y, y[np.searchsorted(t, few_t)])
 
 
-def test_decimation_keeps_gaps_and_ignores_what_is_not_finite() -> None:
+def test_decimation_keeps_gaps_and_ignores_what_is_not_finite():
     t = np.arange(10_000.0)
     y = np.ones(10_000)
     y[:5_000], y[6_000], y[7_000], y[8_000] = np.nan, np.inf, np.nan, 7.0
@@ -489,15 +483,15 @@ ONES, ANY = np.full(100, 1.0), (-math.inf, math.inf)
     ],
 )
 def test_an_axis_is_logarithmic_where_runs_differ_by_powers_of_ten_above_rounding(
-    values: Any, options: Any, kind: str, low: tuple[float, float], high: tuple[float, float]
-) -> None:
+    values, options, kind, low, high
+):
     shown = axis(values, 1e-6, **options)
     assert shown["type"] == kind
     for end, (least, most) in zip(shown.get("range", (0.0, 0.0)), (low, high), strict=True):
         assert least <= end <= most
 
 
-def test_an_axis_of_components_has_zero_in_its_middle() -> None:
+def test_an_axis_of_components_has_zero_in_its_middle():
     runs = [np.array([[1.0, -4.0, np.nan]]), np.array([[2.0, np.inf, 0.0]])]
     shown = symmetric_axis(runs, 1e-6)
     assert shown["type"] == "linear"

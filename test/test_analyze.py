@@ -47,7 +47,7 @@ def analyze(capsys: pytest.CaptureFixture[str]) -> Analyze:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_the_export_is_the_table(bag: Path, tmp_path: Path, analyze: Analyze, suffix: str) -> None:
+def test_the_export_is_the_table(bag, tmp_path, analyze, suffix):
     code, out = analyze(bag, "--no-page", "--export", suffix, "--out", tmp_path / "p.html")
     assert code == 0
     assert f"The table: {tmp_path / f'swing.{suffix}'}" in out
@@ -69,7 +69,7 @@ def test_the_export_is_the_table(bag: Path, tmp_path: Path, analyze: Analyze, su
         assert np.isfinite(expected[name]).any()
 
 
-def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path) -> None:
+def test_a_table_written_in_parts_is_that_of_the_whole(bag, tmp_path):
     with closing(Export(tmp_path / "parts.csv")) as export:
         for part in blocks(bag, size=60):
             export.add(part)
@@ -85,7 +85,7 @@ def test_a_table_written_in_parts_is_that_of_the_whole(bag: Path, tmp_path: Path
         assert all(a == b for i, (a, b) in enumerate(cells) if i not in here)
 
 
-def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) -> None:
+def test_what_begins_in_a_later_part_is_in_the_table(bag, tmp_path):
     """The first 100 samples have no wrench."""
     late = rewritten(bag, tmp_path / "late", lambda m, k: m if k > 100 else None, topic="/wrench")
     with closing(Export(tmp_path / "late.parquet")) as export:
@@ -96,13 +96,13 @@ def test_what_begins_in_a_later_part_is_in_the_table(bag: Path, tmp_path: Path) 
     assert all(value > 0 for value in force[101:])
 
 
-def test_a_table_that_cannot_be_written_is_refused(bag: Path, tmp_path: Path) -> None:
+def test_a_table_that_cannot_be_written_is_refused(bag, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="cannot write"):
         Export(tmp_path / "file" / "run.csv").add(analysis.load(bag))
 
 
-def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag: Path) -> None:
+def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
     whole = Digest.of(analysis.load(bag))
     parts = Digest.of_parts(blocks(bag, size=70), samples=len(Q))
     for one, other in zip(parts.numbers, whole.numbers, strict=True):
@@ -119,7 +119,7 @@ def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag: Path) -> None:
     assert np.all(np.diff(parts.track.t) >= 0)
 
 
-def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path: Path) -> None:
+def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path):
     path = write_run(tmp_path / "run", [1.4 + 0.001 * k for k in range(300)])
     for size in (0, 40):
         digest = Digest.of_parts(blocks(path, size=size), samples=300)
@@ -127,14 +127,14 @@ def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path: Path) -> None:
         assert (start, end) == pytest.approx((0.84, 2.58), abs=0.011)
 
 
-def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path: Path) -> None:
+def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path):
     """The smallest singular value of the rod is 1 everywhere."""
     for eps, near in ((0.9, []), (1.1, [(0.0, 0.04)])):
         path = write_run(tmp_path / f"run_{eps}", [0.1] * 5, parameters=NODE | {"damping_eps": eps})
         assert Digest.of(analysis.load(path)).near_singular == near
 
 
-def test_only_a_part_of_the_time_is_analysed(bag: Path, analyze: Analyze) -> None:
+def test_only_a_part_of_the_time_is_analysed(bag, analyze):
     code, out = analyze(bag, "--no-page", "--from", 0.2, "--to", 0.3)
     peak = math.degrees(1.01 * max(map(abs, Q[20:31])))
     assert code == 0
@@ -153,9 +153,7 @@ def test_only_a_part_of_the_time_is_analysed(bag: Path, analyze: Analyze) -> Non
         (("swing", "--from", "0.501", "--to", "0.509"), "no joint_states from 0.501 to 0.509 s"),
     ],
 )
-def test_an_error_is_one_line_at_the_end_and_code_2(
-    bag: Path, monkeypatch: pytest.MonkeyPatch, analyze: Analyze, args: Any, message: str
-) -> None:
+def test_an_error_is_one_line_at_the_end_and_code_2(bag, monkeypatch, analyze, args, message):
     monkeypatch.chdir(bag.parent)
     code, out = analyze(*args)
     assert code == 2
@@ -165,16 +163,14 @@ def test_an_error_is_one_line_at_the_end_and_code_2(
 
 
 @pytest.mark.parametrize("args", [("--from", "-1"), ("--to", "nan"), ("--topic", "joint_states")])
-def test_impossible_options_are_refused(
-    bag: Path, capsys: pytest.CaptureFixture[str], args: tuple[str, str]
-) -> None:
+def test_impossible_options_are_refused(bag, capsys, args):
     with pytest.raises(SystemExit) as ended:
         main([str(bag), *args])
     assert ended.value.code == 2
     assert "expected" in capsys.readouterr().err
 
 
-def test_all_arms_of_a_bag_are_shown_or_the_one_named(tmp_path: Path, analyze: Analyze) -> None:
+def test_all_arms_of_a_bag_are_shown_or_the_one_named(tmp_path, analyze):
     arms = {f"/{s}": write_run(tmp_path / s, [q] * 5) for s, q in (("left", 0.1), ("right", 0.2))}
     both = arms_together(tmp_path / "both", arms)
     code, out = analyze(both, "--out", tmp_path / "page.html", "--export", "csv")
@@ -188,7 +184,7 @@ def test_all_arms_of_a_bag_are_shown_or_the_one_named(tmp_path: Path, analyze: A
     assert "has the arms /left, /right" in out
 
 
-def test_a_broken_bag_does_not_hide_the_others(bag: Path, tmp_path: Path, analyze: Analyze) -> None:
+def test_a_broken_bag_does_not_hide_the_others(bag, tmp_path, analyze):
     (tmp_path / "broken.mcap").write_bytes(b"no bag at all")
     code, out = analyze(tmp_path / "broken.mcap", bag, "--no-page")
     assert code == 2
@@ -196,7 +192,7 @@ def test_a_broken_bag_does_not_hide_the_others(bag: Path, tmp_path: Path, analyz
     assert re.search(r"orientation error, peak \[deg\] *│ *46\.", out)
 
 
-def test_figures_are_written_for_each_quantity(bag: Path, tmp_path: Path, analyze: Analyze) -> None:
+def test_figures_are_written_for_each_quantity(bag, tmp_path, analyze):
     args = ("--no-page", "--figures", tmp_path / "f", "--figure-format", "svg")
     code, _ = analyze(bag, *args)
     assert code == 0
@@ -204,9 +200,7 @@ def test_figures_are_written_for_each_quantity(bag: Path, tmp_path: Path, analyz
     assert {"orientation_error.svg", "error_angle_axis.svg", "force.svg"} <= names
 
 
-def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(
-    tmp_path: Path, analyze: Analyze
-) -> None:
+def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(tmp_path, analyze):
     bag = write_run(tmp_path / "run", [0.1, 0.2], speeds=[2.0, 1.0], desired=False, urdf="")
     (tmp_path / "arm.urdf").write_text(URDF)
     code, _ = analyze(bag, "--no-page")
@@ -222,9 +216,7 @@ def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(
         assert title not in out
 
 
-def test_the_numbers_of_runs_of_each_kind_are_shown_and_the_path_of_the_page(
-    tmp_path: Path, analyze: Analyze
-) -> None:
+def test_the_numbers_of_runs_of_each_kind_are_shown_and_the_path_of_the_page(tmp_path, analyze):
     q, speeds, page = [0.0, 0.3, -0.5, 0.2], [0.0, -2.0, 1.0, 0.5], tmp_path / "new" / "page.html"
     efforts = [3.0, -10.0, 10.0, 7.0]  # the limit is 10 Nm
     clik = write_run(tmp_path / "clik", q, [0.0, 0.1, -0.4, 0.1], speeds=speeds)
@@ -244,7 +236,7 @@ def test_the_numbers_of_runs_of_each_kind_are_shown_and_the_path_of_the_page(
     assert page.is_file()
 
 
-def test_contact_and_motion_loop_are_shown_where_they_are(tmp_path: Path, analyze: Analyze) -> None:
+def test_contact_and_motion_loop_are_shown_where_they_are(tmp_path, analyze):
     felt = [[0, 0, 20, 0, 0, 0], [3, 4, 0, 0, 0, 2]]
     frames = [
         DesiredFrame(np.array([1.0 + x, 0.0, 0.0]), exp(np.array([0.0, turn, 0.0])))
@@ -268,9 +260,7 @@ def test_contact_and_motion_loop_are_shown_where_they_are(tmp_path: Path, analyz
     assert not re.search("force|compliant", out)
 
 
-def test_the_table_of_many_bags_is_split(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, analyze: Analyze
-) -> None:
+def test_the_table_of_many_bags_is_split(tmp_path, monkeypatch, analyze):
     monkeypatch.setenv("COLUMNS", "80")
     bags = [write_run(tmp_path / f"run_of_a_long_name_{i}", [0.1 * i]) for i in range(5)]
     _, out = analyze(*bags, "--no-page")
@@ -280,7 +270,7 @@ def test_the_table_of_many_bags_is_split(
         assert angle in out
 
 
-def test_the_warning_of_a_truncated_bag_is_shown(tmp_path: Path, analyze: Analyze) -> None:
+def test_the_warning_of_a_truncated_bag_is_shown(tmp_path, analyze):
     bag = write_run(tmp_path / "run", [0.1] * 4000)
     file = bag / "run_0.mcap"
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -295,11 +285,11 @@ def test_the_warning_of_a_truncated_bag_is_shown(tmp_path: Path, analyze: Analyz
 @pytest.mark.parametrize(
     ("label", "name"), [("a/b", "a_b"), ("../../x", "x"), ("..", "run"), ("é n", "é_n")]
 )
-def test_files_of_tables_stay_in_their_folder(label: str, name: str) -> None:
+def test_files_of_tables_stay_in_their_folder(label, name):
     assert file_name(label) == name
 
 
-def test_the_library_draws_a_figure_by_name(bag: Path) -> None:
+def test_the_library_draws_a_figure_by_name(bag):
     run = analysis.load(bag)
     figure = analysis.figure([run], "orientation_error")
     (line,) = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
@@ -309,7 +299,7 @@ def test_the_library_draws_a_figure_by_name(bag: Path) -> None:
         analysis.figure([run], "orientation_eror")
 
 
-def test_joints_that_slide_have_units_of_their_own(tmp_path: Path) -> None:
+def test_joints_that_slide_have_units_of_their_own(tmp_path):
     """The roll of the rod slides at 0.5 m/s here, 20 mm from its command; the hinge turns."""
     urdf = URDF.replace('name="roll" type="revolute"', 'name="roll" type="prismatic"')
     run = recorded(tmp_path / "run", [0.1] * 5, [0.1] * 5, urdf=urdf)

@@ -9,7 +9,6 @@ import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -156,19 +155,19 @@ rosbag2_bagfile_information:
 """
 
 
-def test_metadata_yaml_has_every_key_of_version_9(small_bag: Path) -> None:
+def test_metadata_yaml_has_every_key_of_version_9(small_bag):
     written = (small_bag / "metadata.yaml").read_text()
     assert yaml.safe_load(written) == yaml.safe_load(METADATA)
 
 
-def test_yaml_has_no_anchors_that_other_readers_may_not_know(tmp_path: Path) -> None:
+def test_yaml_has_no_anchors_that_other_readers_may_not_know(tmp_path):
     profile = qos_profile()
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic(Topic("/same", STRING, "", (profile, profile)))
     assert "&" not in (tmp_path / "bag/metadata.yaml").read_text()
 
 
-def test_the_file_holds_the_records_that_rosbag2_writes(small_bag: Path) -> None:
+def test_the_file_holds_the_records_that_rosbag2_writes(small_bag):
     with open(mcap_of(small_bag), "rb") as file:
         records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
     assert isinstance(records[0], Header)
@@ -195,7 +194,7 @@ def test_the_file_holds_the_records_that_rosbag2_writes(small_bag: Path) -> None
     assert profiles == list(DESCRIPTION.qos_profiles)
 
 
-def test_what_is_older_than_a_tenth_of_a_second_is_in_the_file(tmp_path: Path) -> None:
+def test_what_is_older_than_a_tenth_of_a_second_is_in_the_file(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag.add_topic(STATES)
     bag.write(STATES.name, joint_state(0), START, START)
@@ -206,7 +205,7 @@ def test_what_is_older_than_a_tenth_of_a_second_is_in_the_file(tmp_path: Path) -
     bag.close()
 
 
-def test_a_recorder_does_not_grow_with_the_chunks_that_it_ends(tmp_path: Path) -> None:
+def test_a_recorder_does_not_grow_with_the_chunks_that_it_ends(tmp_path):
     """And all of them are in the index at the end."""
     chunks = 3000
     tracemalloc.start()
@@ -230,7 +229,7 @@ def test_a_recorder_does_not_grow_with_the_chunks_that_it_ends(tmp_path: Path) -
     assert all(len(index.message_index_offsets) == 1 for index in indexes)
 
 
-def test_chunks_hold_64_kib(tmp_path: Path) -> None:
+def test_chunks_hold_64_kib(tmp_path):
     with BagWriter(tmp_path / "big") as bag:
         bag.add_topic(STATES)
         for number in range(3000):
@@ -240,7 +239,7 @@ def test_chunks_hold_64_kib(tmp_path: Path) -> None:
     assert max(len(chunk.data) for chunk in chunks) < 64 * 1024 + 1000
 
 
-def test_rosbags_reads_every_message_in_order(small_bag: Path) -> None:
+def test_rosbags_reads_every_message_in_order(small_bag):
     with AnyReader([small_bag]) as reader:
         (connection,) = (c for c in reader.connections if c.topic == STATES.name)
         assert connection.digest == JAZZY.hash_rihs01(JOINT_STATE)
@@ -252,13 +251,13 @@ def test_rosbags_reads_every_message_in_order(small_bag: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [JOINT_STATE, STRING, TRAJECTORY, LOG])
-def test_the_schema_text_hashes_to_the_type_hash_of_jazzy(kind: str) -> None:
+def test_the_schema_text_hashes_to_the_type_hash_of_jazzy(kind):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_definition(kind), kind))
     assert store.hash_rihs01(kind) == JAZZY.hash_rihs01(kind)
 
 
-def test_dependencies_follow_depth_first_and_sorted_each_once() -> None:
+def test_dependencies_follow_depth_first_and_sorted_each_once():
     parts = message_definition(TRAJECTORY).split("\n" + "=" * 80 + "\n")
     assert [part.splitlines()[0] for part in parts[1:]] == [
         "MSG: std_msgs/Header",
@@ -272,9 +271,7 @@ def test_dependencies_follow_depth_first_and_sorted_each_once() -> None:
     ]
 
 
-def test_definitions_are_found_under_ament_prefix_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_definitions_are_found_under_ament_prefix_path(tmp_path, monkeypatch):
     for name, text in (("Outer", "Inner[<=3] inner\n"), ("Inner", "float64 x # mm\n")):
         path = tmp_path / "share/my_msgs/msg" / f"{name}.msg"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -294,12 +291,12 @@ def test_definitions_are_found_under_ament_prefix_path(
         ("../../etc/msg/passwd", "expected package/msg/Type"),
     ],
 )
-def test_a_type_without_definition_is_refused(kind: str, words: str) -> None:
+def test_a_type_without_definition_is_refused(kind, words):
     with pytest.raises(BagError, match=words):
         message_definition(kind)
 
 
-def test_an_existing_folder_is_not_overwritten(small_bag: Path, tmp_path: Path) -> None:
+def test_an_existing_folder_is_not_overwritten(small_bag, tmp_path):
     before = mcap_of(small_bag).read_bytes()
     with pytest.raises(BagError, match="exists; nothing is overwritten: choose another folder"):
         BagWriter(small_bag)
@@ -312,7 +309,7 @@ def test_an_existing_folder_is_not_overwritten(small_bag: Path, tmp_path: Path) 
 # --- what is read --------------------------------------------------------------------
 
 
-def test_a_bag_tells_its_topics_messages_parameters_and_robot(small_bag: Path) -> None:
+def test_a_bag_tells_its_topics_messages_parameters_and_robot(small_bag):
     bag = Bag(small_bag)
     assert {name: (info.type, info.count) for name, info in bag.topics.items()} == {
         DESCRIPTION.name: (STRING, 1),
@@ -329,7 +326,7 @@ def test_a_bag_tells_its_topics_messages_parameters_and_robot(small_bag: Path) -
     assert next(bag.read_raw()) == (DESCRIPTION.name, START, START - 5, string(URDF))
 
 
-def test_one_mcap_file_is_read_without_its_folder(small_bag: Path) -> None:
+def test_one_mcap_file_is_read_without_its_folder(small_bag):
     bag = Bag(mcap_of(small_bag))
     assert len(list(bag.read_raw())) == 102
     assert bag.metadata == Bag(small_bag).metadata
@@ -337,9 +334,7 @@ def test_one_mcap_file_is_read_without_its_folder(small_bag: Path) -> None:
 
 @pytest.mark.parametrize("options", [{"use_chunking": False}, {"chunk_size": 768 * 1024}])
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_bags_of_other_recorders_are_read(
-    tmp_path: Path, compression: CompressionType, options: dict[str, Any]
-) -> None:
+def test_bags_of_other_recorders_are_read(tmp_path, compression, options):
     """As by ros2 bag record: compressed or unchunked, other schema order, split, no hash."""
     separator = "\n" + "=" * 80 + "\n"
     root, *dependencies = message_definition(JOINT_STATE).split(separator)
@@ -358,26 +353,26 @@ def test_bags_of_other_recorders_are_read(
     assert (bag.truncated, bag.parameters()) == (False, {})
 
 
-def test_the_last_attachment_of_a_name_counts(tmp_path: Path) -> None:
+def test_the_last_attachment_of_a_name_counts(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         for text in ("{a: {b: 1}}", "{a: {b: 2}}"):
             bag.attach("parameters.yaml", text)
     assert Bag(tmp_path / "bag").parameters() == {"a": {"b": 2}}
 
 
-def test_a_topic_that_is_not_there_is_refused_with_the_nearest_name(small_bag: Path) -> None:
+def test_a_topic_that_is_not_there_is_refused_with_the_nearest_name(small_bag):
     with pytest.raises(BagError, match=r"no topic /arm/joint_state \(did you mean '/arm/joint_s"):
         Bag(small_bag).read_raw(["/arm/joint_state"])
 
 
 @pytest.mark.parametrize("text", ["[1, 2]", "", "a string"])
-def test_parameters_of_another_form_are_none(tmp_path: Path, text: str) -> None:
+def test_parameters_of_another_form_are_none(tmp_path, text):
     with BagWriter(tmp_path / "bag") as bag:
         bag.attach("parameters.yaml", text)
     assert Bag(tmp_path / "bag").parameters() == {}
 
 
-def test_two_robots_need_the_name_of_their_topic(tmp_path: Path) -> None:
+def test_two_robots_need_the_name_of_their_topic(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         for side in ("left", "right"):
             bag.add_topic(Topic(f"/{side}/robot_description", STRING))
@@ -398,7 +393,7 @@ def test_two_robots_need_the_name_of_their_topic(tmp_path: Path) -> None:
         ({"a.mcap": b"#ROSBAG V2.0"}, "expected an MCAP file"),
     ],
 )
-def test_what_is_no_bag_is_refused(tmp_path: Path, files: dict[str, bytes], words: str) -> None:
+def test_what_is_no_bag_is_refused(tmp_path, files, words):
     for name, data in files.items():
         (tmp_path / name).write_bytes(data)
     for read in (Bag, recover):
@@ -411,7 +406,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, files: dict[str, bytes], word
 @pytest.mark.parametrize(
     "data", [joint_state(1)[:-3], joint_state(1)[:48], string("a" * 20), b"", b"\0\1\0\0"]
 )
-def test_a_topic_that_cannot_be_decoded_is_named(tmp_path: Path, data: bytes) -> None:
+def test_a_topic_that_cannot_be_decoded_is_named(tmp_path, data):
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic(STATES)
         bag.add_topic(Topic("/odd", STRING, serialization_format="json"))
@@ -425,7 +420,7 @@ def test_a_topic_that_cannot_be_decoded_is_named(tmp_path: Path, data: bytes) ->
     assert len(list(bag.read_raw())) == 2
 
 
-def test_reading_needs_little_memory_however_long_the_bag(tmp_path: Path) -> None:
+def test_reading_needs_little_memory_however_long_the_bag(tmp_path):
     write_bag(tmp_path / "bag", 20_000)
     size = mcap_of(tmp_path / "bag").stat().st_size
     tracemalloc.start()
@@ -440,7 +435,7 @@ def test_reading_needs_little_memory_however_long_the_bag(tmp_path: Path) -> Non
 # --- what survives -------------------------------------------------------------------
 
 
-def test_recovery_makes_a_killed_recording_whole(small_bag: Path, tmp_path: Path) -> None:
+def test_recovery_makes_a_killed_recording_whole(small_bag, tmp_path):
     data = mcap_of(small_bag).read_bytes()
     killed = rewritten(tmp_path / "killed", data[: data.rindex(b"serialized_metadata") - 50])
     seen = list(Bag(killed).read_raw())
@@ -458,7 +453,7 @@ def test_recovery_makes_a_killed_recording_whole(small_bag: Path, tmp_path: Path
     assert "whole" in str(recover(killed))
 
 
-def test_recovery_changes_nothing_in_a_whole_bag(tmp_path: Path) -> None:
+def test_recovery_changes_nothing_in_a_whole_bag(tmp_path):
     write_bag(tmp_path / "bag", 5)
     before = {file: (file.read_bytes(), file.stat()) for file in (tmp_path / "bag").iterdir()}
     result = recover(tmp_path / "bag")
@@ -468,7 +463,7 @@ def test_recovery_changes_nothing_in_a_whole_bag(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [None, "", "rosbag2_bagfile_information: {message_count: 2}"])
-def test_recovery_writes_metadata_yaml_anew(tmp_path: Path, text: str | None) -> None:
+def test_recovery_writes_metadata_yaml_anew(tmp_path, text):
     write_bag(tmp_path / "bag", 5)
     path = tmp_path / "bag" / "metadata.yaml"
     whole = path.read_text()
@@ -477,7 +472,7 @@ def test_recovery_writes_metadata_yaml_anew(tmp_path: Path, text: str | None) ->
     assert path.read_text() == whole
 
 
-def test_recovery_keeps_the_compression(tmp_path: Path) -> None:
+def test_recovery_keeps_the_compression(tmp_path):
     path = mcap_of(tmp_path)
     with open(path, "wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
@@ -491,9 +486,7 @@ def test_recovery_keeps_the_compression(tmp_path: Path) -> None:
     assert {chunk.compression for chunk in chunks_of(path)} == {"zstd"}
 
 
-def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(
-    small_bag: Path, tmp_path: Path
-) -> None:
+def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(small_bag, tmp_path):
     data = bytearray(mcap_of(small_bag).read_bytes())
     data[data.index(joint_state(50)) + 30] ^= 1
     bag = rewritten(tmp_path / "bag", bytes(data))
@@ -509,7 +502,7 @@ def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(
     assert [m.message.position[0] for m in Bag(bag).messages([STATES.name])] == numbers
 
 
-def test_zeros_that_a_power_cut_left_are_cut_off(small_bag: Path, tmp_path: Path) -> None:
+def test_zeros_that_a_power_cut_left_are_cut_off(small_bag, tmp_path):
     data = mcap_of(small_bag).read_bytes()
     end = max(end for code, _, end in frames(data) if code == CHUNK)
     bag = rewritten(tmp_path / "bag", data[:end] + bytes(5000))
@@ -517,14 +510,14 @@ def test_zeros_that_a_power_cut_left_are_cut_off(small_bag: Path, tmp_path: Path
     assert (result.messages, result.lost, result.kept) == (102, ["the last 5000 bytes"], [])
 
 
-def test_a_damaged_index_is_not_believed(small_bag: Path, tmp_path: Path) -> None:
+def test_a_damaged_index_is_not_believed(small_bag, tmp_path):
     data = mcap_of(small_bag).read_bytes()
     at = data.rindex(STATES.name.encode())
     bag = rewritten(tmp_path / "bag", data[:at] + b"#" + data[at + 1 :])
     assert Bag(bag).topics == Bag(small_bag).topics
 
 
-def test_damaged_parameters_are_refused(small_bag: Path, tmp_path: Path) -> None:
+def test_damaged_parameters_are_refused(small_bag, tmp_path):
     data = mcap_of(small_bag).read_bytes()
     bag = rewritten(tmp_path / "bag", data.replace(b"k_Pp: 100.0", b"k_Pp: 900.0"))
     with pytest.raises(BagError, match=r"attachment .* is damaged: its checksum is wrong"):
@@ -533,7 +526,7 @@ def test_damaged_parameters_are_refused(small_bag: Path, tmp_path: Path) -> None
     assert Bag(bag).parameters() == {}
 
 
-def test_messages_that_are_missing_are_told(small_bag: Path, tmp_path: Path) -> None:
+def test_messages_that_are_missing_are_told(small_bag, tmp_path):
     data = bytearray(mcap_of(small_bag).read_bytes())
     chunks = [begin for code, begin, _ in frames(bytes(data)) if code == CHUNK]
     data[chunks[2]] = MESSAGE_INDEX  # no checksum covers the opcode
@@ -550,9 +543,7 @@ def test_messages_that_are_missing_are_told(small_bag: Path, tmp_path: Path) -> 
         ("length", 5000, "a record does not fit into its chunk"),
     ],
 )
-def test_impossible_fields_are_found_without_checksums(
-    tmp_path: Path, field: str, value: int, words: str
-) -> None:
+def test_impossible_fields_are_found_without_checksums(tmp_path, field, value, words):
     with open(mcap_of(tmp_path), "wb") as file:
         writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
         writer.start("ros2")
@@ -575,13 +566,13 @@ def test_impossible_fields_are_found_without_checksums(
     assert recover(tmp_path).messages == 2
 
 
-def test_recovery_refuses_a_bag_that_is_being_recorded(tmp_path: Path) -> None:
+def test_recovery_refuses_a_bag_that_is_being_recorded(tmp_path):
     with BagWriter(tmp_path / "bag"), pytest.raises(BagError, match="is being recorded"):
         recover(tmp_path / "bag")
     assert not recover(tmp_path / "bag").changed
 
 
-def test_recovery_runs_where_ros_is_not_installed(small_bag: Path, tmp_path: Path) -> None:
+def test_recovery_runs_where_ros_is_not_installed(small_bag, tmp_path):
     killed = rewritten(tmp_path / "killed", mcap_of(small_bag).read_bytes()[:-40])
     program = (
         "import sys; sys.modules['rclpy'] = None\n"
@@ -607,7 +598,7 @@ def file_size_limit(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_disk_costs_the_last_chunk_and_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_costs_the_last_chunk_and_is_told(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag.add_topic(STATES)
     state = joint_state(0)
@@ -633,7 +624,7 @@ def test_a_full_disk_costs_the_last_chunk_and_is_told(tmp_path: Path) -> None:
     assert recover(tmp_path / "bag").messages == count
 
 
-def test_a_full_disk_stops_recovery_without_loss(small_bag: Path, tmp_path: Path) -> None:
+def test_a_full_disk_stops_recovery_without_loss(small_bag, tmp_path):
     killed = rewritten(tmp_path / "killed", mcap_of(small_bag).read_bytes()[:-40])
     before = mcap_of(killed).read_bytes()
     with file_size_limit(5000), pytest.raises(BagError, match="nothing was changed; make room"):
@@ -650,8 +641,8 @@ anything = examples(100)
 @anything
 @given(data=st.data())
 def test_a_bag_cut_at_any_byte_gives_all_messages_of_the_chunks_before(
-    data: st.DataObject, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+    data, small_bag, tmp_path_factory
+):
     whole = mcap_of(small_bag).read_bytes()
     size = data.draw(st.integers(8, len(whole) - 1))
     folder = rewritten(tmp_path_factory.mktemp("cut") / "bag", whole[:size])
@@ -675,9 +666,7 @@ def test_a_bag_cut_at_any_byte_gives_all_messages_of_the_chunks_before(
 
 @anything
 @given(data=st.data(), bit=st.integers(0, 7))
-def test_a_flipped_bit_costs_messages_but_invents_none(
-    data: st.DataObject, bit: int, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_a_flipped_bit_costs_messages_but_invents_none(data, bit, small_bag, tmp_path_factory):
     damaged = bytearray(mcap_of(small_bag).read_bytes())
     at = data.draw(st.integers(0, len(damaged) - 1))
     # The opcode of an index, which no checksum covers, can become that of a message.
@@ -701,9 +690,7 @@ def test_a_flipped_bit_costs_messages_but_invents_none(
 
 @anything
 @given(data=st.data())
-def test_damaged_metadata_yaml_does_no_harm(
-    data: st.DataObject, small_bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_damaged_metadata_yaml_does_no_harm(data, small_bag, tmp_path_factory):
     folder = rewritten(tmp_path_factory.mktemp("yaml") / "bag", mcap_of(small_bag).read_bytes())
     text = bytearray((small_bag / "metadata.yaml").read_bytes())
     text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))

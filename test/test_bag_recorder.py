@@ -93,7 +93,7 @@ def states(count: int, joint: str = "j") -> Iterator[JointState]:
         yield JointState(name=[joint], position=[float(number)])
 
 
-def test_every_message_is_recorded_in_order(bench: Bench) -> None:
+def test_every_message_is_recorded_in_order(bench):
     bench.record(
         "joint_states", "/arm/robot_description", said=f"recording 2 topics to {bench.path}"
     )
@@ -118,7 +118,7 @@ def test_every_message_is_recorded_in_order(bench: Bench) -> None:
 
 
 @pytest.mark.slow
-def test_ten_topics_at_1_khz_lose_nothing(bench: Bench) -> None:
+def test_ten_topics_at_1_khz_lose_nothing(bench):
     publishers = [bench.publisher(f"t{number}", JointState) for number in range(10)]
     bench.record(*(f"t{number}" for number in range(10)), said="recording 10 topics")
     begin = time.monotonic()
@@ -133,7 +133,7 @@ def test_ten_topics_at_1_khz_lose_nothing(bench: Bench) -> None:
         assert bench.numbers(publisher.topic_name) == list(range(2000))
 
 
-def test_what_has_arrived_is_stored_before_the_recorder_ends(bench: Bench) -> None:
+def test_what_has_arrived_is_stored_before_the_recorder_ends(bench):
     options = ["-p", f"output:={bench.path}", "-p", "topics:=[/arm/joint_states]"]
     rclpy.init(args=["--ros-args", *options], domain_id=bench.graph.domain)
     try:
@@ -153,7 +153,7 @@ def test_what_has_arrived_is_stored_before_the_recorder_ends(bench: Bench) -> No
     assert bench.numbers() == list(range(100))
 
 
-def test_a_listed_topic_is_waited_for_and_named(bench: Bench) -> None:
+def test_a_listed_topic_is_waited_for_and_named(bench):
     bench.record("joint_states", "late", said="waiting for a publisher of /arm/late")
     bench.states.publish(JointState())
     assert not bench.bag.topics
@@ -163,7 +163,7 @@ def test_a_listed_topic_is_waited_for_and_named(bench: Bench) -> None:
     assert bench.recorder.end() == 0
 
 
-def test_the_shipped_file_records_all_topics_but_hidden_and_own_ones(bench: Bench) -> None:
+def test_the_shipped_file_records_all_topics_but_hidden_and_own_ones(bench):
     path = ROOT / "config/bag_recorder.yaml"
     settings = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
     assert settings.keys() == {"output", "include_hidden", "depth"}
@@ -183,14 +183,14 @@ def test_the_shipped_file_records_all_topics_but_hidden_and_own_ones(bench: Benc
     assert [message.message.data for message in bag.messages(["/arm/new"])] == ["x"]
 
 
-def test_hidden_topics_are_recorded_on_request(bench: Bench) -> None:
+def test_hidden_topics_are_recorded_on_request(bench):
     bench.publisher("_hidden/topic")
     bench.record(include_hidden=True, said="recording /arm/_hidden/topic")
     assert bench.recorder.stop() == 0
     assert {"/arm/_hidden/topic", "/rosout"} <= bench.bag.topics.keys()
 
 
-def test_reliable_and_best_effort_publishers_of_a_topic_are_both_recorded(bench: Bench) -> None:
+def test_reliable_and_best_effort_publishers_of_a_topic_are_both_recorded(bench):
     one, other = bench.publisher("both"), bench.publisher("both", qos=BEST_EFFORT)
     bench.record("both", said="recording 1 topics")
     bench.graph.until(other.get_subscription_count, "a subscriber")
@@ -205,7 +205,7 @@ def test_reliable_and_best_effort_publishers_of_a_topic_are_both_recorded(bench:
     assert sorted(q.reliability.name for q in profiles) == ["BEST_EFFORT", "RELIABLE"]
 
 
-def test_the_bag_holds_the_parameters_of_the_recorded_nodes(bench: Bench) -> None:
+def test_the_bag_holds_the_parameters_of_the_recorded_nodes(bench):
     declared = {"gains.k_Pp": 100.0, "joints": ["a", "b"], "mask": [b"\1", b"\2"]}
     for name, value in (declared | {"robot_description": "<robot>" + 10000 * "-"}).items():
         bench.node.declare_parameter(name, value)
@@ -232,7 +232,7 @@ def test_the_bag_holds_the_parameters_of_the_recorded_nodes(bench: Bench) -> Non
 
 
 @pytest.mark.slow
-def test_a_killed_recorder_loses_no_more_than_a_chunk(bench: Bench) -> None:
+def test_a_killed_recorder_loses_no_more_than_a_chunk(bench):
     bench.record("joint_states", "robot_description", said="recording 2 topics")
     bench.send(bench.states, states(500), pause=0.001)
     bench.recorder.kill()
@@ -248,7 +248,7 @@ def test_a_killed_recorder_loses_no_more_than_a_chunk(bench: Bench) -> None:
         assert reader.message_count == len(found) + 1
 
 
-def test_messages_before_a_silence_are_not_lost_with_the_recorder(bench: Bench) -> None:
+def test_messages_before_a_silence_are_not_lost_with_the_recorder(bench):
     bench.record("joint_states", said="recording 1 topics")
     bench.send(bench.states, states(5))
     bench.graph.until(lambda: len(list(bench.bag.read_raw())) == 5, "five messages")
@@ -256,7 +256,7 @@ def test_messages_before_a_silence_are_not_lost_with_the_recorder(bench: Bench) 
     assert recover(bench.path).messages == 5
 
 
-def test_an_existing_folder_is_refused_in_one_line(bench: Bench) -> None:
+def test_an_existing_folder_is_refused_in_one_line(bench):
     bench.path.mkdir()
     bench.record("joint_states")
     assert bench.recorder.end() == ExitCode.REFUSED
@@ -266,14 +266,14 @@ def test_an_existing_folder_is_refused_in_one_line(bench: Bench) -> None:
     assert events_of(bench.recorder.stdout) == told
 
 
-def test_an_impossible_topic_is_refused_before_anything_is_written(bench: Bench) -> None:
+def test_an_impossible_topic_is_refused_before_anything_is_written(bench):
     bench.record("a//b")
     assert bench.recorder.end() == 1
     assert "parameter 'topics': 'a//b' is no topic name" in bench.recorder.stderr
     assert not bench.path.exists()
 
 
-def test_two_types_on_a_topic_are_refused_with_both(bench: Bench) -> None:
+def test_two_types_on_a_topic_are_refused_with_both(bench):
     bench.record(
         "joint_states", "robot_description", "last", said="waiting for a publisher of /arm/last"
     )
@@ -292,7 +292,7 @@ def test_two_types_on_a_topic_are_refused_with_both(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("name", "pause"), [("j", 0.0002), pytest.param(5000 * "j", 0.001, marks=pytest.mark.slow)]
 )
-def test_a_full_disk_ends_the_recorder_with_one_line(bench: Bench, name: str, pause: float) -> None:
+def test_a_full_disk_ends_the_recorder_with_one_line(bench, name, pause):
     bench.record("joint_states", said="recording 1 topics")
     limit = (200_000, 200_000)  # writes beyond it fail, as on a full disk
     resource.prlimit(bench.recorder._child.pid, resource.RLIMIT_FSIZE, limit)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
-from in_process import World
 from ros_processes import ROOT
 from sensor_msgs.msg import JointState
 
@@ -41,9 +40,7 @@ def written(folder: Path) -> Path:
     return file
 
 
-def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(
-    world: World, tmp_path: Path
-) -> None:
+def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(world, tmp_path):
     states = world.peer.listen(JointState, "joint_states")
     wrenches = world.peer.listen(WrenchStamped, "wrench")
     lockstep = {"mode": "lockstep", "control": "torque"}
@@ -61,9 +58,7 @@ def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(
     assert np.linalg.norm(found[:3]) > 1.0
 
 
-def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(
-    world: World, tmp_path: Path
-) -> None:
+def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(world, tmp_path):
     world.start("pybullet_bridge", {"rate": 100.0}, files=(written(tmp_path),))
     names = ["environment.table.stiffness", "environment.table.shape", "environment.hand.ramp"]
     assert world.peer.get_parameters("pybullet_bridge", *names) == [20000, "box", 0.0]
@@ -87,15 +82,13 @@ def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(
         ("tool_shape:=sphree", "(did you mean 'sphere'?)"),
     ],
 )
-def test_a_node_refuses_what_is_misspelt_or_impossible_by_its_name(
-    world: World, tmp_path: Path, option: str, words: str
-) -> None:
+def test_a_node_refuses_what_is_misspelt_or_impossible_by_its_name(world, tmp_path, option, words):
     arguments = ["--ros-args", "--params-file", str(written(tmp_path)), "-p", option]
     with pytest.raises(EulerParamsError, match=re.escape(words)):
         world.make(BridgeNode, [], cli_args=arguments)
 
 
-def test_the_environment_of_the_example_can_be_used_as_it_is_written(world: World) -> None:
+def test_the_environment_of_the_example_can_be_used_as_it_is_written(world):
     lines = (ROOT / "config" / "pybullet_bridge.yaml").read_text().splitlines()
     start = lines.index("    #environment:")
     lines[start:] = [line.replace("#", "", 1) for line in lines[start:]]

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from in_process import World
-from ros_processes import HOME, UR5, Graph, values
+from ros_processes import HOME, UR5, values
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.events import ExitCode
@@ -50,9 +50,7 @@ def start_controller(world: World, name: str, q: Any) -> Any:
     return node
 
 
-def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_killed(
-    world: World,
-) -> None:
+def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_killed(world):
     peer = world.peer
     states = peer.listen(JointState, "joint_states")
     robot = world.start(NAME, {"rate": 100.0, "servo_bandwidth": 50.0})
@@ -75,9 +73,7 @@ def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_kille
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_brakes_the_moving_robot_and_ends_it_with_exit_code_0(
-    graph: Graph, number: signal.Signals
-) -> None:
+def test_a_signal_brakes_the_moving_robot_and_ends_it_with_exit_code_0(graph, number):
     states = graph.peer.listen(JointState, "joint_states")
     commands = graph.peer.publisher(JointState, "joint_reference")
     # slow enough to be on the way for seconds, and nothing else brakes it
@@ -98,9 +94,7 @@ def test_a_signal_brakes_the_moving_robot_and_ends_it_with_exit_code_0(
     assert "Traceback" not in process.log
 
 
-def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_finite_state(
-    graph: Graph,
-) -> None:
+def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_finite_state(graph):
     peer = graph.peer
     states = peer.listen(JointState, "joint_states")
     health = peer.listen(DiagnosticArray, "/diagnostics")
@@ -136,9 +130,7 @@ def test_a_robot_that_an_effort_tears_apart_ends_with_an_error_after_its_last_fi
         assert np.isfinite([*state.position, *state.velocity, *state.effort]).all()
 
 
-def test_a_robot_reports_mode_cause_and_remedy_and_what_became_of_its_commands(
-    world: World,
-) -> None:
+def test_a_robot_reports_mode_cause_and_remedy_and_what_became_of_its_commands(world):
     peer = world.peer
     latched = peer.listen(DiagnosticStatus, f"{NAME}/status", latched=True)
     commands = peer.publisher(JointState, "joint_effort")
@@ -203,7 +195,7 @@ def test_a_robot_reports_mode_cause_and_remedy_and_what_became_of_its_commands(
     assert modes()[-1] == ("ended", "silence")  # why it was braked
 
 
-def test_the_node_gives_the_simulator_its_drives() -> None:
+def test_the_node_gives_the_simulator_its_drives():
     assert BridgeParameters().simulator() == SimulatorParameters()
     values = {
         "friction_viscous": (0.5,),

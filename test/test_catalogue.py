@@ -74,7 +74,7 @@ def load_urdf(text: str, folder: Path) -> RobotDescription:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name: str) -> None:
+def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name):
     robot = load_robot(name)
     model = reduced_model(robot)
     assert robot.name == name
@@ -86,7 +86,7 @@ def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name: st
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_home_is_away_from_singularities_and_limits(name: str) -> None:
+def test_a_home_is_away_from_singularities_and_limits(name):
     robot = load_robot(name)
     model = reduced_model(robot)
     q = np.array(robot.home)
@@ -96,7 +96,7 @@ def test_a_home_is_away_from_singularities_and_limits(name: str) -> None:
     assert np.all(model.upperPositionLimit - q > ROOM_TO_LIMITS)
 
 
-def test_the_arms_end_where_the_experiments_take_them_to_end() -> None:
+def test_the_arms_end_where_the_experiments_take_them_to_end():
     ur5, panda = load_robot("ur5"), load_robot("panda")
     assert (ur5.base_frame, ur5.tip_frame) == ("base_link", "tool0")
     assert ur5.home == (-0.21662, -1.1967, 1.83698, 1.78954, -1.39217, -2.98951)
@@ -104,14 +104,14 @@ def test_the_arms_end_where_the_experiments_take_them_to_end() -> None:
     assert panda.tip_frame == "panda_hand_tcp"
 
 
-def test_an_unknown_robot_is_refused_with_the_names_that_exist() -> None:
+def test_an_unknown_robot_is_refused_with_the_names_that_exist():
     with pytest.raises(UnknownNameError) as caught:
         load_robot("ur55")
     known = "kuka_iiwa, panda, ur10, ur5"
     assert str(caught.value) == f"unknown robot 'ur55' (did you mean 'ur5'?); known: {known}"
 
 
-def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_path: Path) -> None:
+def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_path):
     robot = load_urdf(TWO_LINKS, tmp_path)
     assert robot == RobotDescription(
         name="my",
@@ -125,7 +125,7 @@ def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_pa
     )
 
 
-def test_an_entry_is_read_with_its_urdf_beside_it(entry: dict[str, Any], tmp_path: Path) -> None:
+def test_an_entry_is_read_with_its_urdf_beside_it(entry, tmp_path):
     robot = load_entry(entry, tmp_path)
     assert robot.urdf_path == tmp_path / "two.urdf"
     assert robot.joints == ("swing", "slide")
@@ -145,14 +145,14 @@ def test_an_entry_is_read_with_its_urdf_beside_it(entry: dict[str, Any], tmp_pat
         ('"revolute"', '"fixed"', "joints must be some of"),
     ],
 )
-def test_a_broken_urdf_is_refused(old: str, new: str, reason: str, tmp_path: Path) -> None:
+def test_a_broken_urdf_is_refused(old, new, reason, tmp_path):
     assert old in TWO_LINKS
     with pytest.raises(RobotError, match=re.escape(reason)) as caught:
         load_urdf(TWO_LINKS.replace(old, new), tmp_path)
     assert "robot 'my'" in str(caught.value)
 
 
-def test_a_limit_that_is_not_stated_is_infinite() -> None:
+def test_a_limit_that_is_not_stated_is_infinite():
     stated = UrdfTree(TWO_LINKS).joints["swing"]
     assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)
     stated.set("type", "continuous")
@@ -161,7 +161,7 @@ def test_a_limit_that_is_not_stated_is_infinite() -> None:
     assert joint_limits(bare) == (-np.inf, np.inf, np.inf, np.inf)
 
 
-def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path: Path) -> None:
+def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
     with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
         load_robot(str(tmp_path / "missing.urdf"))
     (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
@@ -191,9 +191,7 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path: Path) -> 
         ("urdf", "none.urdf", "cannot be read"),
     ],
 )
-def test_an_impossible_entry_is_refused_with_the_reason(
-    key: str, value: Any, reason: str, entry: dict[str, Any], tmp_path: Path
-) -> None:
+def test_an_impossible_entry_is_refused_with_the_reason(key, value, reason, entry, tmp_path):
     with pytest.raises((RobotError, UnknownNameError), match=re.escape(reason)):
         load_entry({**entry, key: value}, tmp_path)
 
@@ -208,14 +206,14 @@ def test_an_impossible_entry_is_refused_with_the_reason(
     ],
 )
 @pytest.mark.usefixtures("entry")
-def test_a_broken_file_is_refused_with_its_path(text: str, reason: str, tmp_path: Path) -> None:
+def test_a_broken_file_is_refused_with_its_path(text, reason, tmp_path):
     (tmp_path / "two.yaml").write_text(text)
     with pytest.raises(ConfigurationError, match=re.escape(reason)) as caught:
         load_robot("two")
     assert "two.yaml" in str(caught.value)
 
 
-def test_loading_a_robot_needs_neither_pybullet_nor_its_data() -> None:
+def test_loading_a_robot_needs_neither_pybullet_nor_its_data():
     code = (
         "import sys; from eulerparams_control.robot.catalogue import load_robot; load_robot('ur5');"
         "sys.exit(bool({'pybullet', 'pybullet_data', 'rclpy'} & set(sys.modules)))"

@@ -11,20 +11,20 @@ from eulerparams_control.command_line import make_console, say, whole_number
 
 
 @pytest.mark.parametrize(("text", "least", "value"), [("3", 0, 3), ("0", 0, 0), ("1", 1, 1)])
-def test_a_whole_number_is_taken(text: str, least: int, value: int) -> None:
+def test_a_whole_number_is_taken(text, least, value):
     assert whole_number(least)(text) == value
 
 
 @pytest.mark.parametrize(
     ("text", "least"), [("-1", 0), ("0", 1), ("1.5", 0), ("x", 0), ("", 1), ("nan", 0)]
 )
-def test_what_is_none_is_refused_with_what_is_expected(text: str, least: int) -> None:
+def test_what_is_none_is_refused_with_what_is_expected(text, least):
     expected = f"expected a whole number, {least} or more"
     with pytest.raises(argparse.ArgumentTypeError, match=expected):
         whole_number(least)(text)
 
 
-def test_a_line_is_printed_as_it_is_however_long_it_is() -> None:
+def test_a_line_is_printed_as_it_is_however_long_it_is():
     out = io.StringIO()
     text = "[bold]no markup[/bold] " + "x" * 300
     say(Console(file=out, width=80), text)
@@ -32,9 +32,7 @@ def test_a_line_is_printed_as_it_is_however_long_it_is() -> None:
     assert out.getvalue() == f"{text}\n" * 2
 
 
-def test_where_nothing_says_how_wide_it_is_a_console_is_wider_than_80_characters(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_where_nothing_says_how_wide_it_is_a_console_is_wider_than_80_characters(monkeypatch):
     monkeypatch.setattr("sys.stdout", io.StringIO())
     monkeypatch.setenv("COLUMNS", "")
     assert make_console().width == 110

@@ -29,30 +29,24 @@ def checked(
     return _check_complete(run, settings, RATE, diverged)
 
 
-def test_a_whole_run_counts_up_to_its_end(tmp_path: Path) -> None:
+def test_a_whole_run_counts_up_to_its_end(tmp_path):
     assert checked(tmp_path) == END
 
 
 @pytest.mark.parametrize("topic", ["/joint_states", "/wrench", "/joint_reference"])
 @pytest.mark.parametrize("lost", [1, 20])
-def test_a_run_of_which_messages_are_lost_is_incomplete(
-    tmp_path: Path, topic: str, lost: int
-) -> None:
+def test_a_run_of_which_messages_are_lost_is_incomplete(tmp_path, topic, lost):
     with pytest.raises(IncompleteBagError, match=f"{topic} has {COUNT - lost} stamps; expected"):
         checked(tmp_path, topic, lost)
 
 
-def test_a_run_with_more_messages_than_it_can_have_is_not_incomplete_but_wrong(
-    tmp_path: Path,
-) -> None:
+def test_a_run_with_more_messages_than_it_can_have_is_not_incomplete_but_wrong(tmp_path):
     with pytest.raises(BagError, match="has 30 stamps; expected 29") as error:
         checked(tmp_path, end=END - 1 / RATE)
     assert error.type is BagError
 
 
-def test_a_run_that_diverged_may_lack_the_last_answer_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_diverged_may_lack_the_last_answer_only(tmp_path, monkeypatch):
     monkeypatch.setattr(synthetic_runs, "_START", 0)  # as in simulated time
     assert checked(tmp_path / "1", "/joint_reference", 1, diverged=True) == END
     with pytest.raises(IncompleteBagError, match="/wrench has 29 stamps; expected 30"):

@@ -81,8 +81,8 @@ def ends_by(node: Moving, *transitions: str) -> Callable[[], bool]:
     ],
 )
 def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_returned(
-    world: World, executable: str, transitions: tuple[str, ...], state: str
-) -> None:
+    world, executable, transitions, state
+):
     node = Moving(world, executable)
     is_over = ends_by(node, *transitions)
     assert node.peer.lifecycle_state(node.name) == state
@@ -106,8 +106,8 @@ def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_retu
 @pytest.mark.parametrize("before", [(), ("deactivate",), ("deactivate", "cleanup")])
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
 def test_a_signal_brings_the_arm_to_rest_also_one_that_is_being_deactivated(
-    world: World, executable: str, before: tuple[str, ...]
-) -> None:
+    world, executable, before
+):
     node = Moving(world, executable)
     ends_by(node, *before)
     assert not node.process.node.at_rest()
@@ -115,7 +115,7 @@ def test_a_signal_brings_the_arm_to_rest_also_one_that_is_being_deactivated(
     assert node.process.stop() == 0
 
 
-def test_while_it_is_braked_an_arm_is_neither_led_nor_resumed_nor_taken_anew(world: World) -> None:
+def test_while_it_is_braked_an_arm_is_neither_led_nor_resumed_nor_taken_anew(world):
     node = Moving(world, "clik")
     assert node.peer.change_state("clik", "deactivate")
     assert node.references.get_subscription_count() == 0
@@ -128,9 +128,7 @@ def test_while_it_is_braked_an_arm_is_neither_led_nor_resumed_nor_taken_anew(wor
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_an_arm_that_does_not_come_to_rest_is_let_alone_in_the_end(
-    world: World, executable: str
-) -> None:
+def test_an_arm_that_does_not_come_to_rest_is_let_alone_in_the_end(world, executable):
     node = Moving(world, executable)
     assert node.peer.change_state(executable, "deactivate")
     start = world.now
@@ -145,9 +143,7 @@ def test_an_arm_that_does_not_come_to_rest_is_let_alone_in_the_end(
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_an_arm_that_tells_nothing_any_more_is_let_alone_at_once(
-    world: World, executable: str
-) -> None:
+def test_an_arm_that_tells_nothing_any_more_is_let_alone_at_once(world, executable):
     node = Moving(world, executable)
     assert node.peer.change_state(executable, "deactivate")
     world.advance(0.5)

@@ -30,9 +30,7 @@ def moving(graph: World | Graph, executable: str) -> Controlled:
 
 
 @pytest.mark.parametrize("executable", LAWS)
-def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(
-    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(world, executable, monkeypatch):
     tick = LAWS[executable].tick
 
     def breaking_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
@@ -55,8 +53,8 @@ def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(
 
 @pytest.mark.parametrize("executable", LAWS)
 def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_line(
-    graph: Graph, executable: str
-) -> None:
+    graph, executable
+):
     node = moving(graph, f"{executable} broken in timer")
     sent = node.peer.listen(type(node.arm.tick()), f"/{node.arm.topic}")
     graph.until(lambda: node.arm.tick() and sent, "a command that is heard")
@@ -72,7 +70,7 @@ def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_lin
     assert_may_stay(sent[-1], node.arm, within=AT_REST * DT)
 
 
-def test_that_limits_change_most_commands_is_said(world: World) -> None:
+def test_that_limits_change_most_commands_is_said(world):
     slack = {"max_joint_acceleration": [0.05], "max_error_position": 10.0, "max_deviation": 10.0}
     node = Controlled(world, "clik", FRAMES | slack | {"max_error_rotation": 3.0})
     p, R = pose(HOME)

@@ -158,15 +158,13 @@ def bench() -> Iterator[Callable[..., Bench]]:
         (ENDED, (ENDED,) * 7),
     ],
 )
-def test_each_event_leads_from_each_mode_to_the_one_of_the_table(
-    mode: DriveMode, after: tuple[DriveMode, ...]
-) -> None:
+def test_each_event_leads_from_each_mode_to_the_one_of_the_table(mode, after):
     assert tuple(TRANSITIONS[mode].get(event, mode) for event in DriveEvent) == after
     assert TRANSITIONS.keys() == set(DriveMode)
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_there_are_words_for_each_mode_whatever_the_cause(mode: DriveMode) -> None:
+def test_there_are_words_for_each_mode_whatever_the_cause(mode):
     words = DriveWords("ready", "joint_effort", 0.1)
     for cause in DriveCause:
         level, message, _ = words.describe(DriveStatus(mode, cause, names=("/a", "/b")))
@@ -188,8 +186,8 @@ def test_there_are_words_for_each_mode_whatever_the_cause(mode: DriveMode) -> No
     ],
 )
 def test_a_command_that_cannot_be_used_is_rejected_with_its_reason_and_moves_nothing(
-    bench: Any, control: str, fields: dict[str, Any], words: str
-) -> None:
+    bench, control, fields, words
+):
     robot = bench(control=control)
     q = robot.state.q
     assert robot.send(**fields) is DriveReply.REJECTED
@@ -201,7 +199,7 @@ def test_a_command_that_cannot_be_used_is_rejected_with_its_reason_and_moves_not
     np.testing.assert_allclose(robot.state.q, q, rtol=0, atol=STAYS)
 
 
-def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench: Any) -> None:
+def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench):
     robot = bench()
     robot.step(0.5)
     robot.send(position=[np.nan] * 6)
@@ -227,7 +225,7 @@ def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench: A
 # --- silence, delay --------------------------------------------------------------------------
 
 
-def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(bench: Any) -> None:
+def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(bench):
     robot = bench(rate=1000.0)
     away = HOME + 1.0
     robot.step(0.2, lambda: robot.send(**at(away)))
@@ -247,7 +245,7 @@ def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(b
     assert robot.mode is OBEYING
 
 
-def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench: Any) -> None:
+def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench):
     robot = bench(DrivePolicy(command_delay=3))
     away = at(HOME + 0.1)
     for _ in range(3):
@@ -263,7 +261,7 @@ def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench: Any) 
     assert np.abs(robot.state.q - HOME - 0.1).max() < REACHED
 
 
-def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench: Any) -> None:
+def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench):
     robot = bench()
     robot.go(HOME + 0.2)
     assert robot.drive.reset(HOME, robot.now).step == 0
@@ -275,7 +273,7 @@ def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench:
 # --- clipped commands ------------------------------------------------------------------------
 
 
-def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(bench: Any) -> None:
+def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(bench):
     words = "joint 'wrist_1_joint' was asked for the speed -4 rad/s; its limit is -3.2 rad/s"
     fields = {**REST, "velocity": [0.0, 0.0, 0.0, -4.0, 0.0, 0.0]}
     robot = bench()
@@ -295,9 +293,7 @@ def test_a_command_beyond_a_limit_is_a_warning_while_it_goes_on_and_no_longer(be
     assert (robot.drive.status.cause, robot.count(CLIPPED)) == (DriveCause.CLIPPED, 2)
 
 
-def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_commanded(
-    bench: Any,
-) -> None:
+def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_commanded(bench):
     robot = bench()
 
     def clip(case: int) -> None:
@@ -325,9 +321,7 @@ def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_
 
 
 @pytest.mark.parametrize("takes_late", [False, True])
-def test_an_older_command_does_not_take_the_place_of_a_newer_one(
-    bench: Any, takes_late: bool
-) -> None:
+def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench, takes_late):
     robot = bench(DrivePolicy(takes_late=takes_late))
     away, strayed = at(HOME + 0.2), []
 
@@ -342,7 +336,7 @@ def test_an_older_command_does_not_take_the_place_of_a_newer_one(
     assert (max(strayed) < REACHED, robot.count(LATE)) == ((False, 0) if takes_late else (True, 50))
 
 
-def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken() -> None:
+def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
     order = StampOrder(0.1)
     assert not order.is_late(100, 0.0)
     assert not order.is_late(100, 0.01)  # the last word of a controller
@@ -359,9 +353,7 @@ def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken() ->
 # --- two controllers -------------------------------------------------------------------------
 
 
-def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silent(
-    bench: Any,
-) -> None:
+def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silent(bench):
     robot = bench()
     robot.publishers = ["/first"]
     robot.step(1.0, lambda: robot.send(**REST))
@@ -395,9 +387,7 @@ def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silen
 
 
 @pytest.mark.parametrize("name", ["/first", "/other"])
-def test_the_successor_of_a_dead_controller_is_obeyed_while_the_graph_still_shows_both(
-    bench: Any, name: str
-) -> None:
+def test_the_successor_of_a_dead_controller_is_obeyed_while_the_graph_still_shows_both(bench, name):
     robot = bench()
     robot.publishers = ["/first", name]
     robot.step(0.5, lambda: robot.send(**REST))
@@ -411,7 +401,7 @@ def test_the_successor_of_a_dead_controller_is_obeyed_while_the_graph_still_show
     assert all(each.mode is not CONTESTED for each in robot.said)
 
 
-def test_a_robot_that_stops_sees_the_contest_of_its_controllers_when_it_stands(bench: Any) -> None:
+def test_a_robot_that_stops_sees_the_contest_of_its_controllers_when_it_stands(bench):
     robot = bench(rate=1000.0, protective_speed=1.5, **FLOATING)
     while robot.mode is not STOPPING:
         robot.step(0.0, lambda: robot.send(**RACING))
@@ -438,9 +428,7 @@ def both(first: int, second: int, count: int = 5) -> list[int]:
 
 @pytest.mark.parametrize("second", [1, 450, 490, 499, 500, 501, 503, 590, 5000])
 @pytest.mark.parametrize("at_once", [False, True])
-def test_two_that_send_in_turn_are_told_from_each_other_whatever_their_numbers(
-    second: int, at_once: bool
-) -> None:
+def test_two_that_send_in_turn_are_told_from_each_other_whatever_their_numbers(second, at_once):
     senders = Senders(0.1, 5.0, at_once=at_once)
     heeded = hear(senders, *both(500, second))
     assert senders.contested
@@ -449,7 +437,7 @@ def test_two_that_send_in_turn_are_told_from_each_other_whatever_their_numbers(
     assert all(heeded[:5])
 
 
-def test_a_second_sender_is_not_heeded_before_the_first_has_been_silent() -> None:
+def test_a_second_sender_is_not_heeded_before_the_first_has_been_silent():
     senders = Senders(0.1, 5.0, at_once=False)
     assert all(hear(senders, 10, 11, 12))
     assert not any(hear(senders, 1, 2, 3, since=0.01))
@@ -457,20 +445,20 @@ def test_a_second_sender_is_not_heeded_before_the_first_has_been_silent() -> Non
     assert not senders.contested
 
 
-def test_lost_messages_are_no_second_sender() -> None:
+def test_lost_messages_are_no_second_sender():
     senders = Senders(0.1, 5.0, at_once=False)
     assert all(hear(senders, 1, 2, 3, 10, 11, 60, 61, 160))
     assert not senders.contested
 
 
-def test_messages_that_the_successor_of_a_dead_controller_loses_are_not_of_the_dead() -> None:
+def test_messages_that_the_successor_of_a_dead_controller_loses_are_not_of_the_dead():
     senders = Senders(0.1, 5.0, at_once=False)
     assert all(hear(senders, *range(1, 31)))
     assert all(hear(senders, *range(1, 21), 45, 46, 47, since=1.0))
     assert not senders.contested
 
 
-def test_a_controller_may_be_switched_to_another_and_back_once() -> None:
+def test_a_controller_may_be_switched_to_another_and_back_once():
     senders = Senders(0.1, 5.0, at_once=False)
     assert all(hear(senders, 100, 101))
     assert all(hear(senders, 1, 2, since=1.0))
@@ -479,7 +467,7 @@ def test_a_controller_may_be_switched_to_another_and_back_once() -> None:
     assert senders.contested
 
 
-def test_the_contest_ends_with_the_silence_of_one_or_when_the_graph_shows_one() -> None:
+def test_the_contest_ends_with_the_silence_of_one_or_when_the_graph_shows_one():
     senders = Senders(0.1, 5.0, at_once=False)
     hear(senders, *both(500, 1))
     assert not any(hear(senders, 505, 506, since=4.9))
@@ -492,7 +480,7 @@ def test_the_contest_ends_with_the_silence_of_one_or_when_the_graph_shows_one() 
     assert all(hear(senders, 700, 701, since=6.1))
 
 
-def test_without_numbers_two_names_in_the_graph_are_two_controllers() -> None:
+def test_without_numbers_two_names_in_the_graph_are_two_controllers():
     senders = Senders(0.1, 5.0, at_once=False)
     assert all(hear(senders, UNNUMBERED, UNNUMBERED))
     senders.see(["/a", "/a"])
@@ -509,8 +497,8 @@ def test_without_numbers_two_names_in_the_graph_are_two_controllers() -> None:
 
 
 def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_when_it_stands(
-    bench: Any,
-) -> None:
+    bench,
+):
     robot = bench(rate=1000.0, protective_speed=1.5, **FLOATING)
     fastest = 0.0
 
@@ -544,8 +532,8 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
 
 @pytest.mark.parametrize("control", ["position", "torque"])
 def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is_taken(
-    bench: Any, control: str
-) -> None:
+    bench, control
+):
     robot = bench(DrivePolicy(push_timeout=0.2), rate=200.0, control=control)
     command = {"effort": [0.0] * 6} if control == "torque" else REST
     robot.step(0.1, lambda: robot.send(**command))
@@ -560,9 +548,7 @@ def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is
 
 
 @pytest.mark.parametrize("effort", [1e8, 1e9])
-def test_a_robot_that_an_effort_tears_apart_has_ended_after_its_last_finite_state(
-    bench: Any, effort: float
-) -> None:
+def test_a_robot_that_an_effort_tears_apart_has_ended_after_its_last_finite_state(bench, effort):
     robot = bench(control="torque", enforce_limits=False, tool_mass=1.0, rate=1000.0)
     words = "the state of the robot is not finite after step"
     with pytest.raises(SimulationError, match=words) as failed:
@@ -586,14 +572,14 @@ def push(force: float) -> WrenchStamped:
     return msg
 
 
-def test_a_push_that_is_impossible_is_refused() -> None:
+def test_a_push_that_is_impossible_is_refused():
     assert push_from_ros(push(1.0), "tool0").tolist() == [1.0, 0, 0, 0, 0, 0]
     for force, words in ((-1e6, "impossible"), (1e300, "too large")):
         with pytest.raises(InvalidMessageError, match=words):
             push_from_ros(push(force), "tool0")
 
 
-def test_a_push_ends_once_after_its_timeout_and_a_new_one_starts_the_time_anew(bench: Any) -> None:
+def test_a_push_ends_once_after_its_timeout_and_a_new_one_starts_the_time_anew(bench):
     robot = bench(DrivePolicy(push_timeout=0.5))
     wrench, felt = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0], []
 
@@ -653,9 +639,7 @@ def lockstep(bench: Any) -> Callable[..., Paced]:
     return make
 
 
-def test_in_lockstep_the_first_state_is_repeated_until_all_are_there_and_it_is_answered(
-    lockstep: Any,
-) -> None:
+def test_in_lockstep_the_first_state_is_repeated_until_all_are_there_and_it_is_answered(lockstep):
     there = False
     paced = lockstep(watched=lambda: there)
     for _ in range(3):
@@ -671,9 +655,7 @@ def test_in_lockstep_the_first_state_is_repeated_until_all_are_there_and_it_is_a
     assert paced.stamps == [0, 0, 0, 0, MS]
 
 
-def test_in_lockstep_the_duration_ends_the_run_when_its_last_state_is_answered(
-    lockstep: Any,
-) -> None:
+def test_in_lockstep_the_duration_ends_the_run_when_its_last_state_is_answered(lockstep):
     paced = lockstep(duration=0.01)
     paced.turn(0.05)
     while not paced.pacing.done:
@@ -683,9 +665,7 @@ def test_in_lockstep_the_duration_ends_the_run_when_its_last_state_is_answered(
     assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, DriveCause.FINISHED)
 
 
-def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_it(
-    lockstep: Any,
-) -> None:
+def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_it(lockstep):
     paced = lockstep()
     paced.turn(0.05)
     for _ in range(5):
@@ -703,9 +683,7 @@ def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_
     assert (paced.robot.drive.status.cause, paced.robot.message) == ("stalled", str(error))
 
 
-def test_in_lockstep_time_goes_on_while_two_controllers_are_refused_and_in_a_stop(
-    lockstep: Any,
-) -> None:
+def test_in_lockstep_time_goes_on_while_two_controllers_are_refused_and_in_a_stop(lockstep):
     paced = lockstep(protective_speed=1.5, **FLOATING)
     robot = paced.robot
     paced.turn(0.05)
@@ -726,7 +704,7 @@ def test_in_lockstep_time_goes_on_while_two_controllers_are_refused_and_in_a_sto
     assert np.abs(robot.state.dq).max() < STANDS
 
 
-def test_in_lockstep_a_push_ends_at_its_stamp_and_the_timeout(lockstep: Any) -> None:
+def test_in_lockstep_a_push_ends_at_its_stamp_and_the_timeout(lockstep):
     paced = lockstep()
     paced.turn(0.05)
     paced.clock += 1e3  # which does not count
@@ -746,9 +724,7 @@ def test_in_lockstep_a_push_ends_at_its_stamp_and_the_timeout(lockstep: Any) -> 
     assert pushed(190, 10**12) == set(range(191, 211))  # of the future
 
 
-def test_the_wall_clock_makes_the_steps_that_are_due_and_gives_up_those_beyond_catching_up(
-    bench: Any,
-) -> None:
+def test_the_wall_clock_makes_the_steps_that_are_due_and_gives_up_those_beyond_catching_up(bench):
     paced = Paced(bench(), WallClock)
     assert [paced.turn(0.0), paced.turn(0.0301), paced.turn(0.0)] == [0, 0, 0]
     assert paced.stamps == [10 * MS, 20 * MS, 30 * MS]
@@ -759,9 +735,7 @@ def test_the_wall_clock_makes_the_steps_that_are_due_and_gives_up_those_beyond_c
     assert paced.stamps[-50:] == [(2040 + 10 * k) * MS for k in range(50)]
 
 
-def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told_to_end(
-    bench: Any,
-) -> None:
+def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told_to_end(bench):
     paced = Paced(bench(), WallClock, 0.5)
     paced.turn(0.3)
     assert not paced.pacing.done
@@ -783,7 +757,7 @@ def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told
     assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, DriveCause.SHUTDOWN)
 
 
-def test_the_report_of_a_second_has_its_rate_gap_age_and_real_time_factor() -> None:
+def test_the_report_of_a_second_has_its_rate_gap_age_and_real_time_factor():
     tally = Tally(10.0)
     for k in range(1, 11):
         tally.take(10.0 + 0.05 * k, 3 * MS if k == 4 else -MS)

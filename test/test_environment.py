@@ -7,7 +7,7 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -152,14 +152,14 @@ def in_sensor(R: Any, f: Any, mu: Any) -> Any:
 # --- what may be written -------------------------------------------------------------
 
 
-def test_there_is_an_example_of_each_kind() -> None:
+def test_there_is_an_example_of_each_kind():
     assert EXAMPLES.keys() == REQUIRED.keys() == Thing.kinds.keys()
     for shape, thing in read_environment(EXAMPLES).items():
         assert thing.keys.keys() == EXAMPLES[shape].keys()
 
 
 @pytest.mark.parametrize("shape", EXAMPLES)
-def test_a_thing_reads_as_it_is_shown(shape: str) -> None:
+def test_a_thing_reads_as_it_is_shown(shape):
     things = read_environment({"a": EXAMPLES[shape], "b": EXAMPLES["spring"]})
     assert read_environment({name: thing.keys for name, thing in things.items()}) == things
     assert read_environment(things) == things
@@ -173,13 +173,13 @@ def test_a_thing_reads_as_it_is_shown(shape: str) -> None:
             assert np.array(seen) == pytest.approx(np.broadcast_to(value, np.shape(seen)))
 
 
-def test_a_quaternion_of_four_digits_is_taken_and_made_a_unit() -> None:
+def test_a_quaternion_of_four_digits_is_taken_and_made_a_unit():
     thing = Spring(position=(0, 0, 0), orientation=(0, 0.7071, 0, 0.7071), stiffness=1)
     assert np.linalg.norm(thing.orientation) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(("shape", "key"), KEYS)
-def test_a_key_that_is_needed_is_asked_for_and_the_others_are_not(shape: str, key: str) -> None:
+def test_a_key_that_is_needed_is_asked_for_and_the_others_are_not(shape, key):
     keys = {name: value for name, value in EXAMPLES[shape].items() if name != key}
     if key in (*REQUIRED[shape], "shape"):
         with pytest.raises(ConfigurationError, match=rf"^environment\.odd\.{key} is missing"):
@@ -195,15 +195,13 @@ BAD_VALUES = [
 
 @pytest.mark.parametrize("bad", BAD_VALUES, ids=str)
 @pytest.mark.parametrize(("shape", "key"), KEYS)
-def test_a_value_that_is_impossible_is_refused_with_its_full_name(
-    shape: str, key: str, bad: Any
-) -> None:
+def test_a_value_that_is_impossible_is_refused_with_its_full_name(shape, key, bad):
     with pytest.raises(ConfigurationError, match=rf"environment\.odd\.{key}\b.*(expected|known)"):
         read_environment({"odd": EXAMPLES[shape] | {key: bad}})
 
 
 @pytest.mark.parametrize("shape", EXAMPLES)
-def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape: str) -> None:
+def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape):
     key = next(reversed(EXAMPLES[shape]))
     with pytest.raises(UnknownNameError) as error:
         read_environment({"odd": EXAMPLES[shape] | {key + "s": 1.0}})
@@ -242,9 +240,7 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape: str) -> N
         ({"shape": "push"}, "environment.odd: force and moment are both zero"),
     ],
 )
-def test_a_thing_that_is_impossible_is_refused_with_what_was_expected(
-    keys: Any, words: str
-) -> None:
+def test_a_thing_that_is_impossible_is_refused_with_what_was_expected(keys, words):
     pattern = re.escape(words).replace(re.escape(".*"), ".*")
     with pytest.raises(ConfigurationError, match=pattern):
         read_environment({"odd": keys})
@@ -304,9 +300,7 @@ FORCES = {"spring": random_spring, "torsion_spring": random_torsion_spring, "pus
 @pytest.mark.parametrize("name", ["ur5", "panda", "kuka_iiwa"])
 @given(seed=seeds)
 @settings(deadline=None, max_examples=4)
-def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(
-    name: str, kinds: tuple[str, ...], seed: int
-) -> None:
+def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(name, kinds, seed):
     rng = np.random.default_rng(seed)
     made = [FORCES[kind](rng) for kind in kinds]
     environment = {f"thing {k}": keys for k, (keys, _) in enumerate(made)}
@@ -335,7 +329,7 @@ def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-7, 0.2, 1.5, 3.1])
-def test_a_torsion_spring_turns_by_the_shorter_way_in_proportion_to_the_angle(angle: float) -> None:
+def test_a_torsion_spring_turns_by_the_shorter_way_in_proportion_to_the_angle(angle):
     _, R = placement("ur5", np.array(robot("ur5").home))
     axis = np.array([0.6, 0.0, 0.8])
     xyzw = pin.Quaternion(pin.exp3(angle * axis) @ R).coeffs()
@@ -345,7 +339,7 @@ def test_a_torsion_spring_turns_by_the_shorter_way_in_proportion_to_the_angle(an
     assert R @ wrench[3:] == pytest.approx(40.0 * angle * axis, abs=1e-9)
 
 
-def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end() -> None:
+def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end():
     push = Push(
         force=(0, 0, 10.0), moment=(0, 20.0, 0), frame="tool", start=0.01, end=0.05, ramp=0.01
     )
@@ -360,7 +354,7 @@ def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end() -> None:
 
 
 @pytest.mark.parametrize(("start", "end", "steps"), [(0.0, math.inf, 30), (0.003, 0.013, 10)])
-def test_a_push_without_a_ramp_acts_in_whole_steps(start: float, end: float, steps: int) -> None:
+def test_a_push_without_a_ramp_acts_in_whole_steps(start, end, steps):
     push = Push(moment=(1, 0, 0), frame="tool", start=start, end=end)
     sim = simulated(environment={"push": push})
     moments = np.array([run(sim, 1).wrench[3] for _ in range(30)])
@@ -370,7 +364,7 @@ def test_a_push_without_a_ramp_acts_in_whole_steps(start: float, end: float, ste
     assert moments == pytest.approx(expected, abs=1e-6)
 
 
-def test_noise_and_bias_do_not_reach_what_acts() -> None:
+def test_noise_and_bias_do_not_reach_what_acts():
     spring = {"shape": "spring", "position": [0.5, 0, 0.3], "stiffness": 1e3}
     quiet = simulated(environment={"spring": spring}, control="torque")
     noisy = simulated(
@@ -386,7 +380,7 @@ def test_noise_and_bias_do_not_reach_what_acts() -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("stiffness", [1e9, 1e100, 1e300])
-def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness: float) -> None:
+def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness):
     spring = Spring(position=(0.5, 0.1, 0.3), stiffness=stiffness, damping=1.0, point=(0, 0, 0.1))
     turn = TorsionSpring(orientation=(0, 0, 0, 1), stiffness=stiffness)
     sim = simulated(control="torque", enforce_limits=False, environment={"a": spring, "b": turn})
@@ -401,9 +395,7 @@ def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness: float) 
 
 @pytest.mark.parametrize("disturbance", [2.0, (3.0,), (0.0, 3.0, -3.0, 1.0, 1.0, -1.0)])
 @pytest.mark.parametrize("friction", [0.0, 1.0])
-def test_a_disturbance_moves_the_joints_and_is_not_in_their_effort(
-    disturbance: Any, friction: float
-) -> None:
+def test_a_disturbance_moves_the_joints_and_is_not_in_their_effort(disturbance, friction):
     sim = simulated(
         control="torque", disturbance_effort=disturbance, friction_viscous=friction,
         enforce_limits=False,
@@ -421,7 +413,7 @@ def test_a_disturbance_moves_the_joints_and_is_not_in_their_effort(
 
 
 @pytest.mark.parametrize("control", ["position", "torque"])
-def test_brakes_and_servo_hold_against_a_disturbance_from_the_first_sample_on(control: str) -> None:
+def test_brakes_and_servo_hold_against_a_disturbance_from_the_first_sample_on(control):
     disturbance = np.array([3.0, -3.0, 3.0, 1.0, -1.0, 1.0])
     sim = simulated(control=control, disturbance_effort=disturbance)
     zero, home = np.zeros(6), np.array(robot("ur5").home)
@@ -483,8 +475,8 @@ def normal_of(face: str, xyzw: Any) -> Any:
 @given(seed=seeds)
 @settings(deadline=None, max_examples=2)
 def test_a_solid_pushes_with_its_stiffness_along_its_normal_at_the_point_of_contact(
-    face: str, shape: str, stiffness: float, seed: int
-) -> None:
+    face, shape, stiffness, seed
+):
     rng = np.random.default_rng(seed)
     force, xyzw, turn = rng.uniform(2.0, 50.0), unit_quaternion(rng), unit_quaternion(rng)
     p, R = placement("ur5", np.array(robot("ur5").home))
@@ -501,9 +493,7 @@ def test_a_solid_pushes_with_its_stiffness_along_its_normal_at_the_point_of_cont
 
 @pytest.mark.parametrize("face", ["plane", "box"])
 @pytest.mark.parametrize("tilt", [0.0, 1e-3, 0.02, 0.5])
-def test_a_box_on_a_face_is_as_stiff_as_a_point_however_many_corners_touch(
-    face: str, tilt: float
-) -> None:
+def test_a_box_on_a_face_is_as_stiff_as_a_point_however_many_corners_touch(face, tilt):
     p, R = placement("ur5", np.array(robot("ur5").home))
     xyzw, size = unit_quaternion(np.random.default_rng(2)), np.array(SIZES["box"])
     n = normal_of(face, xyzw)
@@ -530,8 +520,8 @@ def test_a_box_on_a_face_is_as_stiff_as_a_point_however_many_corners_touch(
 @pytest.mark.parametrize("radius", [0.02, 0.3])
 @pytest.mark.parametrize("length", [0.2, 1.0])
 def test_the_round_side_of_a_cylinder_is_met_to_a_thousandth_of_the_radius_of_the_tool(
-    length: float, radius: float
-) -> None:
+    length, radius
+):
     p, R = placement("ur5", np.array(robot("ur5").home))
     rng = np.random.default_rng(3)
     for _ in range(10):
@@ -550,7 +540,7 @@ def test_the_round_side_of_a_cylinder_is_met_to_a_thousandth_of_the_radius_of_th
 
 
 @pytest.mark.parametrize("rate", [100.0, 333.0, 8000.0])
-def test_the_rate_does_not_change_how_stiff_a_solid_is(rate: float) -> None:
+def test_the_rate_does_not_change_how_stiff_a_solid_is(rate):
     law, top = Law("ur5"), lowest("ur5", "box") + 1e-3
     plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 3e4, "damping": 1e3}
     sim = simulated(rate=rate, environment={"plane": plane}, **upright_tool("ur5", "box"))
@@ -559,7 +549,7 @@ def test_the_rate_does_not_change_how_stiff_a_solid_is(rate: float) -> None:
 
 
 @pytest.mark.parametrize("tilt", [0.1, 1.0])
-def test_a_cylinder_tool_touches_with_a_rim_that_is_rounded_by_a_millimetre(tilt: float) -> None:
+def test_a_cylinder_tool_touches_with_a_rim_that_is_rounded_by_a_millimetre(tilt):
     p, R = placement("ur5", np.array(robot("ur5").home))
     turn = pin.Quaternion(R.T @ pin.exp3(np.array([tilt, 0.0, 0.0]))).coeffs()
     low = 0.02 * math.sin(tilt) + 0.03 * math.cos(tilt)
@@ -629,8 +619,8 @@ class Law:
 @pytest.mark.parametrize("shape", ["sphere", "box", "cylinder", "capsule"])
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_moment(
-    name: str, shape: str, control: str
-) -> None:
+    name, shape, control
+):
     law = Law(name)
     turn = pin.exp3(np.array([0.15, -0.1, 0.3]))
     top = np.array([law.p[0], law.p[1], lowest(name, shape) - 0.005])
@@ -659,7 +649,7 @@ def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_momen
     assert strongest > 20.0
 
 
-def test_a_contact_of_a_link_beyond_the_sensor_is_read_too() -> None:
+def test_a_contact_of_a_link_beyond_the_sensor_is_read_too():
     flange = dataclasses.replace(robot("panda"), sensor_frame="panda_link8")
     own, home = Model(flange), np.array(flange.home)
     R = own.R(home)
@@ -674,7 +664,7 @@ def test_a_contact_of_a_link_beyond_the_sensor_is_read_too() -> None:
 
 
 @pytest.mark.parametrize("damping", [0.0, 300.0])
-def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping: float) -> None:
+def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping):
     k, height = 2e4, lowest("ur5", "sphere")
     plane = {"shape": "plane", "position": [0, 0, height - 0.01], "stiffness": k}
     plane["damping"] = damping
@@ -703,9 +693,7 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping: floa
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(
-    shape: str, friction: float
-) -> None:
+def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, friction):
     law, top = Law("panda"), lowest("panda", shape) + 1e-3
     plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "friction": friction}
     tool = upright_tool("panda", shape)
@@ -725,7 +713,7 @@ def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape: str) -> None:
+def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape):
     law, top = Law("ur5"), lowest("ur5", shape) + 1e-3
     plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "friction": 0.5}
     hand = Push(force=(5.0, 3.0, 0.0), start=1.0)
@@ -743,7 +731,7 @@ def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape: str) 
     assert f[:2] == pytest.approx([-5.0, -3.0], abs=0.1)
 
 
-def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later() -> None:
+def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later():
     law, top = Law("ur5"), lowest("ur5", "sphere") + 1e-3
     plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4}
     sim = simulated(control="torque", environment={"plane": plane}, **upright_tool("ur5", "sphere"))
@@ -760,7 +748,7 @@ def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later() -> No
     assert (R @ sim.read().wrench[:3])[:2] == pytest.approx([0.0, 0.0], abs=BRAKED)
 
 
-def test_contact_spring_push_tool_and_hand_are_read_together() -> None:
+def test_contact_spring_push_tool_and_hand_are_read_together():
     p, R = placement("ur5", np.array(robot("ur5").home))
     top = lowest("ur5", "sphere") + 1e-3
     point = R.T @ [0.0, 0.0, -HEIGHT - 0.02]
@@ -785,7 +773,7 @@ def test_contact_spring_push_tool_and_hand_are_read_together() -> None:
 # --- what touches what ---------------------------------------------------------------
 
 
-def test_a_shape_of_the_tool_has_no_mass() -> None:
+def test_a_shape_of_the_tool_has_no_mass():
     runs = []
     for tool in ({}, upright_tool("ur5", "box")):
         sim = simulated(control="torque", **tool)
@@ -796,7 +784,7 @@ def test_a_shape_of_the_tool_has_no_mass() -> None:
 
 
 @pytest.mark.parametrize("collide", [False, True])
-def test_links_touch_solids_only_if_they_are_let_and_the_brakes_feel_it(collide: bool) -> None:
+def test_links_touch_solids_only_if_they_are_let_and_the_brakes_feel_it(collide):
     block = {"shape": "sphere", "position": [0.0, 0.0, 0.5], "radius": 0.35, "stiffness": 1e3}
     ground = {"shape": "plane", "position": [0, 0, 0.01], "stiffness": 1e6}  # through the base
     sim = simulated(
@@ -814,7 +802,7 @@ def test_links_touch_solids_only_if_they_are_let_and_the_brakes_feel_it(collide:
     assert sim.read().wrench == pytest.approx(np.zeros(6), abs=FORMULA)
 
 
-def test_shapes_that_are_only_shown_touch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shapes_that_are_only_shown_touch_nothing(monkeypatch):
     def with_shapes(*args: Any, shapes: Any, **options: Any) -> Any:  # as for a window
         return simulation_urdf(*args, shapes=["collision", "visual"], **options)
 
@@ -843,9 +831,7 @@ def test_shapes_that_are_only_shown_touch_nothing(monkeypatch: pytest.MonkeyPatc
         ),
     ],
 )
-def test_parameters_that_are_impossible_are_refused_with_what_was_expected(
-    values: dict[str, Any], words: str
-) -> None:
+def test_parameters_that_are_impossible_are_refused_with_what_was_expected(values, words):
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         SimulatorParameters(**values)
 
@@ -893,14 +879,14 @@ def rolling() -> Simulator:
 
 
 @pytest.mark.parametrize("made", [busy, rolling])
-def test_a_reset_repeats_the_bits_of_a_run_with_contact(made: Callable[[], Simulator]) -> None:
+def test_a_reset_repeats_the_bits_of_a_run_with_contact(made):
     sim = made()
     first = contact_run(sim)
     sim.reset()
     assert contact_run(sim) == first
 
 
-def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise() -> None:
+def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise():
     folder = Path(__file__).parent
     code = (
         f"import sys; sys.path[:0] = [{str(folder)!r}, {str(folder.parent)!r}]; "

@@ -115,7 +115,7 @@ def started(folder: Path, **changes: Any) -> tuple[np.ndarray, dict[str, Any]]:
 # --- what a file may say ---------------------------------------------------------------------
 
 
-def test_an_experiment_is_what_its_file_says(tmp_path: Path) -> None:
+def test_an_experiment_is_what_its_file_says(tmp_path):
     found = load_experiment(str(write(tmp_path, GOOD)))
     assert (found.name, found.claim, found.equations) == ("short", "a short run", ("(28)",))
     assert list(found.variants) == ["first", "second", "angles"]
@@ -130,7 +130,7 @@ def test_an_experiment_is_what_its_file_says(tmp_path: Path) -> None:
     assert found.criteria == (expected,)
 
 
-def test_a_variant_may_say_otherwise_what_the_experiment_says_of_all(tmp_path: Path) -> None:
+def test_a_variant_may_say_otherwise_what_the_experiment_says_of_all(tmp_path):
     own = {
         "controller": "dynamic_control",
         "robot": "ur10",
@@ -156,7 +156,7 @@ def test_a_variant_may_say_otherwise_what_the_experiment_says_of_all(tmp_path: P
     assert load_experiment(str(write(tmp_path, plain))).variants["home"].start_turn == (0, 0, 0)
 
 
-def test_a_variant_changes_of_groups_only_what_it_names(tmp_path: Path) -> None:
+def test_a_variant_changes_of_groups_only_what_it_names(tmp_path):
     plane = {"shape": "plane", "position": [0.0, 0.0, 0.1], "stiffness": 1e3}
     both = {"plane": plane, "wall": {"shape": "spring", "stiffness": [0.0, 0.0, 2e4]}}
     changes: dict[str, Any] = {
@@ -209,12 +209,8 @@ WIDE = WIDE["/**"]["ros__parameters"]
     ],
 )
 def test_a_controller_says_its_nodes_and_what_they_need_in_lock_step(
-    tmp_path: Path,
-    controller: str,
-    control: str,
-    answers: tuple[str, ...],
-    own: dict[str, dict[str, Any]],
-) -> None:
+    tmp_path, controller, control, answers, own
+):
     _, parameters = started(tmp_path, controller=controller, nodes={"reference": T1})
     found = CONTROLLERS[controller]
     assert found.answers == answers
@@ -231,7 +227,7 @@ def test_a_controller_says_its_nodes_and_what_they_need_in_lock_step(
     assert found.nodes[-1].remaps == behind
 
 
-def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: Path) -> None:
+def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
     above, pair = {"above": 0}, ["first", "second"]
     criteria: list[dict[str, Any]] = [
         {"metric": "growth_rate", "variants": ["angles"], "options": {"low": 3, "high": 4}} | above,
@@ -324,24 +320,22 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path: 
     ],
 )
 def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
-    tmp_path: Path, content: Any, words: str
-) -> None:
+    tmp_path, content, words
+):
     path = write(tmp_path, content)
     with pytest.raises(ConfigurationError, match=f"^{path}: .*{re.escape(words)}"):
         load_experiment(str(path))
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a b", "a.b", "_"])
-def test_the_name_of_a_file_has_to_be_one_that_its_folder_can_have(
-    tmp_path: Path, name: str
-) -> None:
+def test_the_name_of_a_file_has_to_be_one_that_its_folder_can_have(tmp_path, name):
     path = write(tmp_path, GOOD, name)
     with pytest.raises(ConfigurationError) as refusal:
         load_experiment(str(path))
     assert str(refusal.value) == f"{path}: experiment '{name}': use letters, digits, _"
 
 
-def test_an_experiment_that_does_not_exist_is_refused_with_those_that_do(tmp_path: Path) -> None:
+def test_an_experiment_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
     with pytest.raises(UnknownNameError) as refusal:
         load_experiment("demmo")
     said = str(refusal.value)
@@ -352,7 +346,7 @@ def test_an_experiment_that_does_not_exist_is_refused_with_those_that_do(tmp_pat
 
 
 @pytest.mark.parametrize("name", config_names("experiments"))
-def test_every_experiment_that_comes_with_the_package_is_possible(name: str) -> None:
+def test_every_experiment_that_comes_with_the_package_is_possible(name):
     experiment = load_experiment(name)
     assert experiment.claim
     assert experiment.criteria
@@ -363,9 +357,7 @@ def test_every_experiment_that_comes_with_the_package_is_possible(name: str) -> 
         assert node_parameters(variant)["pybullet_bridge"]["mode"] == mode
 
 
-def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(tmp_path, capsys):
     path = str(write(tmp_path, GOOD))
     experiment = load_experiment(path)
     assert check_names([], experiment) == ["first", "second", "angles"]
@@ -375,9 +367,7 @@ def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(
     assert capsys.readouterr().out == said
 
 
-def test_a_start_is_at_the_first_way_point_or_turned_there_in_the_tool_frame(
-    tmp_path: Path,
-) -> None:
+def test_a_start_is_at_the_first_way_point_or_turned_there_in_the_tool_frame(tmp_path):
     turn = np.array([0.4, -0.9, 0.3])
     robot = Robot(load_robot("ur5").urdf, "base_link", "tool0")
     straight, turned = (
@@ -390,7 +380,7 @@ def test_a_start_is_at_the_first_way_point_or_turned_there_in_the_tool_frame(
 
 
 @pytest.mark.parametrize("controller", ["dynamic_control", "impedance_control", "admittance"])
-def test_no_node_takes_a_turned_start_for_a_fault(tmp_path: Path, controller: str) -> None:
+def test_no_node_takes_a_turned_start_for_a_fault(tmp_path, controller):
     nodes: dict[str, Any] = {"reference": T1}
     turn = [0.0, 0.0, 3.0]
     _, turned = started(tmp_path, start_turn=turn, controller=controller, nodes=nodes)
@@ -416,9 +406,7 @@ def test_no_node_takes_a_turned_start_for_a_fault(tmp_path: Path, controller: st
         (changed(nodes={"reference": T1 | {"times": [0.0]}}), "way-points: 1 times, 6 numbers"),
     ],
 )
-def test_a_start_that_is_not_possible_is_refused_before_a_node_starts(
-    tmp_path: Path, content: Any, words: str
-) -> None:
+def test_a_start_that_is_not_possible_is_refused_before_a_node_starts(tmp_path, content, words):
     experiment = load_experiment(str(write(tmp_path, content)))
     with pytest.raises(EulerParamsError) as refusal:
         run_variant(experiment, "first", tmp_path / "out", lambda _: None)
@@ -426,7 +414,7 @@ def test_a_start_that_is_not_possible_is_refused_before_a_node_starts(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bag_that_exists_is_not_written_over(tmp_path: Path) -> None:
+def test_a_bag_that_exists_is_not_written_over(tmp_path):
     experiment = load_experiment(str(write(tmp_path, GOOD)))
     (tmp_path / "out/first").mkdir(parents=True)
     with pytest.raises(BagError, match=r"first exists, .*; remove it yourself, or choose another"):
@@ -454,13 +442,8 @@ def recordings(folder: Path, **speeds: float) -> dict[str, Recording]:
     ],
 )
 def test_runs_are_compared_if_all_of_them_are_there(
-    tmp_path: Path,
-    comparison: str,
-    variants: list[str],
-    speeds: tuple[float, ...],
-    expected: float,
-    unit: str,
-) -> None:
+    tmp_path, comparison, variants, speeds, expected, unit
+):
     content = criterion(**{comparison: variants}, below=0.6)
     experiment = load_experiment(str(write(tmp_path, content)))
     runs = recordings(tmp_path, **dict(zip(experiment.variants, speeds, strict=True)))
@@ -473,7 +456,7 @@ def test_runs_are_compared_if_all_of_them_are_there(
     assert judge(experiment, runs) == []
 
 
-def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path: Path) -> None:
+def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path):
     content = criterion(ratio=["first", "second"], above=5, below=None)
     content["criteria"] += [{"metric": "peak_effort", "variants": ["first"], "below": 9}]
     experiment = load_experiment(str(write(tmp_path, content)))
@@ -499,8 +482,8 @@ def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path: Path) -> N
     ],
 )
 def test_a_run_has_diverged_if_the_robot_or_its_controller_says_so(
-    tmp_path: Path, bridge: ExitCode, controller: Event, expected: bool
-) -> None:
+    tmp_path, bridge, controller, expected
+):
     (tmp_path / "impedance_control.events").write_text('{"event": "ready"}')
     (tmp_path / "clik.events").write_text(f'{{"event": "{controller}"}}')
     nodes = Nodes(tmp_path)
@@ -562,14 +545,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Process]:
 
 
 @pytest.mark.parametrize("topic", ["/joint_reference", "/joint_states", "/wrench"])
-def test_two_runs_are_the_same_to_the_bit(finished: tuple[Path, Process], topic: str) -> None:
+def test_two_runs_are_the_same_to_the_bit(finished, topic):
     folder, _ = finished
     first, second = raw(folder / "first", topic), raw(folder / "second", topic)
     assert sorted(first) == list(range(0, STEPS * 1_000_000, 1_000_000))
     assert first == second
 
 
-def test_a_run_leaves_its_numbers_a_page_and_no_process(finished: tuple[Path, Process]) -> None:
+def test_a_run_leaves_its_numbers_a_page_and_no_process(finished):
     folder, process = finished
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["met"] is True
@@ -583,7 +566,7 @@ def test_a_run_leaves_its_numbers_a_page_and_no_process(finished: tuple[Path, Pr
 
 
 @pytest.mark.slow
-def test_an_experiment_that_cannot_run_does_not_stop_the_others(tmp_path: Path) -> None:
+def test_an_experiment_that_cannot_run_does_not_stop_the_others(tmp_path):
     content = changed(variants={"only": {"clik": {"k_Po": -5.0}}})
     process = run(tmp_path, str(write(tmp_path, content)), "e2", "--paper")
     assert process.end() == 2, process.log
@@ -608,7 +591,7 @@ DIVERGING: dict[str, Any] = {
 
 
 @pytest.mark.slow
-def test_a_run_that_may_diverge_ends_early_and_is_judged(tmp_path: Path) -> None:
+def test_a_run_that_may_diverge_ends_early_and_is_judged(tmp_path):
     calm = {"controller": "dynamic_control", "start_turn": [0.0, 0.0, 0.5], "duration": 0.2}
     content = changed(
         nodes={"reference": T1},
@@ -627,7 +610,7 @@ def test_a_run_that_may_diverge_ends_early_and_is_judged(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_run_that_diverges_without_leave_is_an_error(tmp_path: Path) -> None:
+def test_a_run_that_diverges_without_leave_is_an_error(tmp_path):
     content = changed(nodes={}, variants={"wild": DIVERGING | {"may_diverge": False}})
     process = run(tmp_path, str(write(tmp_path, content)))
     assert process.end() == 2, process.log
@@ -650,7 +633,7 @@ PULLED: dict[str, Any] = {
 
 
 @pytest.mark.slow
-def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(tmp_path: Path) -> None:
+def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(tmp_path):
     controllers = {"first": "impedance_control", "admittance": "admittance"}
     content = changed(
         nodes=PULLED,
@@ -682,9 +665,7 @@ def test_a_run_with_an_impedance_is_in_its_bag_and_on_its_page(tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_experiment_and_all_its_nodes(
-    tmp_path: Path, number: signal.Signals
-) -> None:
+def test_a_signal_ends_the_experiment_and_all_its_nodes(tmp_path, number):
     content = changed(duration=10_000.0, variants={"only": {}})
     with Graph(tmp_path / "graph") as graph:  # only to wait, and to end the process in any case
         process = run(tmp_path, str(write(tmp_path, content)))

@@ -1,6 +1,5 @@
 """The node fault_injector through real DDS: what it gives on, and what it says of its faults."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,7 +48,7 @@ class Between:
         return out
 
 
-def test_without_a_fault_all_topics_go_through_as_they_came(world: World) -> None:
+def test_without_a_fault_all_topics_go_through_as_they_came(world):
     between = Between(world)
     force = Wrench(force=Vector3(x=1.0, y=2.0, z=3.0))
     given = {
@@ -65,7 +64,7 @@ def test_without_a_fault_all_topics_go_through_as_they_came(world: World) -> Non
         assert between.got(topic, 1) == [msg]
 
 
-def test_a_topic_is_not_taken_before_somebody_listens_to_what_is_given_on(world: World) -> None:
+def test_a_topic_is_not_taken_before_somebody_listens_to_what_is_given_on(world):
     between = Between(world)
     between.join("joint_states")
     sender = world.peer.publisher(MultiDOFJointTrajectory, "reference")
@@ -76,7 +75,7 @@ def test_a_topic_is_not_taken_before_somebody_listens_to_what_is_given_on(world:
     world.until(sender.get_subscription_count, "a subscription of reference")
 
 
-def test_time_begins_with_the_first_message_of_the_topic_that_is_named(world: World) -> None:
+def test_time_begins_with_the_first_message_of_the_topic_that_is_named(world):
     jump = "{fault: clock_jump, topic: joint_states, at: 0.0, by: 100.5}"
     between = Between(world, jump, start_on="reference")
     between.join("joint_states")
@@ -93,7 +92,7 @@ def test_time_begins_with_the_first_message_of_the_topic_that_is_named(world: Wo
     world.until_said(between.process, "the time of the faults begins")
 
 
-def test_faults_are_done_to_their_topic_and_not_to_others(world: World) -> None:
+def test_faults_are_done_to_their_topic_and_not_to_others(world):
     between = Between(
         world,
         f"{{fault: duplicate, topic: joint_effort, {ALWAYS}, copies: 2}}",
@@ -114,7 +113,7 @@ def test_faults_are_done_to_their_topic_and_not_to_others(world: World) -> None:
     assert between.got("joint_reference", 1) == [state(3)]
 
 
-def test_what_was_held_is_given_on_though_nothing_follows(world: World) -> None:
+def test_what_was_held_is_given_on_though_nothing_follows(world):
     between = Between(world, f"{{fault: delay, topic: wrench, {ALWAYS}, by: 0.2}}")
     between.join("wrench")
     msg = WrenchStamped(wrench=Wrench(force=Vector3(x=1.0)))
@@ -122,7 +121,7 @@ def test_what_was_held_is_given_on_though_nothing_follows(world: World) -> None:
     assert between.got("wrench", 1) == [msg]
 
 
-def test_what_is_random_is_that_of_the_seed(tmp_path: Path) -> None:
+def test_what_is_random_is_that_of_the_seed(tmp_path):
     noise = f"{{fault: noise, topic: joint_states, {ALWAYS}, std: 1.0}}"
 
     def heard(seed: int, folder: str) -> list[Any]:
@@ -138,9 +137,7 @@ def test_what_is_random_is_that_of_the_seed(tmp_path: Path) -> None:
     assert first != [list(state(1).position)]
 
 
-def test_each_fault_that_begins_and_ends_is_said_in_the_log_and_on_diagnostics(
-    world: World,
-) -> None:
+def test_each_fault_that_begins_and_ends_is_said_in_the_log_and_on_diagnostics(world):
     drop = "{fault: drop, topic: wrench, at: 0.0, for: 0.5}"
     between = Between(world, drop, start_on="reference")
     between.join("reference")
@@ -157,9 +154,7 @@ def test_each_fault_that_begins_and_ends_is_said_in_the_log_and_on_diagnostics(
     assert log.count(f"begins: {told}") == log.count(f"ends: {told}") == 1
 
 
-def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_publisher_is_a_node_of_its_own_that_comes_and_goes(world, monkeypatch):
     monkeypatch.setattr(rclpy, "create_node", world.create_node)
     second = "{fault: second_publisher, topic: joint_states, at: 0.0, for: 2.0, offset: 0.25}"
     between = Between(world, second, start_on="joint_states")
@@ -193,9 +188,7 @@ JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
         ({"topics": ["wrench"], "start_on": "reference"}, "start_on"),
     ],
 )
-def test_what_cannot_be_is_refused_at_the_start(
-    tmp_path: Path, parameters: dict[str, Any], words: str
-) -> None:
+def test_what_cannot_be_is_refused_at_the_start(tmp_path, parameters, words):
     process = run_to_its_end("fault_injector", tmp_path, parameters)
     assert process.exit_code == 1
     (line,) = process.stderr.splitlines()
@@ -203,7 +196,7 @@ def test_what_cannot_be_is_refused_at_the_start(
     assert "Traceback" not in process.stderr
 
 
-def test_the_parameters_that_come_with_the_package_are_possible(world: World) -> None:
+def test_the_parameters_that_come_with_the_package_are_possible(world):
     process = world.start("fault_injector", files=(ROOT / "config/fault_injector.yaml",))
     world.until_said(process, "3 faults to come")
     assert process.stop() == 0

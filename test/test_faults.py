@@ -24,7 +24,7 @@ from eulerparams_control.lab.faults import (
     random_faults,
 )
 from eulerparams_control.lab.faults.fields import numbers
-from eulerparams_control.parameters.schemes import SchemeInfo, schemes
+from eulerparams_control.parameters.schemes import schemes
 
 SECOND = 1_000_000_000
 
@@ -83,7 +83,7 @@ def which(groups: list[Any]) -> list[list[int]]:
 # --- each kind --------------------------------------------------------------------------------
 
 
-def test_where_no_fault_is_at_work_a_message_goes_through_as_it_is() -> None:
+def test_where_no_fault_is_at_work_a_message_goes_through_as_it_is():
     found = stream("{fault: drop, topic: joint_states, at: 1, for: 1}")
     msg = state(0)
     assert found.on_message(0.999, "joint_states", msg)[0] is msg
@@ -106,20 +106,18 @@ def test_where_no_fault_is_at_work_a_message_goes_through_as_it_is() -> None:
         ("fault: nan, at: 0, for: 1, field: effort", [0.5], [[0]]),  # it is empty
     ],
 )
-def test_messages_come_whole_when_they_should(
-    content: str, times: list[float], expected: list[list[int]]
-) -> None:
+def test_messages_come_whole_when_they_should(content, times, expected):
     found = passed(on_states(content), times)
     assert found == [[state(k) for k in group] for group in expected]
 
 
-def test_a_probability_hits_that_part_of_the_messages() -> None:
+def test_a_probability_hits_that_part_of_the_messages():
     found = stream("{fault: drop, topic: joint_states, at: 0, for: 100, probability: 0.3}")
     lost = sum(not found.on_message(0.01 * k, "joint_states", state(1)) for k in range(2000))
     assert abs(lost - 600) < SIX_SIGMA
 
 
-def test_what_a_delay_holds_is_due_when_no_message_follows() -> None:
+def test_what_a_delay_holds_is_due_when_no_message_follows():
     found = stream("{fault: delay, topic: joint_states, at: 0, for: 1, by: 0.5}")
     assert found.next_due == math.inf
     assert found.on_message(0.2, "joint_states", state(7)) == []
@@ -132,7 +130,7 @@ def test_what_a_delay_holds_is_due_when_no_message_follows() -> None:
     assert found.due(0.8) == []
 
 
-def test_a_duplicate_comes_at_once_as_often_as_told() -> None:
+def test_a_duplicate_comes_at_once_as_often_as_told():
     found = stream("{fault: duplicate, topic: joint_states, at: 0, for: 1, copies: 2}")
     (first, second, third), (late,) = passed(found, [0.5, 1.0])
     assert first == second == third == state(0)
@@ -141,7 +139,7 @@ def test_a_duplicate_comes_at_once_as_often_as_told() -> None:
     assert late == state(1)
 
 
-def test_a_reorder_gives_each_group_in_another_order_and_loses_none() -> None:
+def test_a_reorder_gives_each_group_in_another_order_and_loses_none():
     found = stream("{fault: reorder, topic: joint_states, at: 0, for: 1, depth: 3}")
     groups = which(passed(found, [0.01 * k for k in range(90)]))
     for k in range(0, 90, 3):
@@ -150,7 +148,7 @@ def test_a_reorder_gives_each_group_in_another_order_and_loses_none() -> None:
         assert groups[k + 2] != [k, k + 1, k + 2]
 
 
-def test_what_a_reorder_holds_at_its_end_comes_before_what_follows() -> None:
+def test_what_a_reorder_holds_at_its_end_comes_before_what_follows():
     content = "fault: reorder, at: 0, for: 0.35, depth: 10"
     found = on_states(content)
     groups = which([found.on_message(0.1 * k, "joint_states", state(k)) for k in range(6)])
@@ -166,7 +164,7 @@ def test_what_a_reorder_holds_at_its_end_comes_before_what_follows() -> None:
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
-def test_a_nan_puts_its_value_in_one_number_of_its_field(value: str) -> None:
+def test_a_nan_puts_its_value_in_one_number_of_its_field(value):
     found = stream(
         f"{{fault: nan, topic: joint_states, at: 0, for: 1, field: velocity, value: {value}}}"
     )
@@ -181,7 +179,7 @@ def test_a_nan_puts_its_value_in_one_number_of_its_field(value: str) -> None:
     assert hit == {"velocity[0]", "velocity[1]"}
 
 
-def test_a_nan_may_be_in_any_number_and_of_any_kind() -> None:
+def test_a_nan_may_be_in_any_number_and_of_any_kind():
     found = stream("{fault: nan, topic: wrench, at: 0, for: 1, value: random}")
     hit = set()
     for k in range(300):
@@ -192,14 +190,14 @@ def test_a_nan_may_be_in_any_number_and_of_any_kind() -> None:
     assert hit == {(path, value) for path in paths for value in ("nan", "inf", "-inf")}
 
 
-def test_under_a_freeze_the_values_repeat_and_the_stamps_go_on() -> None:
+def test_under_a_freeze_the_values_repeat_and_the_stamps_go_on():
     found = stream("{fault: freeze, topic: joint_states, at: 0.5, for: 1}")
     out = [msg for group in passed(found, [0.0, 0.6, 0.7, 0.8, 1.5]) for msg in group]
     assert [number(msg) for msg in out] == [0, 1, 2, 3, 4]
     assert [list(msg.position) for msg in out] == [list(state(k).position) for k in (0, 1, 1, 1, 4)]
 
 
-def test_noise_is_on_the_numbers_of_its_field_with_its_standard_deviation() -> None:
+def test_noise_is_on_the_numbers_of_its_field_with_its_standard_deviation():
     found = stream(
         "{fault: noise, topic: joint_states, at: 0, for: 100, std: 0.5, field: position}"
     )
@@ -220,9 +218,7 @@ def test_noise_is_on_the_numbers_of_its_field_with_its_standard_deviation() -> N
         ("at: 0, by: -12.75", [0.0], [-12_750_000_000]),  # to before the beginning of time
     ],
 )
-def test_a_clock_jump_moves_the_stamps_for_its_time_or_for_ever(
-    content: str, times: list[float], jumps: list[int]
-) -> None:
+def test_a_clock_jump_moves_the_stamps_for_its_time_or_for_ever(content, times, jumps):
     found = on_states(f"fault: clock_jump, {content}")
     out = [msg for group in passed(found, times) for msg in group]
     assert [stamp(msg) - stamp(state(k)) for k, msg in enumerate(out)] == jumps
@@ -230,7 +226,7 @@ def test_a_clock_jump_moves_the_stamps_for_its_time_or_for_ever(
     assert found.faults[0].end == (2.0 if "for" in content else found.faults[0].at)
 
 
-def test_topics_of_one_fault_are_hit_each_by_itself() -> None:
+def test_topics_of_one_fault_are_hit_each_by_itself():
     found = stream("{fault: clock_jump, topic: robot, at: 0, by: 1.0, probability: 0.5}")
     hits = {
         topic: [stamp(found.on_message(0.01 * k, topic, state(0))[0]) for k in range(40)]
@@ -239,14 +235,14 @@ def test_topics_of_one_fault_are_hit_each_by_itself() -> None:
     assert hits["joint_states"] != hits["wrench"]
 
 
-def test_the_clock_of_the_robot_jumps_on_all_that_it_sends_and_nothing_else() -> None:
+def test_the_clock_of_the_robot_jumps_on_all_that_it_sends_and_nothing_else():
     found = stream("{fault: clock_jump, topic: robot, at: 0, by: 2.0}")
     for topic, jump in (("joint_states", 2), ("wrench", 2), ("reference", 0), ("joint_effort", 0)):
         (msg,) = found.on_message(0.5, topic, state(3))
         assert stamp(msg) - stamp(state(3)) == jump * SECOND
 
 
-def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotations() -> None:
+def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotations():
     (found,) = stream(
         "{fault: second_publisher, topic: reference, at: 0, for: 1, offset: 0.25}"
     ).faults
@@ -263,7 +259,7 @@ def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotati
 # --- together ---------------------------------------------------------------------------------
 
 
-def test_faults_on_a_topic_are_at_work_one_after_the_other() -> None:
+def test_faults_on_a_topic_are_at_work_one_after_the_other():
     found = stream(
         "{fault: delay, topic: joint_states, at: 0, for: 1, by: 0.2}",
         "{fault: clock_jump, topic: joint_states, at: 0, by: 1.0}",
@@ -275,7 +271,7 @@ def test_faults_on_a_topic_are_at_work_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(Fault.registry.keys() - {"kill", "second_publisher"}))
-def test_no_message_is_changed_or_shared_with_what_comes_out(kind: str) -> None:
+def test_no_message_is_changed_or_shared_with_what_comes_out(kind):
     more = {
         "nan": ", value: inf",
         "delay": ", by: 0.1",
@@ -298,7 +294,7 @@ def test_no_message_is_changed_or_shared_with_what_comes_out(kind: str) -> None:
     assert len({id(msg.position) for msg in out}) == len(out)
 
 
-def test_a_message_may_be_of_any_class_with_numbers() -> None:
+def test_a_message_may_be_of_any_class_with_numbers():
     msg = SimpleNamespace(
         header=SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0)), data=[1.0, 2.0], size=2
     )
@@ -310,7 +306,7 @@ def test_a_message_may_be_of_any_class_with_numbers() -> None:
     assert [n.path for n in numbers(msg)] == ["data[0]", "data[1]"]
 
 
-def test_a_field_is_a_whole_name() -> None:
+def test_a_field_is_a_whole_name():
     msg = SimpleNamespace(force=1.0, force_sensor=SimpleNamespace(x=2.0))
     assert [n.path for n in numbers(msg, "force")] == ["force"]
     assert [n.path for n in numbers(msg, "force_sensor")] == ["force_sensor.x"]
@@ -332,12 +328,12 @@ def said(seed: int, *texts: str) -> list[list[str]]:
     return [[repr(msg) for msg in group] for group in passed(found, [0.01 * k for k in range(100)])]
 
 
-def test_the_same_seed_gives_the_same_to_the_bit_and_another_does_not() -> None:
+def test_the_same_seed_gives_the_same_to_the_bit_and_another_does_not():
     assert said(1, *ALL) == said(1, *ALL)
     assert said(1, *ALL) != said(2, *ALL)
 
 
-def test_what_is_random_on_one_topic_does_not_depend_on_another() -> None:
+def test_what_is_random_on_one_topic_does_not_depend_on_another():
     def heard(others: bool) -> list[str]:
         found = stream("{fault: noise, topic: joint_states, at: 0, for: 9, std: 1}",
                        "{fault: noise, topic: wrench, at: 0, for: 9, std: 1}")  # fmt: skip
@@ -394,12 +390,12 @@ def changed(**changes: Any) -> dict[str, Any]:
         (changed(fault="second_publisher", rate=0), "rate: 0.0; expected a number from 0.1"),
     ],
 )
-def test_a_fault_that_means_nothing_is_refused_with_the_reason(content: Any, words: str) -> None:
+def test_a_fault_that_means_nothing_is_refused_with_the_reason(content, words):
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         parse_fault(content)
 
 
-def test_of_several_faults_the_wrong_one_is_named() -> None:
+def test_of_several_faults_the_wrong_one_is_named():
     with pytest.raises(ConfigurationError, match=r"here: entry 2: unknown fault 'dorp'"):
         parse_faults("here", [GOOD, changed(fault="dorp")])
     with pytest.raises(ConfigurationError, match=r"here: expected a list"):
@@ -413,8 +409,8 @@ def test_of_several_faults_the_wrong_one_is_named() -> None:
 @pytest.mark.parametrize("scheme", schemes().values(), ids=lambda scheme: scheme.name)
 @pytest.mark.parametrize("nodes", [None, ("reference", "pybullet_bridge")])
 def test_random_faults_are_of_all_kinds_on_all_topics_over_in_time_and_can_be_written(
-    scheme: SchemeInfo, nodes: tuple[str, ...] | None
-) -> None:
+    scheme, nodes
+):
     found = [random_faults(seed, scheme.name, 4.0, nodes) for seed in range(300)]
     for faults in found:
         assert 1 <= len(faults) <= 4
@@ -431,7 +427,7 @@ def test_random_faults_are_of_all_kinds_on_all_topics_over_in_time_and_can_be_wr
     assert {one.node for one in every if isinstance(one, Kill)} == set(nodes or [scheme.name])
 
 
-def test_random_faults_are_the_same_for_the_same_seed_only() -> None:
+def test_random_faults_are_the_same_for_the_same_seed_only():
     found = [random_faults(seed, "clik", 4.0) for seed in range(50)]
     assert found == [random_faults(seed, "clik", 4.0) for seed in range(50)]
     assert len(set(map(str, found))) == 50

@@ -45,7 +45,7 @@ KILL = {"fault": "kill", "node": "clik", "at": 0.3, "restart_after": 0.1}
 # --- what a file may say ----------------------------------------------------------------------
 
 
-def test_faults_are_those_of_the_experiment_or_of_a_variant(tmp_path: Path) -> None:
+def test_faults_are_those_of_the_experiment_or_of_a_variant(tmp_path):
     own = {"a": {}, "b": {"faults": [KILL]}, "c": {"faults": [], "fault_seed": 4}}
     content = changed(duration=1.0, faults=[DROP], fault_seed=3, variants=own)
     found = load_experiment(str(write(tmp_path, content))).variants
@@ -81,17 +81,13 @@ def variant_of(folder: Path, *faults: dict[str, Any]) -> Variant:
         (changed(fault_seed=1.5), "fault_seed: expected a whole number from 0"),
     ],
 )
-def test_faults_that_cannot_be_are_refused_with_the_reason(
-    tmp_path: Path, content: Any, words: str
-) -> None:
+def test_faults_that_cannot_be_are_refused_with_the_reason(tmp_path, content, words):
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         load_experiment(str(write(tmp_path, content)))
 
 
 @pytest.mark.parametrize("controller", schemes())
-def test_all_that_goes_between_robot_and_controller_goes_through_the_injector(
-    controller: str,
-) -> None:
+def test_all_that_goes_between_robot_and_controller_goes_through_the_injector(controller):
     *inwards, command = CONTROLLERS[controller].topics
     assert remaps(CONTROLLERS[controller]) == {
         controller: {topic: f"faulty/{topic}" for topic in inwards},
@@ -99,7 +95,7 @@ def test_all_that_goes_between_robot_and_controller_goes_through_the_injector(
     }
 
 
-def test_with_faults_nothing_waits_and_no_time_is_simulated(tmp_path: Path) -> None:
+def test_with_faults_nothing_waits_and_no_time_is_simulated(tmp_path):
     settings = replace(variant_of(tmp_path, DROP, KILL), fault_seed=5)
     found = node_parameters(settings)
     frames = {"base_frame": "base_link", "tip_frame": "tool0"}
@@ -116,9 +112,7 @@ def test_with_faults_nothing_waits_and_no_time_is_simulated(tmp_path: Path) -> N
     }
 
 
-def test_another_fault_makes_another_run_and_the_injector_is_part_of_its_code(
-    tmp_path: Path,
-) -> None:
+def test_another_fault_makes_another_run_and_the_injector_is_part_of_its_code(tmp_path):
     drops = [DROP | change for change in ({"at": 0.1}, {"at": 0.2}, {"fault": "duplicate"})]
     kills = [KILL | {"restart_after": seconds} for seconds in (0.1, 0.2)]
     settings = [variant_of(tmp_path, fault) for fault in drops + kills]
@@ -129,7 +123,7 @@ def test_another_fault_makes_another_run_and_the_injector_is_part_of_its_code(
     assert "fault_injector" not in node_parameters(replace(settings[0], faults=()))
 
 
-def test_the_experiments_that_come_with_the_package_show_every_kind_of_fault() -> None:
+def test_the_experiments_that_come_with_the_package_show_every_kind_of_fault():
     for name in ("faults_clik", "faults_dynamic", "faults_impedance"):
         found = load_experiment(name).variants.values()
         assert {one.name for variant in found for one in variant.faults} == set(Fault.registry)
@@ -139,7 +133,7 @@ def test_the_experiments_that_come_with_the_package_show_every_kind_of_fault() -
 # --- killing ----------------------------------------------------------------------------------
 
 
-def test_nodes_are_killed_and_started_in_the_order_of_their_times() -> None:
+def test_nodes_are_killed_and_started_in_the_order_of_their_times():
     faults = (
         Kill(node="clik", at=2.0, restart_after=0.5),
         Kill(node="reference", at=1.0),
@@ -155,7 +149,7 @@ def test_nodes_are_killed_and_started_in_the_order_of_their_times() -> None:
     ]
 
 
-def test_runs_in_real_time_wait_for_each_other_unless_they_are_stopped() -> None:
+def test_runs_in_real_time_wait_for_each_other_unless_they_are_stopped():
     stop = threading.Event()
     stop.set()
     with turn(None), pytest.raises(RunStopped), turn(stop):
@@ -188,9 +182,7 @@ AT_LIMITS = [0.0, 4.0, -4.0], [0.0, 3.0, -3.0]
         ("peak_measured_speed_of_limit", None, [0.0, -4.5, 1.0], 1.5),
     ],
 )
-def test_a_number_of_positions_and_speeds(
-    tmp_path: Path, metric: str, command: list[float] | None, speeds: list[float], number: float
-) -> None:
+def test_a_number_of_positions_and_speeds(tmp_path, metric, command, speeds, number):
     found = recording(tmp_path, [0.0] * 3, command, speeds=speeds)
     assert measure(metric, found) == pytest.approx(number, rel=EXACT)
 
@@ -204,9 +196,7 @@ def test_a_number_of_positions_and_speeds(
         ("command_jump_of_rate", [0.0, 0.5, 3.5, 3.0], 3.0),  # 1 Nm in 10 ms
     ],
 )
-def test_a_number_of_efforts(
-    tmp_path: Path, metric: str, values: list[float], number: float
-) -> None:
+def test_a_number_of_efforts(tmp_path, metric, values, number):
     found = recording(tmp_path, [0.0] * len(values), efforts=values)
     assert measure(metric, found) == pytest.approx(number, rel=EXACT)
 
@@ -234,7 +224,7 @@ def efforts(*values: float) -> list[JointState]:
     return [JointState(name=["hinge", "roll"], effort=[value, 0.0]) for value in values]
 
 
-def test_a_command_without_all_joints_counts_as_not_finite(tmp_path: Path) -> None:
+def test_a_command_without_all_joints_counts_as_not_finite(tmp_path):
     whole = efforts(1.0, 1.0)
     found = of_messages(tmp_path, [whole[0], JointState(name=["hinge"], effort=[1.0]), whole[1]])
     assert measure("nonfinite_commands", found) == 1
@@ -250,20 +240,18 @@ def test_a_command_without_all_joints_counts_as_not_finite(tmp_path: Path) -> No
         ([0, 10, 20, -5000], 0, 6.0),  # and back nothing
     ],
 )
-def test_a_jump_may_be_as_long_as_the_time_between_two_commands(
-    tmp_path: Path, stamps: list[int] | None, gap: int, ratio: float
-) -> None:
+def test_a_jump_may_be_as_long_as_the_time_between_two_commands(tmp_path, stamps, gap, ratio):
     found = of_messages(tmp_path, efforts(0.0, 0.0, 0.0, 6.0), stamps, gap)
     assert measure("command_jump_of_rate", found) == pytest.approx(ratio, rel=EXACT)
 
 
-def test_a_jump_of_efforts_needs_the_rate_that_the_controller_was_told(tmp_path: Path) -> None:
+def test_a_jump_of_efforts_needs_the_rate_that_the_controller_was_told(tmp_path):
     found = load(write_run(tmp_path / "run", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
     with pytest.raises(BagError, match="no controller has told its max_effort_rate"):
         measure("command_jump_of_rate", found)
 
 
-def test_the_goal_is_the_end_of_the_last_reference(tmp_path: Path) -> None:
+def test_the_goal_is_the_end_of_the_last_reference(tmp_path):
     found = recording(tmp_path, [0.0, 0.9, math.pi / 6], [0.0] * 3)
     assert measure("distance_to_goal", found) == pytest.approx(
         2e3 * math.sin(math.pi / 12), rel=EXACT
@@ -273,7 +261,7 @@ def test_the_goal_is_the_end_of_the_last_reference(tmp_path: Path) -> None:
     assert measure("distance_to_goal", moved) == pytest.approx(10.0, rel=EXACT)
 
 
-def test_numbers_of_what_was_not_recorded_are_refused(tmp_path: Path) -> None:
+def test_numbers_of_what_was_not_recorded_are_refused(tmp_path):
     found = recording(tmp_path, [0.0] * 3, [0.0] * 3, desired=False)
     with pytest.raises(BagError, match="no valid reference was recorded"):
         measure("distance_to_goal", found)
@@ -318,7 +306,7 @@ WITH_KILLS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("is_found", [True, False])
-def test_a_robot_that_is_started_again_is_given_time_to_be_commanded(is_found: bool) -> None:
+def test_a_robot_that_is_started_again_is_given_time_to_be_commanded(is_found):
     done: list[Any] = []
 
     class Nodes:
@@ -352,9 +340,7 @@ def log(folder: Path, node: str) -> str:
 
 
 @pytest.mark.slow
-def test_each_node_that_was_killed_was_started_again_without_a_last_word(
-    killed: tuple[Path, Process],
-) -> None:
+def test_each_node_that_was_killed_was_started_again_without_a_last_word(killed):
     folder, _ = killed
     assert log(folder, "clik").count("active with euler_parameters: holding the measured") >= 2
     assert log(folder, "pybullet_bridge").count("ur5 in realtime") == 2
@@ -367,7 +353,7 @@ def test_each_node_that_was_killed_was_started_again_without_a_last_word(
 
 
 @pytest.mark.slow
-def test_the_bag_is_whole_and_has_what_each_recorder_left(killed: tuple[Path, Process]) -> None:
+def test_the_bag_is_whole_and_has_what_each_recorder_left(killed):
     folder, _ = killed
     files = sorted(path.name for path in (folder / "killed").glob("*.mcap"))
     assert files == ["killed_0.mcap", "killed_1.mcap"]
@@ -384,9 +370,7 @@ def test_the_bag_is_whole_and_has_what_each_recorder_left(killed: tuple[Path, Pr
 
 
 @pytest.mark.slow
-def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(
-    killed: tuple[Path, Process],
-) -> None:
+def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(killed):
     bag = Bag(killed[0] / "killed")
 
     def broken(topic: str) -> int:
@@ -405,7 +389,7 @@ def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(
 
 
 @pytest.mark.slow
-def test_a_run_with_faults_is_judged_and_known_the_next_time(killed: tuple[Path, Process]) -> None:
+def test_a_run_with_faults_is_judged_and_known_the_next_time(killed):
     folder, _ = killed
     summary = json.loads((folder / "summary.json").read_text())
     assert [criterion["met"] for criterion in summary["criteria"]] == [True] * 3
@@ -416,7 +400,7 @@ def test_a_run_with_faults_is_judged_and_known_the_next_time(killed: tuple[Path,
 
 
 @pytest.mark.slow
-def test_a_node_that_ends_on_the_way_ends_a_run_with_faults(tmp_path: Path) -> None:
+def test_a_node_that_ends_on_the_way_ends_a_run_with_faults(tmp_path):
     nodes = {"reference": GOAL, "pybullet_bridge": {"rate": 100.0, "duration": 8.0}}
     content = WITH_KILLS | {"nodes": nodes, "duration": 60.0, "faults": [DROP]}
     process = run(tmp_path, str(write(tmp_path, content)))

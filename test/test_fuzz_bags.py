@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -222,7 +221,7 @@ IN_A_PROCESS = [
 
 
 @pytest.mark.parametrize("case", IN_A_PROCESS)
-def test_a_hostile_bag_takes_little_memory_and_time(case: str, tmp_path: Path) -> None:
+def test_a_hostile_bag_takes_little_memory_and_time(case, tmp_path):
     body, words = BODIES[case]
     folder = hostile(tmp_path / "bag", body())
     analysed = bounded("analyze", str(folder), "--out", str(tmp_path / "page.html"))
@@ -235,7 +234,7 @@ def test_a_hostile_bag_takes_little_memory_and_time(case: str, tmp_path: Path) -
     assert Bag(folder).warning == ""
 
 
-def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path: Path) -> None:
+def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path):
     folder = hostile(tmp_path / "bag", b"")
     for opcode, name in ((6, "chunk"), (9, "attachment")):
         with open(folder / "x.mcap", "wb") as file:
@@ -262,7 +261,7 @@ def read_all(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("case", [case for case in BODIES if case not in IN_A_PROCESS])
-def test_a_hostile_bag_is_read_told_of_and_recovered(case: str, tmp_path: Path) -> None:
+def test_a_hostile_bag_is_read_told_of_and_recovered(case, tmp_path):
     body, words = BODIES[case]
     folder = hostile(tmp_path / "bag", body())
     read_all(folder)
@@ -284,9 +283,7 @@ def a_run(folder: Path) -> Path:
     "make",
     [os.mkfifo, os.mkdir, lambda path: os.symlink("/dev/zero", path)],  # it is endless
 )
-def test_what_is_no_file_is_neither_waited_for_nor_read(
-    make: Callable[[Path], None], tmp_path: Path
-) -> None:
+def test_what_is_no_file_is_neither_waited_for_nor_read(make, tmp_path):
     folder = a_run(tmp_path / "run")
     (folder / "metadata.yaml").unlink()
     make(folder / "metadata.yaml")
@@ -301,7 +298,7 @@ def test_what_is_no_file_is_neither_waited_for_nor_read(
 @pytest.mark.parametrize(
     "paths", [["../../etc/passwd"], ["/etc/passwd"], ["run_0.mcap", "../secret.mcap"], [3], "x", {}]
 )
-def test_the_files_that_metadata_yaml_names_are_not_followed(paths: Any, tmp_path: Path) -> None:
+def test_the_files_that_metadata_yaml_names_are_not_followed(paths, tmp_path):
     folder = a_run(tmp_path / "run")
     secret = a_run(tmp_path / "other") / "other_0.mcap"
     secret.rename(tmp_path / "secret.mcap")
@@ -318,7 +315,7 @@ def test_the_files_that_metadata_yaml_names_are_not_followed(paths: Any, tmp_pat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "run", "secret.mcap"]
 
 
-def test_an_attachment_is_data_and_its_name_no_path(tmp_path: Path) -> None:
+def test_an_attachment_is_data_and_its_name_no_path(tmp_path):
     with open(tmp_path / "x.mcap", "wb") as file:
         writer = Writer(file)
         writer.start("ros2")
@@ -355,7 +352,7 @@ def test_an_attachment_is_data_and_its_name_no_path(tmp_path: Path) -> None:
         ("1" * 5000, "is not valid YAML"),
     ],
 )
-def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text: str, words: str) -> None:
+def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text, words):
     with pytest.raises(BagError, match=re.escape(words)) as refusal:
         load_yaml(yaml_text, "a bag")
     assert "\n" not in str(refusal.value)
@@ -372,12 +369,12 @@ def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text: str, words: s
         ("[0x1f, -7, .inf, text]", [31, -7, float("inf"), "text"]),
     ],
 )
-def test_plain_yaml_is_what_it_says(yaml_text: str, value: Any) -> None:
+def test_plain_yaml_is_what_it_says(yaml_text, value):
     assert load_yaml(yaml_text, "a bag") == value
 
 
 @given(st.text(alphabet="&*a<:,-[]{}!|>'\"\n 01", max_size=60))
-def test_any_yaml_is_plain_data_or_refused(yaml_text: str) -> None:
+def test_any_yaml_is_plain_data_or_refused(yaml_text):
     with contextlib.suppress(BagError):
         assert isinstance(load_yaml(yaml_text, "x"), dict | list | str | int | float | None)
 
@@ -400,18 +397,18 @@ def test_any_yaml_is_plain_data_or_refused(yaml_text: str) -> None:
         ),
     ],
 )
-def test_a_schema_that_no_message_has_is_refused(definition: str, words: str) -> None:
+def test_a_schema_that_no_message_has_is_refused(definition, words):
     with pytest.raises(BagError, match=r"the schema of a/msg/A cannot be understood") as refusal:
         list(columns(Schema(1, definition.encode("latin-1"), "ros2msg", "a/msg/A"), [LONG]))
     assert words in str(refusal.value)
 
 
 @pytest.mark.parametrize("definition", [empty_elements(2**32 - 1), ones()])
-def test_elements_that_a_message_does_not_have_are_not_looked_for(definition: bytes) -> None:
+def test_elements_that_a_message_does_not_have_are_not_looked_for(definition):
     assert list(columns(Schema(1, definition, "ros2msg", "a/msg/A"), [LONG])) == []
 
 
-def test_an_empty_type_has_a_byte_as_it_travels() -> None:
+def test_an_empty_type_has_a_byte_as_it_travels():
     definition = f"std_msgs/Empty nothing\nuint8 x\n{'=' * 80}\nMSG: std_msgs/Empty\n"
     found = Schema(1, definition.encode(), "ros2msg", "a/msg/A")
     (group,) = columns(found, [b"\0\1\0\0\0\7"])
@@ -485,8 +482,8 @@ IMPOSSIBLE = [
 @examples(25)
 @given(data=st.data(), topic=st.sampled_from(sorted(_TYPES)), every=st.integers(1, 5))
 def test_impossible_numbers_and_lengths_in_messages_are_analysed_or_refused(
-    data: st.DataObject, topic: str, every: int, build: Build, tmp_path: Path
-) -> None:
+    data, topic, every, build, tmp_path
+):
     new, at = data.draw(st.sampled_from(IMPOSSIBLE)), data.draw(st.integers(1, 40))
     count = 0
 
@@ -504,8 +501,8 @@ def test_impossible_numbers_and_lengths_in_messages_are_analysed_or_refused(
 @examples(100)
 @given(data=st.data(), flips=st.integers(1, 5), compression=st.sampled_from(Compression))
 def test_a_bag_with_damaged_bytes_is_read_recovered_and_analysed_or_refused(
-    data: st.DataObject, flips: int, compression: Compression, build: Build, tmp_path: Path
-) -> None:
+    data, flips, compression, build, tmp_path
+):
     damaged = bytearray(build(compression=compression))
     for _ in range(flips):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
@@ -516,7 +513,5 @@ def test_a_bag_with_damaged_bytes_is_read_recovered_and_analysed_or_refused(
 
 
 @pytest.mark.parametrize("compression", Compression)
-def test_the_bag_that_is_damaged_here_is_a_good_one(
-    build: Build, tmp_path: Path, compression: Compression
-) -> None:
+def test_the_bag_that_is_damaged_here_is_a_good_one(build, tmp_path, compression):
     assert analysed(build(compression=compression), tmp_path) == 0

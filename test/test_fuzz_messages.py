@@ -11,7 +11,6 @@ import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -195,7 +194,7 @@ JOINTS = ("shoulder", "elbow")
 
 
 @given(joint_states(JOINTS), st.booleans())
-def test_joint_states_are_finite_or_refused(msg: JointState, needs_velocity: bool) -> None:
+def test_joint_states_are_finite_or_refused(msg, needs_velocity):
     found = taken(lambda: JointStateReader(JOINTS, needs_velocity).from_ros(msg))
     if found is not None:
         _, q, dq = found
@@ -205,7 +204,7 @@ def test_joint_states_are_finite_or_refused(msg: JointState, needs_velocity: boo
 
 
 @given(joint_states(JOINTS))
-def test_commands_are_finite_or_refused(msg: JointState) -> None:
+def test_commands_are_finite_or_refused(msg):
     position = taken(lambda: CommandReader(JOINTS, "position").position_from_ros(msg))
     effort = taken(lambda: CommandReader(JOINTS, "torque").effort_from_ros(msg))
     for values in (*(position or ()), *(() if effort is None else (effort,))):
@@ -214,9 +213,7 @@ def test_commands_are_finite_or_refused(msg: JointState) -> None:
 
 @examples(300)
 @given(references("base", "tip"), st.lists(st.floats(-1.0, 5.0), min_size=3, max_size=3))
-def test_a_reference_is_finite_at_every_time_or_refused(
-    msg: MultiDOFJointTrajectory, times: list[float]
-) -> None:
+def test_a_reference_is_finite_at_every_time_or_refused(msg, times):
     found = taken(lambda: motion_from_ros(msg, "base", "tip", 0.1))
     if found is None:
         return
@@ -228,7 +225,7 @@ def test_a_reference_is_finite_at_every_time_or_refused(
 
 
 @given(poses("base"))
-def test_a_pose_is_a_rotation_and_finite_or_refused(msg: PoseStamped) -> None:
+def test_a_pose_is_a_rotation_and_finite_or_refused(msg):
     found = taken(lambda: pose_from_ros(msg, AT_ORIGIN))
     if found is not None:
         assert_possible(*found)
@@ -236,13 +233,13 @@ def test_a_pose_is_a_rotation_and_finite_or_refused(msg: PoseStamped) -> None:
 
 
 @given(wrenches("sensor"))
-def test_a_wrench_is_finite_or_refused(msg: WrenchStamped) -> None:
+def test_a_wrench_is_finite_or_refused(msg):
     found = taken(lambda: wrench_from_ros(msg, "sensor"))
     if found is not None:
         assert_possible(found)
 
 
-def test_what_a_refusal_quotes_is_short_and_can_be_printed() -> None:
+def test_what_a_refusal_quotes_is_short_and_can_be_printed():
     msg = JointState(name=["\x1b[2J" * 10_000] * 5000, position=[0.0] * 5000)
     with pytest.raises(InvalidMessageError, match=r"found \\x1b\[2J.* and 4980 more$") as refusal:
         JointStateReader(JOINTS).from_ros(msg)
@@ -330,9 +327,7 @@ def assert_within_limits(command: Any) -> None:
 
 @examples(12)
 @given(messages=st.lists(MESSAGES, min_size=10, max_size=30))
-def test_a_controller_survives_any_messages_and_then_holds_again(
-    messages: list[Any], node: Controlled
-) -> None:
+def test_a_controller_survives_any_messages_and_then_holds_again(messages, node):
     assert node.process.exit_code is None, node.process.log
     storm = Storm(node)
     heard: list[Any] = []
@@ -350,7 +345,7 @@ def test_a_controller_survives_any_messages_and_then_holds_again(
 
 
 @pytest.mark.parametrize("executable", PARAMETERS)
-def test_thousands_of_refused_messages_leave_nothing_behind(executable: str, world: World) -> None:
+def test_thousands_of_refused_messages_leave_nothing_behind(executable, world):
     node = Controlled(world, executable, PARAMETERS[executable])
     storm = Storm(node)
     tracemalloc.start()
@@ -373,8 +368,8 @@ def test_thousands_of_refused_messages_leave_nothing_behind(executable: str, wor
 
 @pytest.mark.parametrize("executable", PARAMETERS)
 def test_commands_are_the_same_numbers_whether_field_types_are_checked_or_not(
-    executable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    executable, tmp_path, monkeypatch
+):
     found = []
     messages = [m for m in sys.modules.values() if hasattr(m, "ros_python_check_fields")]
     for checked in ("1", "0"):
@@ -417,8 +412,8 @@ TO_REFERENCE = st.one_of(
 @examples(12)
 @given(messages=st.lists(TO_REFERENCE, min_size=5, max_size=25))
 def test_the_reference_node_survives_any_messages_and_then_starts_where_the_arm_is(
-    messages: list[tuple[str, Any]], sent: Sent, shared_world: World
-) -> None:
+    messages, sent, shared_world
+):
     process, send, heard = sent
     for topic, msg in messages:
         send(topic, msg)

@@ -106,9 +106,7 @@ def assert_of_their_types(found: Any) -> None:
 @pytest.mark.parametrize("executable", KINDS)
 @forty
 @given(data=st.data())
-def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
-    data: st.DataObject, executable: str, tmp_path: Path
-) -> None:
+def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, executable, tmp_path):
     kind = KINDS[executable]
     name = data.draw(st.sampled_from([field.name for field in dataclasses.fields(kind)]))
     value = data.draw(VALUES)
@@ -128,7 +126,7 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(
 
 
 @pytest.mark.parametrize("section", ["/clikk", "click", "/left/clik_", "/CLIK"])
-def test_a_file_for_a_node_of_nearly_this_name_is_refused(section: str, tmp_path: Path) -> None:
+def test_a_file_for_a_node_of_nearly_this_name_is_refused(section, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(yaml.safe_dump({section: {"ros__parameters": {"k_Po": 1.0}}}))
     with pytest.raises(ConfigurationError, match=r"did you mean 'clik'\?"):
@@ -150,7 +148,7 @@ def test_a_file_for_a_node_of_nearly_this_name_is_refused(section: str, tmp_path
         None,
     ],
 )
-def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content: Any, tmp_path: Path) -> None:
+def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(yaml.safe_dump(content))
     refuse_misspelt_sections("clik", ["--params-file", str(file), "--params-file", "/none"])
@@ -165,9 +163,7 @@ def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content: Any, tmp_pat
     orientations=st.lists(NUMBERS | st.floats(-1, 1), max_size=12),
     form=st.sampled_from(FORMATS) | WORDS,
 )
-def test_way_points_are_a_motion_or_refused(
-    times: list[float], positions: list[float], orientations: list[float], form: str
-) -> None:
+def test_way_points_are_a_motion_or_refused(times, positions, orientations, form):
     motion: Trajectory | None = None
     with suppress(ConfigurationError):
         motion = parse_way_points(times, positions, orientations, form)
@@ -183,7 +179,7 @@ def test_way_points_are_a_motion_or_refused(
         ([0.0, math.nan], "expected finite numbers"),
     ],
 )
-def test_times_that_a_message_cannot_have_are_refused(times: list[float], words: str) -> None:
+def test_times_that_a_message_cannot_have_are_refused(times, words):
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         parse_way_points(times, [0.0] * 6, [0.0] * 6, "rotation_vector")
 
@@ -211,9 +207,7 @@ def replaced(content: Any, path: tuple[Any, ...], value: Any) -> Any:
 @pytest.mark.parametrize(("folder", "load"), [("experiments", load_experiment), ("maps", load_map)])
 @forty
 @given(data=st.data())
-def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(
-    data: st.DataObject, folder: str, load: Any, tmp_path: Path
-) -> None:
+def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(data, folder, load, tmp_path):
     name = data.draw(st.sampled_from(config_names(folder)))
     content = yaml.safe_load((config_folder() / folder / f"{name}.yaml").read_text())
     path = data.draw(st.sampled_from(list(leaves(content))))
@@ -244,7 +238,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("executable", KINDS)
-def test_an_executable_refuses_a_file_in_one_line_and_ends(executable: str, tmp_path: Path) -> None:
+def test_an_executable_refuses_a_file_in_one_line_and_ends(executable, tmp_path):
     file = tmp_path / "parameters.yaml"
     other = (
         f"/{executable}x:\n  ros__parameters: {{a: 1}}\n",

@@ -131,7 +131,7 @@ TAKEN: dict[str, str] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_a_urdf_that_is_no_arm_is_refused_in_one_line(case: str) -> None:
+def test_a_urdf_that_is_no_arm_is_refused_in_one_line(case):
     text, words = REFUSED[case]
     with pytest.raises(RobotError, match=re.escape(words)) as refusal:
         Robot(text, "", "tip")
@@ -140,7 +140,7 @@ def test_a_urdf_that_is_no_arm_is_refused_in_one_line(case: str) -> None:
 
 
 @pytest.mark.parametrize("case", TAKEN)
-def test_a_urdf_that_is_odd_but_an_arm_is_taken(case: str) -> None:
+def test_a_urdf_that_is_odd_but_an_arm_is_taken(case):
     robot = Robot(TAKEN[case], "base", "tip")
     state = robot.dynamic_state(np.array([0.3, -0.2]), np.zeros(2))
     expected = Robot(URDF, "base", "tip").dynamic_state(np.array([0.3, -0.2]), np.zeros(2))
@@ -148,7 +148,7 @@ def test_a_urdf_that_is_odd_but_an_arm_is_taken(case: str) -> None:
     np.testing.assert_array_equal(state.g, expected.g)
 
 
-def test_a_urdf_of_a_pipe_or_folder_is_refused_without_waiting(tmp_path: Path) -> None:
+def test_a_urdf_of_a_pipe_or_folder_is_refused_without_waiting(tmp_path):
     (tmp_path / "folder.urdf").mkdir()
     (tmp_path / "endless.urdf").symlink_to("/dev/zero")
     for name in ("folder.urdf", "endless.urdf"):
@@ -165,7 +165,7 @@ damage = st.lists(
 
 @given(damage)
 @example([(0, 0, "")])
-def test_a_damaged_urdf_is_a_tree_or_refused(places: list[tuple[int, int, str]]) -> None:
+def test_a_damaged_urdf_is_a_tree_or_refused(places):
     text = URDF
     for at, length, new in places:
         text = text[:at] + new + text[at + length :]
@@ -243,7 +243,7 @@ def fates(texts: list[str]) -> list[dict[str, Any]]:
     return found
 
 
-def test_no_urdf_ends_the_process_and_what_is_refused_as_an_arm_is_not_simulated() -> None:
+def test_no_urdf_ends_the_process_and_what_is_refused_as_an_arm_is_not_simulated():
     refused = [text for text, _ in REFUSED.values() if len(text) < 10**6]
     texts = refused + damaged(200)
     found = fates(texts)

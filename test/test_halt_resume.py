@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from in_process import World
 from ros_processes import FRAMES, HOME, Controlled, pose, reference, values
 from std_srvs.srv import Trigger
 
@@ -11,9 +10,7 @@ from eulerparams_control.motion.frames import DesiredFrame
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_an_arm_that_is_halted_stays_so_whatever_is_sent_until_it_is_resumed(
-    world: World, executable: str
-) -> None:
+def test_an_arm_that_is_halted_stays_so_whatever_is_sent_until_it_is_resumed(world, executable):
     node = Controlled(world, executable, FRAMES)
     p, R = pose(HOME)
     goal = DesiredFrame(p + [0.0, 0.0, 0.1], R)
@@ -44,7 +41,7 @@ def test_an_arm_that_is_halted_stays_so_whatever_is_sent_until_it_is_resumed(
     np.testing.assert_allclose(pose(node.arm.q)[0], goal.p_d, atol=1e-3)
 
 
-def test_a_controller_that_is_not_active_has_nothing_to_halt_or_resume(world: World) -> None:
+def test_a_controller_that_is_not_active_has_nothing_to_halt_or_resume(world):
     world.start("clik", {**FRAMES, "autostart": False})
     for service in ("halt", "resume"):
         response = world.peer.call(Trigger, f"/clik/{service}", Trigger.Request())

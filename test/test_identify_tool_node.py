@@ -7,7 +7,6 @@ follows.
 import math
 import re
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -141,7 +140,7 @@ def assert_failed(process: Running | Ended, *words: str) -> None:
 # --- with the simulated robot ----------------------------------------------------------------
 
 
-def test_the_shipped_motion_takes_clik_through_six_poses(world: World) -> None:
+def test_the_shipped_motion_takes_clik_through_six_poses(world):
     """The files of the README; in lock-step, so that it takes less time."""
     lockstep = {"mode": "lockstep", "rate": 100.0, "wait_for_subscribers": 2}
     clik = {"use_sim_time": True, "require_reference": True}
@@ -159,9 +158,7 @@ def test_the_shipped_motion_takes_clik_through_six_poses(world: World) -> None:
 # --- what is found ---------------------------------------------------------------------------
 
 
-def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(
-    world: World, tmp_path: Path
-) -> None:
+def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(world, tmp_path):
     output = tmp_path / "tool.yaml"
     rig = Rig(world, output=str(output))
     rig.take(POSES)
@@ -178,9 +175,7 @@ def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(
     np.testing.assert_allclose(bias, BIAS, rtol=0, atol=PRINTED)
 
 
-def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the_tip_frame(
-    world: World,
-) -> None:
+def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the_tip_frame(world):
     rig = Rig(world, frame="wrist_3_link", poses=3)
     rig.take(POSES[:3])
     assert rig.process.end() == 0
@@ -191,7 +186,7 @@ def test_from_a_sensor_that_is_not_at_the_tip_the_centre_of_mass_is_given_in_the
     Found(rig.process.stdout).assert_exact(com)
 
 
-def test_an_arm_on_a_wall_has_its_own_gravity_and_velocities_are_not_needed(world: World) -> None:
+def test_an_arm_on_a_wall_has_its_own_gravity_and_velocities_are_not_needed(world):
     rig = Rig(world, poses=3, gravity=[5.0, 0.0, -8.4])
     rig.has_velocities = False
     rig.take(POSES[:3])
@@ -199,7 +194,7 @@ def test_an_arm_on_a_wall_has_its_own_gravity_and_velocities_are_not_needed(worl
     Found(rig.process.stdout).assert_exact()
 
 
-def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(world: World) -> None:
+def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(world):
     rig = Rig(world, poses=3)
     rig.sign = -1.0
     rig.take(POSES[:3])
@@ -215,7 +210,7 @@ def test_a_sensor_of_the_other_sign_is_told_and_its_sign_can_be_set(world: World
 # --- when a pose is taken --------------------------------------------------------------------
 
 
-def test_poses_that_are_too_similar_are_not_enough(world: World) -> None:
+def test_poses_that_are_too_similar_are_not_enough(world):
     rig = Rig(world, poses=3)
     in_a_row = [HOME + [0, 0, 0, angle, 0, 0] for angle in (0.0, 0.4, 0.8)]
     rig.take(in_a_row)
@@ -226,7 +221,7 @@ def test_poses_that_are_too_similar_are_not_enough(world: World) -> None:
     Found(rig.process.stdout).assert_exact()
 
 
-def test_how_long_and_how_far_apart_is_as_the_parameters_say(world: World) -> None:
+def test_how_long_and_how_far_apart_is_as_the_parameters_say(world):
     rig = Rig(world, averaging_time=0.3, min_angle=1.2)
     rig.take(POSES[:1])
     rig.until_said("gravity 52 deg from where it was in pose 1; expected 69 deg", POSES[1])
@@ -249,9 +244,7 @@ def in_another_frame(msg: WrenchStamped) -> None:
         (in_another_frame, "the wrench is in the frame 'base_link'; expected 'tool0'"),
     ],
 )
-def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
-    world: World, spoil: Callable[[WrenchStamped], None], words: str
-) -> None:
+def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(world, spoil, words):
     rig = Rig(world, poses=3)
     rig.until_said("the sensor is at tool0")
     for number, q in enumerate(POSES[:3], 1):
@@ -271,9 +264,7 @@ def test_wrenches_that_cannot_be_used_are_counted_and_not_averaged(
 
 
 @pytest.mark.parametrize("frame", ["tol0", ""])
-def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(
-    world: World, frame: str
-) -> None:
+def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(world, frame):
     rig = Rig(world)
     rig.frame = frame
     rig.until_said(f"its frame is no link of the robot description: unknown frame '{frame}'")
@@ -283,7 +274,7 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(
     rig.take(POSES[:1])
 
 
-def test_joint_states_that_cannot_be_used_are_counted(world: World) -> None:
+def test_joint_states_that_cannot_be_used_are_counted(world):
     rig = Rig(world)
     rig.until_said("the sensor is at tool0")
     msg = rig.state(HOME)
@@ -299,9 +290,7 @@ def test_joint_states_that_cannot_be_used_are_counted(world: World) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 2, 3])
-def test_sigint_computes_from_the_poses_there_are_or_says_that_they_are_too_few(
-    world: World, count: int
-) -> None:
+def test_sigint_computes_from_the_poses_there_are_or_says_that_they_are_too_few(world, count):
     rig = Rig(world)
     rig.take(POSES[:count])
     rig.process.stop()
@@ -314,7 +303,7 @@ def test_sigint_computes_from_the_poses_there_are_or_says_that_they_are_too_few(
     assert "from 3 poses" in rig.process.stdout
 
 
-def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(world: World) -> None:
+def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(world):
     rig = Rig(world, timeout=5.0)
     rig.until(lambda: rig.process.exit_code is not None, HOME, "the end")
     assert rig.process.log.count(" taken: ") == 1
@@ -323,7 +312,7 @@ def test_after_the_timeout_it_gives_up_and_says_how_many_poses_it_has(world: Wor
     )
 
 
-def test_without_a_robot_it_says_what_is_missing(world: World) -> None:
+def test_without_a_robot_it_says_what_is_missing(world):
     process = world.start("identify_tool", {"timeout": 4.0})
     world.until_said(process, "no joint_states within 2 s")
     world.until_said(process, "no wrench within 2 s")
@@ -344,13 +333,11 @@ def test_without_a_robot_it_says_what_is_missing(world: World) -> None:
         ({"robot_description": "<robot/>"}, "expected one root link"),
     ],
 )
-def test_what_is_impossible_is_refused_at_the_start(
-    tmp_path: Path, parameters: dict[str, Any], words: str
-) -> None:
+def test_what_is_impossible_is_refused_at_the_start(tmp_path, parameters, words):
     assert_failed(run_to_its_end("identify_tool", tmp_path, parameters), words)
 
 
-def test_a_file_is_never_overwritten(world: World, tmp_path: Path) -> None:
+def test_a_file_is_never_overwritten(world, tmp_path):
     output = tmp_path / "tool.yaml"
     rig = Rig(world, poses=3, output=str(output))
     output.write_text("mine")
@@ -364,7 +351,7 @@ def test_a_file_is_never_overwritten(world: World, tmp_path: Path) -> None:
     Found(rig.process.stdout).assert_exact()  # what was measured is not lost
 
 
-def test_a_tip_that_moves_against_the_sensor_is_refused(world: World) -> None:
+def test_a_tip_that_moves_against_the_sensor_is_refused(world):
     rig = Rig(world)
     msg = rig.wrench(HOME)
     msg.header.frame_id = "forearm_link"

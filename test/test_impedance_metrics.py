@@ -89,9 +89,7 @@ def sensed(folder: Path, q: float, w: Sequence[float], **options: Any) -> Array:
         (DOWN, [1, 2, 3, 0, 0, 0], "sensor", [2, -3, -1, 0.6, 0.4, 0]),
     ],
 )
-def test_a_wrench_is_turned_into_base_axes_and_moved_to_the_tip(
-    tmp_path: Path, q: float, w: list[float], sensor: str, expected: list[float]
-) -> None:
+def test_a_wrench_is_turned_into_base_axes_and_moved_to_the_tip(tmp_path, q, w, sensor, expected):
     assert_close(sensed(tmp_path, q, w, sensor=sensor), expected)
 
 
@@ -102,13 +100,13 @@ def test_a_wrench_is_turned_into_base_axes_and_moved_to_the_tip(
         (DOWN, [20, 0, 0, 0, 0, 0]),  # it hangs
     ],
 )
-def test_weight_of_the_tool_and_bias_are_no_contact(tmp_path: Path, q: float, w: Any) -> None:
+def test_weight_of_the_tool_and_bias_are_no_contact(tmp_path, q, w):
     assert_close(sensed(tmp_path / "a", q, w, parameters=TOOL, node=NODE), 0)
     off = np.add(w, BIAS["wrench_bias"]).tolist()
     assert_close(sensed(tmp_path / "b", q, off, parameters=TOOL | BIAS, node=NODE), 0)
 
 
-def test_the_sign_of_the_sensor_is_that_of_the_parameters(tmp_path: Path) -> None:
+def test_the_sign_of_the_sensor_is_that_of_the_parameters(tmp_path):
     w = [1, 2, 3, 4, 5, 6]
     found = sensed(tmp_path, 0.0, w, parameters={"wrench_sign": -1}, node="/left/impedance_control")
     assert found.tolist() == [-1, -2, -3, -4, -5, -6]
@@ -116,7 +114,7 @@ def test_the_sign_of_the_sensor_is_that_of_the_parameters(tmp_path: Path) -> Non
     assert other.tolist() == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path: Path) -> None:
+def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path):
     run = recorded(tmp_path / "run", [0.1, 0.2], wrenches=[[1] * 6] * 2, sensor="base")
     assert run.wrench is None
     assert "the frame 'base' is not fixed to the tip 'tip': hinge, roll" in run.why_no_wrench
@@ -132,7 +130,7 @@ def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path: Path) -> None:
     assert "parameter 'wrench_sign' is 2; expected between -1 and 1" in run.why_no_wrench
 
 
-def test_a_message_that_is_not_finite_is_left_out(tmp_path: Path) -> None:
+def test_a_message_that_is_not_finite_is_left_out(tmp_path):
     wrench = recorded(
         tmp_path / "run", [0.0] * 3, wrenches=[[f, 0, 0, 0, 0, 0] for f in (1.0, math.nan, 3.0)]
     ).wrench
@@ -171,14 +169,12 @@ WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), st
         ("force_ripple", {"window": 1.0}, 9.0),
     ],
 )
-def test_a_number_of_the_contact_is_what_it_is_by_hand(
-    tmp_path: Path, name: str, options: dict[str, Any], expected: float
-) -> None:
+def test_a_number_of_the_contact_is_what_it_is_by_hand(tmp_path, name, options, expected):
     run = recorded(tmp_path / "run", [0.0] * 5, wrenches=WRENCHES)
     assert measure(name, run, **options) == pytest.approx(expected, rel=EXACT, abs=ALGEBRAIC)
 
 
-def test_an_axis_can_be_that_of_the_desired_frame(tmp_path: Path) -> None:
+def test_an_axis_can_be_that_of_the_desired_frame(tmp_path):
     run = recorded(tmp_path / "run", [0.0] * 5, wrenches=WRENCHES)
     turned = DesiredFrame(P_D, R_angle_axis(math.pi / 2, np.array([1.0, 0.0, 0.0])))  # y is z
     run = replace(run, measured=replace(run.measured, desired=Frames.of([turned] * 5)))
@@ -191,7 +187,7 @@ def test_an_axis_can_be_that_of_the_desired_frame(tmp_path: Path) -> None:
         measure("final_force", nothing, frame="desired")
 
 
-def test_before_the_first_state_nothing_was_desired(tmp_path: Path) -> None:
+def test_before_the_first_state_nothing_was_desired(tmp_path):
     run = recorded(tmp_path / "run", [0.0] * 2)
     R_d = desired_rotations(run, np.array([-0.01, 0.0, 0.005, 9.0]))
     assert np.isnan(R_d[0]).all()
@@ -199,7 +195,7 @@ def test_before_the_first_state_nothing_was_desired(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 0], [1, 2], [math.nan, 0, 1], [1, 2, 3, 4]])
-def test_an_axis_that_is_none_is_refused(tmp_path: Path, axis: list[float]) -> None:
+def test_an_axis_that_is_none_is_refused(tmp_path, axis):
     run = recorded(tmp_path / "run", [0.0] * 5, wrenches=WRENCHES)
     with pytest.raises(ConfigurationError, match=r"axis is .*; expected three numbers, not all 0"):
         measure("final_force", run, axis=axis)
@@ -229,7 +225,7 @@ def compliant(tmp_path: Path) -> Recording:
     return recorded(tmp_path / "run", **options, wrenches=moments, parameters=IMPEDANCE, node=NODE)
 
 
-def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant: Recording) -> None:
+def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant):
     motion = compliant.compliant
     assert motion is not None
     assert_close(motion.t, [0.0, 0.01, 0.02])
@@ -240,7 +236,7 @@ def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant: Recording
     assert_close(motion.Q_cd[1], [math.cos(0.2), 0, -math.sin(0.2), 0])
 
 
-def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves() -> None:
+def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves():
     R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
     d = DesiredFrame(P_D, R_d, np.zeros(3), np.array([0.0, 0.0, 2.0]))
     c = DesiredFrame(
@@ -295,27 +291,25 @@ def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves() -> None:
         ("peak_position_error", {"before": 0.01}, 2e3 * math.sin(0.15)),
     ],
 )
-def test_a_number_of_the_compliance_is_what_it_is_by_hand(
-    compliant: Recording, name: str, options: dict[str, Any], expected: float
-) -> None:
+def test_a_number_of_the_compliance_is_what_it_is_by_hand(compliant, name, options, expected):
     assert measure(name, compliant, **options) == pytest.approx(expected, rel=EXACT, abs=1e-9)
 
 
-def test_the_speed_of_the_compliant_frame_is_that_in_its_messages(tmp_path: Path) -> None:
+def test_the_speed_of_the_compliant_frame_is_that_in_its_messages(tmp_path):
     frame = FRAMES[0]._replace(dp_d=np.array([0.0, 0.03, 0.04]))
     run = recorded(tmp_path / "run", [0.0, 0.0], compliant=[FRAMES[0], frame])
     assert measure("final_compliant_speed", run) == pytest.approx(50.0)
     assert measure("final_compliant_speed", run, before=0.0) == 0.0
 
 
-def test_without_a_moment_its_axis_is_not_known(tmp_path: Path) -> None:
+def test_without_a_moment_its_axis_is_not_known(tmp_path):
     run = recorded(tmp_path / "run", [0.0], compliant=[FRAMES[1]], wrenches=[[0.0] * 6])
     with pytest.raises(BagError, match="no turn or no moment"):
         measure("moment_axis_angle", run)
     assert math.isnan(measure("apparent_stiffness", run)) is True
 
 
-def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path: Path) -> None:
+def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path):
     run = recorded(tmp_path / "run", [0.0, 0.1], wrenches=[[0.0] * 6] * 2)
     for name in ("final_turn", "peak_displacement", "moment_axis_angle", "guided_distance"):
         with pytest.raises(BagError, match="run has no compliant_frame"):
@@ -332,7 +326,7 @@ def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path: Path) -> Non
 # --- V_3 -----------------------------------------------------------------------------
 
 
-def test_v_3_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
+def test_v_3_and_its_derivative_are_those_of_the_paper(tmp_path):
     q, rate = np.array([0.5, 0.3, 0.2]), np.array([-1.0, -0.5, 0.25])
     frames = [
         turned(0.0, angle, 0.0)._replace(omega_d=np.array([0.0, speed, 0.0]))
@@ -360,13 +354,13 @@ def test_v_3_and_its_derivative_are_those_of_the_paper(tmp_path: Path) -> None:
         ({"damping_ratio_o": "high"}, "not valid: parameter 'damping_ratio_o' is 'high'"),
     ],
 )
-def test_without_v_3_the_recording_says_why(compliant: Recording, changes: Any, words: str) -> None:
+def test_without_v_3_the_recording_says_why(compliant, changes, words):
     run = replace(compliant, parameters={NODE: IMPEDANCE | changes})
     assert run.lyapunov is None
     assert words in run.why_no_lyapunov
 
 
-def test_v_3_is_that_of_the_compliant_frame_whichever_loop_follows_it(compliant: Recording) -> None:
+def test_v_3_is_that_of_the_compliant_frame_whichever_loop_follows_it(compliant):
     clik = {"orientation": "euler_parameters", "k_Po": 1.0}
     run = replace(compliant, parameters={"/clik": clik, NODE: IMPEDANCE})
     assert run.lyapunov is not None
@@ -401,7 +395,7 @@ def motion(t: float) -> CompliantMotion:
 
 
 @pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
-def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t: float) -> None:
+def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t):
     def x(t: float) -> Array:
         c, d = COMPLIANT.sample(t), DESIRED.sample(t)
         return d.R_d.T @ (c.omega_d - d.omega_d)
@@ -419,7 +413,7 @@ def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t:
 
 @pytest.mark.parametrize("frame", ["base", "desired"])
 @pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
-def test_the_translational_equation_leaves_nothing_in_either_frame(t: float, frame: str) -> None:
+def test_the_translational_equation_leaves_nothing_in_either_frame(t, frame):
     def x(t: float) -> Array:
         c, d = COMPLIANT.sample(t), DESIRED.sample(t)
         return c.p_d - d.p_d if frame == "base" else d.R_d.T @ (c.p_d - d.p_d)
@@ -434,13 +428,13 @@ def test_the_translational_equation_leaves_nothing_in_either_frame(t: float, fra
     assert np.linalg.norm(wrong) > 1.0
 
 
-def test_residuals_are_not_known_without_a_desired_frame() -> None:
+def test_residuals_are_not_known_without_a_desired_frame():
     alone = replace(motion(0.5), desired=Frames.of([None]))
     assert np.isnan(rotational_residual(alone, np.zeros((1, 3)), Z)).all()
     assert np.isnan(translational_residual(alone, np.zeros((1, 3)), Z, "base")).all()
 
 
-def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path: Path) -> None:
+def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
     p, angle = np.array([0.01, 0.0, -0.02]), 0.4  # at rest: K_p 1000, 200 N/m; 10 Nm/rad about y
     balance = [10.0, 0.0, -4.0, 0.0, 10.0 * math.sin(angle), 0.0]  # eqs. (54), (65)
     frame = turned(0.0, angle, 0.0, p=(P_D + p).tolist())
@@ -458,7 +452,7 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path: Path)
         measure("force_residual", replace(run, parameters={}))
 
 
-def test_what_is_about_the_desired_frame_turns_with_it(tmp_path: Path) -> None:
+def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
     R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
     desired = DesiredFrame(P_D, R_d)
     frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
@@ -498,8 +492,8 @@ def titles(run: Recording, folder: Path, **options: Any) -> list[str]:
 
 
 def test_the_page_of_an_impedance_shows_wrench_compliance_and_motion_loop_in_order(
-    compliant: Recording, tmp_path: Path
-) -> None:
+    compliant, tmp_path
+):
     shown = titles(compliant, tmp_path)
     assert shown[:7] == ["Orientation error", *CONTACT_PLOTS]
     first = shown.index(CONTACT_GRIDS[0])
@@ -512,7 +506,7 @@ def test_the_page_of_an_impedance_shows_wrench_compliance_and_motion_loop_in_ord
         titles(compliant, tmp_path, first="momet")
 
 
-def test_a_run_that_feels_nothing_shows_no_contact(tmp_path: Path) -> None:
+def test_a_run_that_feels_nothing_shows_no_contact(tmp_path):
     rounding = [[1e-9] * 6] * 2
     run = recorded(tmp_path / "run", [0.1, 0.2], wrenches=rounding)
     assert not set(titles(run, tmp_path)) & {*CONTACT_PLOTS, *CONTACT_GRIDS}
@@ -525,7 +519,7 @@ def test_a_run_that_feels_nothing_shows_no_contact(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path: Path) -> None:
+def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path):
     wild = DesiredFrame(np.full(3, 1e200), np.eye(3), np.full(3, 1e300))
     wrenches = [[0.0] * 6, [1e300] * 6]
     run = replace(complying(tmp_path, [FRAMES[1], wild], wrenches, [0.1, 1e200]), diverged=0.01)
@@ -538,7 +532,7 @@ def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path: Pat
 # --- the centre of compliance --------------------------------------------------------
 
 
-def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path: Path) -> None:
+def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
     offset = np.array([0.5, 0.0, 0.1])
     angle, p = 0.3, np.array([0.02, 0.01, 0.0])  # of the centre; 1000, 500 N/m; 10 Nm/rad
@@ -560,7 +554,7 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path: Path) -> N
     assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
 
 
-def test_the_centre_of_compliance_can_be_in_another_link(tmp_path: Path) -> None:
+def test_the_centre_of_compliance_can_be_in_another_link(tmp_path):
     # the sensor is 0.2 m before the tip, its y is the tip's z: the centre is (-0.2, 0, 0.1)
     told = {"compliance_frame": "sensor", "compliance_offset": [0.0, 0.1, 0.0]}
     run = complying(tmp_path, FRAMES[:1], [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]], **told)
@@ -581,13 +575,13 @@ def test_the_centre_of_compliance_can_be_in_another_link(tmp_path: Path) -> None
         ({"tool_mass": 2.0, "compensate_tool_weight": False}, 0.0),
     ],
 )
-def test_the_weight_is_that_beyond_the_sensor(tmp_path: Path, told: Any, weight: float) -> None:
+def test_the_weight_is_that_beyond_the_sensor(tmp_path, told, weight):
     parameters = {"gravity": [0.0, 0.0, -10.0]} | told
     w = sensed(tmp_path, 0.0, [0.0] * 6, parameters=parameters, node=NODE)
     assert_close(w, [0, 0, weight, 0, -0.1 * weight, 0])
 
 
-def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_path: Path) -> None:
+def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_path):
     left = 0.01 * np.exp(3.0 * np.arange(80) / 100)  # [rad], 0.6 to 6.1 deg
     frames = [turned(0.0, 0.0, math.pi - each) for each in [0.2, *left, 1.0, 0.1]]
     run = recorded(tmp_path / "run", [0.0] * len(frames), compliant=frames)

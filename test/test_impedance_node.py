@@ -169,9 +169,7 @@ def tare(node: Controlled) -> Trigger.Response:
 # --- the sign, the frame and the equations ---------------------------------------------------
 
 
-def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(
-    paired: Controlled,
-) -> None:
+def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     push = np.array([10.0, -6.0, 4.0, 0.6, -0.3, 0.9])
     arm.push(*push)
@@ -191,9 +189,7 @@ def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(
 # --- one state, one wrench, one command ------------------------------------------------------
 
 
-def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(
-    paired: Controlled,
-) -> None:
+def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     commands = paired.peer.listen(JointState, f"/stamp/{arm.topic}")
     untouched(arm)
@@ -211,9 +207,7 @@ def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(
     assert [ns_from_ros(msg.header.stamp) for msg in arm.frames][-20:] == stamps
 
 
-def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_the_next(
-    paired: Controlled,
-) -> None:
+def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_the_next(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     arm.ticks(3)
     dropped = "states dropped, waiting for what belongs to them"
@@ -232,7 +226,7 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
     assert paired.peer.counter(paired.name, dropped, before + 2) == before + 2
 
 
-def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(node: Controlled) -> None:
+def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(node):
     arm = node.arm
     arm.push(10.0, 0.0, 0.0)
     arm.ticks(20)
@@ -257,9 +251,7 @@ def broken_wrenches(arm: FeelingArm) -> list[WrenchStamped]:
     return [nan, inf, unknown, moving, unnamed]
 
 
-def test_while_wrenches_cannot_be_used_the_last_good_one_counts_until_it_is_too_old(
-    node: Controlled,
-) -> None:
+def test_while_wrenches_cannot_be_used_the_last_good_one_counts_until_it_is_too_old(node):
     arm, (p, _) = node.arm, pose(HOME)
     arm.push(10.0, 0.0, 0.0)
     good = felt(arm, 20)
@@ -284,7 +276,7 @@ def test_while_wrenches_cannot_be_used_the_last_good_one_counts_until_it_is_too_
     node.graph.until_said(node.process, words)
 
 
-def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired: Controlled) -> None:
+def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired):
     arm = paired.arm
     words = "wrench rejected: frame: unknown frame 'tool1' (did you mean 'tool0'?); known: base, "
 
@@ -297,9 +289,7 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired: Controll
 @pytest.mark.parametrize(
     "wrench", [[1e300, -1e300, 1e300], [0.0, 0.0, 0.0, 1e300], [math.nan], [0.0] * 5 + [-math.inf]]
 )
-def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(
-    paired: Controlled, wrench: list[float]
-) -> None:
+def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(paired, wrench):
     arm = paired.arm
     arm.ticks(3)
     arm.push(*wrench)
@@ -319,9 +309,7 @@ def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(
 FROZEN = "; no valid wrench within 0.1 s; is the sensor running?: the compliant frame is frozen"
 
 
-def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_goes_on(
-    node: Controlled,
-) -> None:
+def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_goes_on(node):
     arm = node.arm
     arm.push(20.0, 0.0, 0.0, 0.0, 0.0, 0.5)
     commands = arm.ticks(20)
@@ -353,9 +341,7 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     assert "no valid wrench" not in status.message
 
 
-def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(
-    paired: Controlled,
-) -> None:
+def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     goal = DesiredFrame(p + [0.0, 0.0, 0.05], R)
     paired.follow(reference(goal, times=(1.0,)))
@@ -368,9 +354,7 @@ def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(
     assert "following a reference" in paired.status(lambda s: "active with" in s.message).message
 
 
-def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_stamp(
-    world: World,
-) -> None:
+def test_by_default_the_age_of_a_wrench_goes_by_the_time_of_receipt_not_by_its_stamp(world):
     arm = FeelingArm(world, UR5)
     patient = {"max_latency": 60.0, "state_timeout": 60.0}  # the arm is played by hand
     world.start(NAME, patient, files=(ROOT / "config" / f"{NAME}.yaml",))
@@ -409,7 +393,7 @@ REFUSED = (
 )
 
 
-def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World) -> None:
+def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world):
     arm, peer = FeelingArm(world, UR5), world.peer
     arm.sensor.bias = np.array([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     process = world.start(NAME, {**SIMULATED, "wrench_pairing": "stamp"})
@@ -472,8 +456,8 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world: World
 )
 @pytest.mark.parametrize("interval", [0.001, 0.05, 1.0])
 def test_a_simulator_that_repeats_its_first_state_is_answered_at_any_interval(
-    world: World, pairing: str, interval: float, simulated: bool
-) -> None:
+    world, pairing, interval, simulated
+):
     arm = FeelingArm(world, UR5)
     process = world.start(NAME, {**SIMULATED, "use_sim_time": simulated, "wrench_pairing": pairing})
 
@@ -486,9 +470,7 @@ def test_a_simulator_that_repeats_its_first_state_is_answered_at_any_interval(
     assert "rejected" not in process.log
 
 
-def test_in_real_time_a_driver_that_repeats_itself_is_stuck_and_activates_nothing(
-    world: World,
-) -> None:
+def test_in_real_time_a_driver_that_repeats_itself_is_stuck_and_activates_nothing(world):
     arm = FeelingArm(world, UR5)
     process = world.start(NAME, {**SIMULATED, "use_sim_time": False})
     for _ in range(30):
@@ -498,7 +480,7 @@ def test_in_real_time_a_driver_that_repeats_itself_is_stuck_and_activates_nothin
     assert arm.commands == []
 
 
-def test_an_unstamped_sensor_that_measures_the_same_again_is_believed(world: World) -> None:
+def test_an_unstamped_sensor_that_measures_the_same_again_is_believed(world):
     arm = FeelingArm(world, UR5)
     world.start(NAME, SIMULATED | {"use_sim_time": False})
     same = arm.sensor.message(arm, arm.message().header.stamp)
@@ -515,7 +497,7 @@ def test_an_unstamped_sensor_that_measures_the_same_again_is_believed(world: Wor
     np.testing.assert_allclose(arm.frame().p_d, pose(HOME)[0], rtol=0, atol=LAW_IN_A_NODE)
 
 
-def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world: World) -> None:
+def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world):
     arm = FeelingArm(world, UR5)
     world.start(NAME, {**SIMULATED, "wrench_timeout": 60.0})
     stuck = arm.sensor.message(arm, arm.message().header.stamp)
@@ -529,7 +511,7 @@ def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world
     assert arm.commands == []
 
 
-def test_a_refused_activation_says_how_much_is_felt(node: Controlled) -> None:
+def test_a_refused_activation_says_how_much_is_felt(node):
     assert node.peer.change_state(node.name, "deactivate")
     try:
         node.arm.push(8.0, 0.0, 0.0)
@@ -542,9 +524,7 @@ def test_a_refused_activation_says_how_much_is_felt(node: Controlled) -> None:
         activate(node)
 
 
-def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(
-    node: Controlled,
-) -> None:
+def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(node):
     words = "states dropped, waiting for what belongs to them"
     assert node.peer.change_state(node.name, "deactivate")
     try:
@@ -555,9 +535,7 @@ def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(
         activate(node)
 
 
-def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(
-    paired: Controlled,
-) -> None:
+def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(paired):
     paired.arm.push(8.0, 0.0, 0.0)
     paired.change(force_dead_band=0.0)  # what was felt with other parameters does not count
     paired.arm.ticks(15)
@@ -570,9 +548,7 @@ def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_presse
     assert "are felt while the arm is controlled, more than max_activation_for" in response.message
 
 
-def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(
-    paired: Controlled,
-) -> None:
+def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(paired):
     arm, (p, _) = paired.arm, pose(HOME)
     arm.push(2.0, 0.0, -3.0)
     last, commands = settled(arm), [arm.tick()]
@@ -588,7 +564,7 @@ def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(
     assert tare(paired).success  # of nothing, for the tests that follow
 
 
-def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(paired: Controlled) -> None:
+def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(paired):
     arm, (p, _) = paired.arm, pose(HOME)
     arm.sensor.bias[0] = 4.0
     settled(arm)
@@ -627,9 +603,7 @@ def loaded(shared_world: World) -> Controlled:
     return Controlled(shared_world, NAME, parameters, namespace="/loaded", arm=Loaded)
 
 
-def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_motion(
-    loaded: Controlled,  # bias and weight, 13 N, would refuse its activation
-) -> None:
+def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_motion(loaded):
     arm, model = loaded.arm, Robot(*UR5_FRAMES, tool=Tool(MASS, COM, np.zeros((3, 3))))
     for q in POSES:
         arm.start_afresh(q)
@@ -654,7 +628,7 @@ def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_mot
     arm.carry(MASS, COM)
 
 
-def test_friction_of_the_joints_is_no_contact_of_the_tool(loaded: Controlled) -> None:
+def test_friction_of_the_joints_is_no_contact_of_the_tool(loaded):
     arm = loaded.arm
     arm.start_afresh()
     arm.disturbance = np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])
@@ -664,9 +638,7 @@ def test_friction_of_the_joints_is_no_contact_of_the_tool(loaded: Controlled) ->
     assert np.linalg.norm(arm.frame().p_d - pose(HOME)[0]) < AT_FRAME  # 0.2 N
 
 
-def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known_tool(
-    world: World,
-) -> None:
+def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known_tool(world):
     """The arm is the left one; its URDF knows the tool, whose weight the sensor feels."""
     mass, com = 0.3, np.array([0.0, 0.03, 0.05])
     arm, peer = FeelingArm(world, UR5, "/left"), world.peer
@@ -702,9 +674,7 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
 # --- joint_states and references -------------------------------------------------------------
 
 
-def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contact_is_gone(
-    paired: Controlled,
-) -> None:
+def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contact_is_gone(paired):
     arm = paired.arm
     arm.push(10.0, 0.0, 0.0)
     settled(arm)
@@ -715,7 +685,7 @@ def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contac
     np.testing.assert_allclose(end.p_d, begin.p_d, rtol=0, atol=AT_FRAME)
 
 
-def test_two_publishers_are_refused_and_both_named(node: Controlled) -> None:
+def test_two_publishers_are_refused_and_both_named(node):
     """On ``wrench``; ``test_nodes.py`` has those on ``reference``."""
     peer, namespace = node.peer, node.name.partition("/")[0]
     rival = peer.another_node("rival")
@@ -731,7 +701,7 @@ def test_two_publishers_are_refused_and_both_named(node: Controlled) -> None:
         rival.destroy_node()
 
 
-def test_a_reference_is_followed_with_the_displacement_of_the_contact(paired: Controlled) -> None:
+def test_a_reference_is_followed_with_the_displacement_of_the_contact(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     arm.push(0.0, 10.0, 0.0)
     arm.ticks(20)
@@ -775,9 +745,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 )
 
 
-def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(
-    paired: Controlled,
-) -> None:
+def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(paired):
     arm, (p, R), rate = paired.arm, pose(HOME), 2000.0
     paired.change(max_effort_rate=[rate])
     start = arm.t
@@ -807,7 +775,7 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(
     assert words in paired.process.log
 
 
-def test_a_free_axis_is_guided_by_hand_once_its_damping_is_given(paired: Controlled) -> None:
+def test_a_free_axis_is_guided_by_hand_once_its_damping_is_given(paired):
     arm, (p, _) = paired.arm, pose(HOME)
     paired.change(D_p=[200.0] * 3, K_p=[0.0, K_P, K_P])
     arm.ticks(2)  # the wrench goes over from the one before the change, which was none
@@ -823,9 +791,7 @@ def test_a_free_axis_is_guided_by_hand_once_its_damping_is_given(paired: Control
 # --- lifecycle -------------------------------------------------------------------------------
 
 
-def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_back(
-    node: Controlled,
-) -> None:
+def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_back(node):
     arm, peer = node.arm, node.peer
     arm.sensor.on = False
     arm.ticks(15, dt=0.01)
@@ -843,7 +809,7 @@ def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_bac
 PANDA = load_robot("panda")
 
 
-def test_a_redundant_arm_is_controlled_as_its_parameters_alone_say(world: World) -> None:
+def test_a_redundant_arm_is_controlled_as_its_parameters_alone_say(world):
     """Its centre of compliance is 0.1 m beyond the tip, so that a push turns it, too."""
     model = Robot(PANDA.urdf, PANDA.base_frame, PANDA.tip_frame)
     arm, offset = FeelingArm(world, PANDA), np.array([0.0, 0.0, 0.1])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from in_process import World
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, pose, reference, values
@@ -62,9 +61,7 @@ def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) ->
         ([0.1, NAN, 0.0], False, "joint_states has a non-finite velocity: {'a': 0.1"),
     ],
 )
-def test_velocities_that_are_all_nan_are_none(
-    velocity: list[float], needed: bool, words: str
-) -> None:
+def test_velocities_that_are_all_nan_are_none(velocity, needed, words):
     msg = JointState(name=[*JOINTS, "finger"], position=[1.0, 2.0, 3.0], velocity=velocity)
     reader = JointStateReader(JOINTS, needed)
     if words:
@@ -90,7 +87,7 @@ def without_velocities(arm: Any) -> None:
     arm.message = message
 
 
-def test_clik_controls_an_arm_that_reports_no_velocities(world: World) -> None:
+def test_clik_controls_an_arm_that_reports_no_velocities(world):
     node = Controlled(world, "clik", FRAMES)
     without_velocities(node.arm)
     node.follow(reference(goal(0.05), times=(0.5,)))
@@ -110,7 +107,7 @@ def gripper(arm: Any) -> Any:
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control", "impedance_control"])
-def test_joint_states_of_others_are_ignored_in_silence(world: World, executable: str) -> None:
+def test_joint_states_of_others_are_ignored_in_silence(world, executable):
     node = Controlled(world, executable, FRAMES)
     rival = node.peer.another_node("gripper_driver")
     others = rival.create_publisher(JointState, "joint_states", 10)
@@ -125,7 +122,7 @@ def test_joint_states_of_others_are_ignored_in_silence(world: World, executable:
     assert shown["mode"] == "following"
 
 
-def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world: World) -> None:
+def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world):
     node = Controlled(world, "clik", {**FRAMES, **REAL})
     node.arm.tick()
 
@@ -137,7 +134,7 @@ def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world: World)
     assert status.level == b"\x02"
 
 
-def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world: World) -> None:
+def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world):
     process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
     states = world.peer.publisher(JointState, "joint_states")
     states.publish(JointState(name=["left_elbow_joint"], position=[0.0]))
@@ -150,9 +147,7 @@ def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world: Wo
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3])  # [rad] of the other arm
-def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(
-    world: World, offset: float
-) -> None:
+def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(world, offset):
     node = Controlled(world, "clik", FRAMES)
     node.follow(reference(goal(), times=(2.0,)))
     node.arm.ticks(100)
@@ -184,7 +179,7 @@ def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(
 # --- rates --------------------------------------------------------------------------------------
 
 
-def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world: World) -> None:
+def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
     node = Controlled(world, "clik", {**FRAMES, **REAL})
 
     def step() -> None:
@@ -203,7 +198,7 @@ def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world: World) -> None:
     assert "set state_timeout to 0.25 s" in values(status)["remedy"]
 
 
-def test_a_rate_that_the_gain_bears_badly_is_a_warning_with_what_helps(world: World) -> None:
+def test_a_rate_that_the_gain_bears_badly_is_a_warning_with_what_helps(world):
     node = Controlled(world, "clik", FRAMES)
     node.arm.ticks(300, dt=0.008)
     step = partial(node.arm.tick, dt=0.008)
@@ -217,7 +212,7 @@ def test_a_rate_that_the_gain_bears_badly_is_a_warning_with_what_helps(world: Wo
 # --- the wrench ---------------------------------------------------------------------------------
 
 
-def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world: World) -> None:
+def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world):
     node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
     arm = node.arm
     node.references.publish(reference(goal(0.2), times=(3.0,)))
@@ -277,9 +272,7 @@ def sensed() -> Iterator[Callable[..., Sensed]]:
 
 
 @pytest.mark.parametrize("offset", [-900.0, 0.0, 5.0])
-def test_a_wrench_counts_whatever_its_clock_says_unless_it_is_late(
-    sensed: Callable[..., Sensed], offset: float
-) -> None:
+def test_a_wrench_counts_whatever_its_clock_says_unless_it_is_late(sensed, offset):
     sensor = sensed(offset)
     assert all(sensor.send(0.004) for _ in range(100))
     assert not sensor.send(stamp=sensor.now - 0.01)  # in another order
@@ -291,9 +284,7 @@ def test_a_wrench_counts_whatever_its_clock_says_unless_it_is_late(
     assert sensor.is_believed
 
 
-def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(
-    sensed: Callable[..., Sensed],
-) -> None:
+def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(sensed):
     for step, longest in ((0.5, 0.01), (-0.5, 0.2), (-0.05, 11.0)):
         sensor = sensed()
         assert all(sensor.send() for _ in range(100))
@@ -320,9 +311,7 @@ def moving(arm: Any, seconds: float, speed: float) -> None:
     ("executable", "has_velocities"),
     [("clik", True), ("clik", False), ("dynamic_control", True), ("impedance_control", True)],
 )
-def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(
-    world: World, executable: str, has_velocities: bool
-) -> None:
+def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executable, has_velocities):
     arm = Controlled.ARMS[executable](world, UR5)
     if arm.sensor is not None:
         arm.sensor.noise = 1e-12
@@ -343,7 +332,7 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(
 # --- the robot ------------------------------------------------------------------------------------
 
 
-def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps() -> None:
+def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
     urdf = UR5.urdf.replace(
         '<joint name="wrist_2_joint" type="revolute">',
         '<joint name="wrist_2_joint" type="revolute"><mimic joint="wrist_1_joint"/>',

@@ -6,7 +6,6 @@ by what the nodes report.  With the others they are in the process of the test.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -188,9 +187,7 @@ def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cel
         yield Cell(graph, request.param)
 
 
-def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_at_once(
-    cell: Cell,
-) -> None:
+def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_at_once(cell):
     cell.move()
     name = cell.controller
     began = cell.began
@@ -203,9 +200,7 @@ def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_
     assert "two publishers" not in cell.nodes[name].log
 
 
-def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(
-    cell: Cell,
-) -> None:
+def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(cell):
     cell.move()
     since, graph = len(cell.said(BRIDGE)), cell.graph
     cell.kill(cell.controller)
@@ -231,9 +226,7 @@ def test_without_the_controller_the_robot_brakes_and_its_successor_begins_withou
     assert np.abs(reached - stopped).max() < 1e-3  # it was not moved by taking over [rad]
 
 
-def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_it_is(
-    cell: Cell,
-) -> None:
+def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_it_is(cell):
     cell.graph.until(lambda: stamp(cell.states[-1]) > OLD, "an old robot")
     cell.move()
     name = cell.controller
@@ -263,9 +256,7 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
 
 
 @pytest.mark.parametrize("cell", ["clik"], indirect=True)
-def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chunk(
-    cell: Cell, tmp_path: Path
-) -> None:
+def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chunk(cell, tmp_path):
     """How much is lost, and how it is recovered, is in ``test_bag_recorder.py``."""
     topics = ["joint_states", cell.topic, "robot_description"]
     cell.parameters["bag_recorder"] = {"output": str(tmp_path / "bag"), "topics": topics}

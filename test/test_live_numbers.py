@@ -69,9 +69,7 @@ ANGLES = {"orientation": "euler_angles", "euler_sequence": "ZYZ", "k_Po": 10.0}
         pytest.param("clik", ANGLES, marks=SLOW),
     ],
 )
-def test_analyze_recomputes_what_the_node_published(
-    tmp_path: Path, controller: str, parameters: dict[str, Any]
-) -> None:
+def test_analyze_recomputes_what_the_node_published(tmp_path, controller, parameters):
     path = record(tmp_path, controller, **parameters)
     run, bag = load(path), Bag(path)
     stamps, live = published_errors(bag, f"/{controller}/error")

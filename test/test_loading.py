@@ -55,7 +55,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("size", [1, 7, 50, 399, 400, 1000])
-def test_the_parts_of_a_run_are_the_run(bag: Path, size: int) -> None:
+def test_the_parts_of_a_run_are_the_run(bag, size):
     whole, parts = load(bag), list(blocks(bag, size=max(size, 2)))
     assert len(parts) > 1 or size > 350
     for part, after in itertools.pairwise(parts):
@@ -76,7 +76,7 @@ def test_the_parts_of_a_run_are_the_run(bag: Path, size: int) -> None:
         np.testing.assert_array_equal([pieces[instant] for instant in t.tolist()], values)
 
 
-def test_only_the_time_that_is_asked_for_is_looked_at(bag: Path) -> None:
+def test_only_the_time_that_is_asked_for_is_looked_at(bag):
     run, whole = load(bag, start=1.0, end=2.0), load(bag)
     assert run.measured.t[[0, -1]].tolist() == [1.0, 2.0]
     assert run.compliant is not None
@@ -113,7 +113,7 @@ LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
 
 @pytest.mark.parametrize("starts", [(None,) * 7, LATER])
 @pytest.mark.parametrize("split", [0, 37, 61, 100])
-def test_references_are_followed_as_controllers_follow_them(split: int, starts: Any) -> None:
+def test_references_are_followed_as_controllers_follow_them(split, starts):
     """Set-points, trajectories at once and later, and set-points again; in one part and in two."""
     lasting, period = 0.05, 10_000_000
     sent = [-5, 25_000_000, 25_000_001, 55_000_000, 300_000_000, 620_000_000, 640_000_000]
@@ -160,7 +160,7 @@ def _schema(tmp_path: Path, kind: str) -> Bag:
     return Bag(tmp_path / "types")
 
 
-def test_messages_of_several_layouts_become_columns(tmp_path: Path) -> None:
+def test_messages_of_several_layouts_become_columns(tmp_path):
     schema = _schema(tmp_path, "sensor_msgs/msg/JointState").schema("/t")
     messages = [
         _joint_state(["a", "b"], [1.0, 2.0], 1),
@@ -181,7 +181,7 @@ def test_messages_of_several_layouts_become_columns(tmp_path: Path) -> None:
     assert found[(4,)].numbers["position"].shape == (1, 0)
 
 
-def test_columns_know_arrays_of_types_of_other_packages(tmp_path: Path) -> None:
+def test_columns_know_arrays_of_types_of_other_packages(tmp_path):
     schema = _schema(tmp_path, "std_msgs/msg/Float64MultiArray").schema("/t")
     message = Float64MultiArray(data=[1.0, 2.0, 3.0])
     message.layout.dim.append(MultiArrayDimension(label="V", size=3, stride=9))
@@ -191,7 +191,7 @@ def test_columns_know_arrays_of_types_of_other_packages(tmp_path: Path) -> None:
     assert group.numbers["layout.dim[0].stride"].tolist() == [9]
 
 
-def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path: Path) -> None:
+def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path):
     angles = {"/left": 0.1, "/right": 0.2}
     arms = {side: write_run(tmp_path / side[1:], [q] * 5) for side, q in angles.items()}
     bag = arms_together(tmp_path / "both", arms)
@@ -203,7 +203,7 @@ def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path: Path) -> None:
         assert run.leading.orientation_error.tolist() == pytest.approx([q] * 5)
 
 
-def test_topics_may_have_other_names(tmp_path: Path) -> None:
+def test_topics_may_have_other_names(tmp_path):
     source = Bag(write_run(tmp_path / "source", [0.1] * 5, desired=False))
     topics = {"/arm/measured": "sensor_msgs/msg/JointState", "/chatter": "std_msgs/msg/String"}
     states = [m._replace(topic="/arm/measured") for m in source.read_raw(["/joint_states"])]
@@ -219,7 +219,7 @@ def test_topics_may_have_other_names(tmp_path: Path) -> None:
         load(bag, names={"joint_states": "/chatter"}, **options)
 
 
-def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path):
     q = [0.1, math.nan, 0.3, math.inf, 0.5]
     run = recorded(tmp_path / "run", q)
     assert run.measured.q[:, 0].tolist() == [0.1, 0.3, 0.5]
@@ -244,7 +244,7 @@ def _changed(folder: Path, topic: str, change: Any, q: Any = (0.1,) * 30, **opti
 
 
 @pytest.mark.parametrize("size", [0, 30])
-def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path: Path, size: int) -> None:
+def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path, size):
     """A simulator that restarts after 1 s sends the same stamps again."""
 
     def restart(message: RawMessage, k: int) -> RawMessage:
@@ -258,20 +258,20 @@ def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path: Path, 
     assert words in parts[-1].warning
 
 
-def test_samples_without_stamps_are_counted(tmp_path: Path) -> None:
+def test_samples_without_stamps_are_counted(tmp_path):
     never = -1_800_000_000_000_000_000
     q = [0.01 * k for k in range(30)]
     run = _changed(tmp_path, "/joint_states", lambda message, _k: _shifted(message, never), q)
     assert "29 messages of joint_states have the stamp of another" in load(run).warning
 
 
-def test_a_state_that_is_sent_again_is_no_loss(tmp_path: Path) -> None:
+def test_a_state_that_is_sent_again_is_no_loss(tmp_path):
     source = write_run(tmp_path / "source", [0.1] * 5)
     twice = [message for message in Bag(source).read_raw() for _ in range(2)]
     assert load(write_messages(tmp_path / "run", topics_of(source), twice)).warning == ""
 
 
-def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path: Path) -> None:
+def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path):
     q = [0.0] * 100 + [0.02 * k for k in range(100)]
     options = {"q": q, "command": [0.0] * 200}
     early = _changed(tmp_path, "/joint_reference", lambda m, k: m if k < 100 else None, **options)
@@ -283,7 +283,7 @@ def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_p
 
 
 @pytest.mark.parametrize("velocity", [[], [math.nan] * 2])
-def test_velocities_that_are_missing_are_differences(tmp_path: Path, velocity: list[float]) -> None:
+def test_velocities_that_are_missing_are_differences(tmp_path, velocity):
     messages = []
     for k in range(50):
         message = JointState(name=["hinge", "roll"], position=[0.02 * k, 0.0], velocity=velocity)
@@ -297,7 +297,7 @@ def test_velocities_that_are_missing_are_differences(tmp_path: Path, velocity: l
 
 
 @pytest.mark.parametrize("start", [0.55, 1.0, 2.49])
-def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path: Path, start: float) -> None:
+def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start):
     """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
@@ -313,7 +313,7 @@ def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path: Path, start
         assert V.max() > 2.5
 
 
-def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Path) -> None:
+def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path):
     arms = {}
     for side, began in (("/left", None), ("/right", 5 * PERIOD_NS)):
         options = {"lasting": 0.1, "began": began, "node": f"{side}/clik"}
@@ -326,7 +326,7 @@ def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path: Pa
 
 
 @pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 60, "٣"])
-def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
+def test_news_that_are_no_stamp_are_ignored(tmp_path, text):
     values = [KeyValue(key=BEGAN, value=text)]
     data = bytes(serialize_message(DiagnosticArray(status=[DiagnosticStatus(values=values)])))
     run = _changed(tmp_path, "/diagnostics", lambda m, _k: m._replace(data=data), began=0)
@@ -334,7 +334,7 @@ def test_news_that_are_no_stamp_are_ignored(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
-def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
+def test_a_message_that_is_cut_is_left_out(tmp_path, topic):
     run = _changed(tmp_path, topic, lambda m, _k: m._replace(data=m.data[:20]), began=0)
     assert f"1 messages of {topic[1:]} are not valid" in load(run, tip_frame="tip").warning
 
@@ -347,7 +347,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path, topic: str) -> None:
         *({"reference_timeout": timeout} for timeout in ("abc", [1], math.nan, -1.0)),
     ],
 )  # fmt: skip
-def test_parameters_that_are_not_valid_leave_the_rest(tmp_path: Path, wrong: Any) -> None:
+def test_parameters_that_are_not_valid_leave_the_rest(tmp_path, wrong):
     run = recorded(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong)
     assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
     told = "the parameters of the controller are not valid" in run.warning
@@ -355,7 +355,7 @@ def test_parameters_that_are_not_valid_leave_the_rest(tmp_path: Path, wrong: Any
     assert len(run.pole_distance) == 5
 
 
-def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
+def test_a_part_ends_by_the_messages_of_any_topic(tmp_path):
     """One joint_states a second, and 200 wrenches between two."""
     options = {"q": [0.1] * 4000, "wrenches": [[1.0, 0, 0, 0, 0, 0]] * 4000}
     rare = _changed(tmp_path, "/joint_states", lambda m, k: None if k % 200 else m, **options)
@@ -364,7 +364,7 @@ def test_a_part_ends_by_the_messages_of_any_topic(tmp_path: Path) -> None:
     assert max(len(part.sensed.t) for part in parts if part.sensed) < 1500
 
 
-def test_before_the_first_wrench_there_is_none(tmp_path: Path) -> None:
+def test_before_the_first_wrench_there_is_none(tmp_path):
     wrenches = [[50.0, 0, 0, 0, 0, 0]] * 30
     bag = _changed(tmp_path, "/wrench", lambda m, k: m if k > 9 else None, wrenches=wrenches)
     run = load(bag)

@@ -58,14 +58,14 @@ def rows_of(engine: Engine, kind: MapKind) -> list[object]:
 # --- sampling --------------------------------------------------------------------------
 
 
-def test_directions_are_unit_vectors_spread_evenly() -> None:
+def test_directions_are_unit_vectors_spread_evenly():
     v = directions(400)
     assert np.allclose(np.linalg.norm(v, axis=1), 1)
     assert np.allclose(v.T @ v / 400, np.eye(3) / 3, atol=5e-3)
 
 
 @pytest.mark.parametrize("roll", [-3.0, 0.0, 1.0])
-def test_an_orientation_has_the_tool_axis_asked_for(roll: float) -> None:
+def test_an_orientation_has_the_tool_axis_asked_for(roll):
     for z in directions(20):
         R = with_tool_axis(z, roll)
         assert np.allclose(R[:, 2], z)
@@ -73,13 +73,13 @@ def test_an_orientation_has_the_tool_axis_asked_for(roll: float) -> None:
         assert np.linalg.det(R) == pytest.approx(1)
 
 
-def test_the_start_is_away_by_the_error() -> None:
+def test_the_start_is_away_by_the_error():
     R_d = with_tool_axis(directions(7)[2], 0.3)
     assert angle_between(away(R_d, np.array([0.3, 0.4, 0.0])), R_d) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("axis", "sequence"), [(0, "XYZ"), (2, "ZYZ")])
-def test_a_passing_turn_comes_as_close_to_the_pole_as_asked(axis: int, sequence: str) -> None:
+def test_a_passing_turn_comes_as_close_to_the_pole_as_asked(axis, sequence):
     R, n = passing(axis, 0.1, 0.7)
     distance = [EulerSequence(sequence).pole_distance(exp(phi * n) @ R) for phi in (-0.2, 0, 0.2)]
     beside = math.acos(math.cos(0.1) * math.cos(0.2))
@@ -89,7 +89,7 @@ def test_a_passing_turn_comes_as_close_to_the_pole_as_asked(axis: int, sequence:
 # --- closed forms ----------------------------------------------------------------------
 
 
-def test_the_peak_speed_of_clik_is_that_of_its_error_equation() -> None:
+def test_the_peak_speed_of_clik_is_that_of_its_error_equation():
     """k theta of a rotation vector; 2 k sin(theta/2) of Euler parameters, eq. (28)."""
     kind = OrientationMap(
         variants=(VECTOR, PARAMETERS), samples=4, trials=1, errors=(30.0, 170.0), speeds=(),
@@ -105,7 +105,7 @@ def test_the_peak_speed_of_clik_is_that_of_its_error_equation() -> None:
     assert (table["failure"] == FINE).all()
 
 
-def test_the_settle_time_of_clik_with_euler_parameters_is_that_of_28() -> None:
+def test_the_settle_time_of_clik_with_euler_parameters_is_that_of_28():
     """dtheta = -2 k sin(theta/2), so tan(theta/4) decays with exp(-k t)."""
     kind = OrientationMap(
         variants=(PARAMETERS,), samples=2, trials=1, errors=(120.0,), speeds=(), law="clik",
@@ -118,9 +118,7 @@ def test_the_settle_time_of_clik_with_euler_parameters_is_that_of_28() -> None:
 
 
 @pytest.mark.parametrize(("variant", "row"), [(XYZ, 0), (ZYZ, 2)])
-def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(
-    variant: MapVariant, row: int
-) -> None:
+def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(variant, row):
     """K / (1 + s), K / (1 - s) with s = |sin(beta_d)| of XYZ, |cos(beta_d)| of ZYZ."""
     kind = StiffnessMap(variants=(variant,), samples=8, moment=1e-5)
     table = table_of(kind)
@@ -130,7 +128,7 @@ def test_the_apparent_stiffness_of_euler_angles_is_that_of_58(
     assert table["k_max"] == pytest.approx(1 / (1 - s), rel=1e-3)
 
 
-def test_large_moments_turn_as_in_closed_form() -> None:
+def test_large_moments_turn_as_in_closed_form():
     """arcsin(m) with Euler parameters, m with a rotation vector; m is moment over stiffness."""
     kind = DeflectionMap(variants=(PARAMETERS, VECTOR), samples=3, trials=2, largest=0.9)
     kind = replace(kind, duration=2.0)
@@ -141,7 +139,7 @@ def test_large_moments_turn_as_in_closed_form() -> None:
     assert table["deviation"].max() < 1e-3
 
 
-def test_beyond_half_the_stiffness_angle_axis_has_no_equilibrium() -> None:
+def test_beyond_half_the_stiffness_angle_axis_has_no_equilibrium():
     kind = DeflectionMap(variants=(ANGLE_AXIS,), samples=2, trials=1, largest=0.9)
     table = table_of(kind)
     assert table["turn"][0] == pytest.approx(math.degrees(math.asin(0.9) / 2), rel=1e-2)
@@ -151,7 +149,7 @@ def test_beyond_half_the_stiffness_angle_axis_has_no_equilibrium() -> None:
 # --- what fails ------------------------------------------------------------------------
 
 
-def test_angle_axis_settles_below_90_deg_and_never_beyond() -> None:
+def test_angle_axis_settles_below_90_deg_and_never_beyond():
     kind = OrientationMap(
         variants=(ANGLE_AXIS, PARAMETERS), samples=3, trials=1, errors=(70.0, 120.0), speeds=()
     )
@@ -162,7 +160,7 @@ def test_angle_axis_settles_below_90_deg_and_never_beyond() -> None:
     assert (of_variant(table, 1)["failure"] == FINE).all()
 
 
-def test_euler_angles_fail_close_to_their_pole_and_nowhere_else() -> None:
+def test_euler_angles_fail_close_to_their_pole_and_nowhere_else():
     kind = GainMap(
         variants=(XYZ, ZYZ, PARAMETERS), samples=2, closest=(0.05, 30.0), gains=(10.0, 100.0),
         arc=20.0,
@@ -174,7 +172,7 @@ def test_euler_angles_fail_close_to_their_pole_and_nowhere_else() -> None:
     assert (table["failure"][~near] == FINE).all()
 
 
-def test_euler_angles_go_astray_where_euler_parameters_turn_directly() -> None:
+def test_euler_angles_go_astray_where_euler_parameters_turn_directly():
     kind = ErrorMap(variants=(XYZ, RELATIVE, PARAMETERS), samples=6)
     table = table_of(kind)
     assert of_variant(table, 0)["detour"].max() > 1.2
@@ -183,7 +181,7 @@ def test_euler_angles_go_astray_where_euler_parameters_turn_directly() -> None:
     assert set(table["failure"]) <= {FINE, FAST, UNSETTLED, DIVERGED}
 
 
-def test_an_arm_does_what_the_free_frame_does() -> None:
+def test_an_arm_does_what_the_free_frame_does():
     kind = ArmMap(variants=(XYZ, PARAMETERS), samples=5, error=100.0, noise=0.0)
     table = table_of(kind)
     reached = table["reached"] > 0
@@ -194,7 +192,7 @@ def test_an_arm_does_what_the_free_frame_does() -> None:
     assert np.isnan(table["detour"][~reached]).all()
 
 
-def test_a_failure_says_what_failed() -> None:
+def test_a_failure_says_what_failed():
     good = TurnOutcome(peak=1.0, travel=1.0, worst=0.1, final=0.0, settled=0.2, diverged=False)
     assert failure(good, 1.5) == FINE
     assert failure(good, 0.5) == FAST
@@ -205,13 +203,13 @@ def test_a_failure_says_what_failed() -> None:
 # --- the sweep -------------------------------------------------------------------------
 
 
-def test_every_cell_is_in_one_batch() -> None:
+def test_every_cell_is_in_one_batch():
     batches = batches_of(SMALL)
     assert sorted(map(str, SMALL.cells())) == sorted(str(c) for b in batches for c in b)
     assert max(map(len, batches)) <= SMALL.batch
 
 
-def test_all_representations_meet_the_same_errors_and_noise() -> None:
+def test_all_representations_meet_the_same_errors_and_noise():
     twice = replace(SMALL, variants=(PARAMETERS, PARAMETERS))
     table = table_of(twice)
     assert np.array_equal(of_variant(table, 0)["speed_ratio"], of_variant(table, 1)["speed_ratio"])
@@ -232,7 +230,7 @@ class Counting:
             yield number, run_batch(kind, cells)
 
 
-def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
+def test_what_was_finished_is_not_simulated_again(tmp_path):
     definition = replace(load_map("failure"), kind=SMALL)
 
     def interrupted(kind: MapKind, batches: Batches) -> Iterator[object]:
@@ -258,7 +256,7 @@ def test_what_was_finished_is_not_simulated_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["empty", "truncated", "garbage", "flipped", "other", "rows"])
-def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, damage: str) -> None:
+def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path, damage):
     definition = replace(load_map("failure"), kind=SMALL)
     expected = sweep(definition, tmp_path, Counting(), lambda *_: None)
     counting = Counting()
@@ -298,8 +296,8 @@ def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path: Path, da
     ],
 )
 def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(
-    monkeypatch: pytest.MonkeyPatch, name: str, counts: bool
-) -> None:
+    monkeypatch, name, counts
+):
     definition = load_map("arm")
     before = definition.fingerprint
     assert before == load_map("arm").fingerprint
@@ -312,7 +310,7 @@ def test_a_map_of_other_code_is_another_map_but_its_pictures_are_drawn_anyway(
     definition_module._code.cache_clear()
 
 
-def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch):
     arm, free = load_map("arm"), load_map("failure")
     before = arm.fingerprint, free.fingerprint
     robot = replace(load_robot("ur5"), home=(0.1,) * 6)
@@ -322,7 +320,7 @@ def test_a_map_of_an_arm_depends_on_the_whole_robot(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_numbers_are_the_same_here_in_workers_of_its_own_and_with_another_scheduler() -> None:
+def test_the_numbers_are_the_same_here_in_workers_of_its_own_and_with_another_scheduler():
     with engine(0) as here:
         expected = rows_of(here, SMALL)
     with engine(2) as local:
@@ -337,7 +335,7 @@ def test_the_numbers_are_the_same_here_in_workers_of_its_own_and_with_another_sc
 # --- the executable --------------------------------------------------------------------
 
 
-def test_writes_a_page_with_pictures_that_need_no_network(tmp_path: Path) -> None:
+def test_writes_a_page_with_pictures_that_need_no_network(tmp_path):
     args = ["stiffness", "gain", "--quick", "--samples", "4", "--workers", "0"]
     assert main([*args, "--out", str(tmp_path)]) == 0
     page = (tmp_path / "index.html").read_text()
@@ -354,7 +352,7 @@ def test_writes_a_page_with_pictures_that_need_no_network(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("name", config_names("maps"))
-def test_the_shipped_maps_are_whole(name: str) -> None:
+def test_the_shipped_maps_are_whole(name):
     definition = load_map(name)
     assert definition.question.endswith("?")
     cells = definition.kind.cells()
@@ -363,7 +361,7 @@ def test_the_shipped_maps_are_whole(name: str) -> None:
     assert len(load_map(name, quick=True).kind.cells()) < 400
 
 
-def test_every_kind_of_map_is_shipped() -> None:
+def test_every_kind_of_map_is_shipped():
     assert {load_map(name).kind.kind for name in config_names("maps")} == set(MapKind.registry)
 
 
@@ -381,22 +379,20 @@ def test_every_kind_of_map_is_shipped() -> None:
         ("a.b", "kind: gain", "map 'a.b': use letters, digits"),
     ],
 )
-def test_a_wrong_file_is_refused_with_its_path(
-    tmp_path: Path, name: str, content: str, message: str
-) -> None:
+def test_a_wrong_file_is_refused_with_its_path(tmp_path, name, content, message):
     path = tmp_path / f"{name}.yaml"
     path.write_text(f"{content}\nvariants: {{a: {{orientation: euler_parameters}}}}\n")
     with pytest.raises(ConfigurationError, match=re.escape(f"{path}: {message}")):
         load_map(str(path))
 
 
-def test_a_scheduler_that_is_not_there_is_named() -> None:
+def test_a_scheduler_that_is_not_there_is_named():
     with pytest.raises(ConfigurationError, match="no Dask scheduler at 127"):  # noqa: SIM117
         with engine(0, "127.0.0.1:x"):
             pass
 
 
-def test_without_dask_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_the_error_says_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigurationError, match=r"Dask is not installed .*--workers 0"):  # noqa: SIM117
         with engine(1):

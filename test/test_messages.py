@@ -78,12 +78,12 @@ def assert_same(found: DesiredFrame, expected: DesiredFrame) -> None:
 
 
 @given(st.integers(min_value=0, max_value=2**31 * 10**9 - 1))
-def test_a_stamp_is_the_same_nanosecond_there_and_back(ns: int) -> None:
+def test_a_stamp_is_the_same_nanosecond_there_and_back(ns):
     assert ns_from_ros(travelled(stamp_to_ros(ns))) == ns
 
 
 @given(st.floats(min_value=0.0, max_value=1e6))
-def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds: float) -> None:
+def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds):
     msg = travelled(duration_to_ros(seconds))
     assert isinstance(msg, Duration)
     assert 0 <= msg.nanosec < 10**9
@@ -91,18 +91,18 @@ def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds: float) -> 
 
 
 @given(st.lists(finite, min_size=3, max_size=3))
-def test_a_vector_is_the_same_to_the_bit_there_and_back(values: list[float]) -> None:
+def test_a_vector_is_the_same_to_the_bit_there_and_back(values):
     found = vector_from_ros(travelled(vector_to_ros(np.array(values))))
     assert found.tolist() == values
 
 
-def test_a_rotation_is_the_same_there_and_back_at_every_angle() -> None:
+def test_a_rotation_is_the_same_there_and_back_at_every_angle():
     for R in all_rotations():
         Q = quaternion_from_ros(travelled(quaternion_to_ros(R)))
         assert angle_between(Q.R, R) < THROUGH_A_QUATERNION
 
 
-def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside() -> None:
+def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside():
     half = math.sqrt(0.5)
     msg = quaternion_to_ros(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     np.testing.assert_allclose([msg.x, msg.y, msg.z, msg.w], [0, 0, half, half], atol=RELATIVE)
@@ -111,13 +111,13 @@ def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside() -> None:
     np.testing.assert_allclose(eps, [0.6, 0.0, 0.0], atol=RELATIVE)
 
 
-def test_a_quaternion_of_single_precision_is_taken_and_normalised() -> None:
+def test_a_quaternion_of_single_precision_is_taken_and_normalised():
     x, y, z, w = (float(np.float32(v)) for v in np.array([1.0, 2.0, 3.0, 4.0]) / math.sqrt(30))
     eta, eps = quaternion_from_ros(Quaternion(x=x, y=y, z=z, w=w))
     assert eta**2 + eps @ eps == pytest.approx(1.0, abs=RELATIVE)
 
 
-def test_a_trajectory_is_the_same_there_and_back() -> None:
+def test_a_trajectory_is_the_same_there_and_back():
     expected = Trajectory([0.0, 0.5, 2.25], frames(3, key=1))
     msg = travelled(motion_to_ros(expected, "base_link", "tool0"))
     assert msg.header.frame_id == "base_link"
@@ -130,7 +130,7 @@ def test_a_trajectory_is_the_same_there_and_back() -> None:
         assert_same(found, frame)
 
 
-def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory() -> None:
+def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory():
     (frame,) = frames(1, key=2)
     msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.header.stamp = STAMP
@@ -146,7 +146,7 @@ def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory() -> No
     assert start is None
 
 
-def test_a_point_without_velocities_and_accelerations_rests_there() -> None:
+def test_a_point_without_velocities_and_accelerations_rests_there():
     (frame,) = frames(1, key=3)
     msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.points[0].velocities = msg.points[0].accelerations = []
@@ -154,7 +154,7 @@ def test_a_point_without_velocities_and_accelerations_rests_there() -> None:
     assert_same(motion.frames[0], frame.at_rest())
 
 
-def test_a_pose_is_the_same_there_and_back() -> None:
+def test_a_pose_is_the_same_there_and_back():
     for frame in frames(20, key=4):
         msg = travelled(pose_to_ros(frame.p_d, frame.R_d, STAMP, "base_link"))
         assert isinstance(msg, PoseStamped)
@@ -162,7 +162,7 @@ def test_a_pose_is_the_same_there_and_back() -> None:
         assert_same(pose_from_ros(msg, AT_ORIGIN), frame.at_rest())
 
 
-def test_a_target_is_stated_in_the_frame_that_carries_it() -> None:
+def test_a_target_is_stated_in_the_frame_that_carries_it():
     carrier = Placement(about(2, math.pi / 2), np.array([1.0, 2.0, 3.0]))
     msg = pose_to_ros(np.array([0.5, 0.0, 0.0]), about(2, 0.3), STAMP, "camera")
     found = pose_from_ros(msg, carrier)
@@ -175,7 +175,7 @@ def test_a_target_is_stated_in_the_frame_that_carries_it() -> None:
 
 
 @given(st.lists(possible, min_size=6, max_size=6))
-def test_a_wrench_is_the_same_to_the_bit_there_and_back(values: list[float]) -> None:
+def test_a_wrench_is_the_same_to_the_bit_there_and_back(values):
     msg = WrenchStamped()
     msg.header.frame_id = "tool0"
     wrench_to_ros(np.array(values), STAMP, msg)
@@ -185,7 +185,7 @@ def test_a_wrench_is_the_same_to_the_bit_there_and_back(values: list[float]) -> 
     assert wrench_from_ros(found, "tool0").tolist() == values
 
 
-def test_an_error_is_a_twist_with_the_position_error_first() -> None:
+def test_an_error_is_a_twist_with_the_position_error_first():
     msg = travelled(error_to_ros(np.arange(3.0), np.arange(3.0, 6.0), STAMP, "base_link"))
     assert (msg.header.stamp, msg.header.frame_id) == (STAMP, "base_link")
     assert vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
@@ -198,9 +198,7 @@ def test_an_error_is_a_twist_with_the_position_error_first() -> None:
 @given(
     st.permutations(["finger", *JOINTS, "other_arm"]), st.lists(possible, min_size=10, max_size=10)
 )
-def test_joints_are_found_by_name_in_any_order_with_others_between(
-    names: list[str], numbers: list[float]
-) -> None:
+def test_joints_are_found_by_name_in_any_order_with_others_between(names, numbers):
     position = dict(zip(names, numbers[:5], strict=True))
     velocity = dict(zip(names, numbers[5:], strict=True))
     msg = JointState(name=names, position=numbers[:5], velocity=numbers[5:])
@@ -211,7 +209,7 @@ def test_joints_are_found_by_name_in_any_order_with_others_between(
     assert dq.tolist() == [velocity[joint] for joint in JOINTS]
 
 
-def test_the_order_of_the_joints_may_change_from_message_to_message() -> None:
+def test_the_order_of_the_joints_may_change_from_message_to_message():
     reader = JointStateReader(JOINTS)
     for names, position in (
         (["shoulder", "elbow", "wrist"], [1.0, 2.0, 3.0]),
@@ -224,7 +222,7 @@ def test_the_order_of_the_joints_may_change_from_message_to_message() -> None:
         assert dq.tolist() == [0.0, 0.0, 0.0]  # no velocities are given
 
 
-def test_velocities_that_are_needed_are_missed() -> None:
+def test_velocities_that_are_needed_are_missed():
     msg = JointState(name=list(JOINTS), position=[1.0, 2.0, 3.0])
     with pytest.raises(InvalidMessageError, match="joint_states has no velocities"):
         JointStateReader(JOINTS, needs_velocity=True).from_ros(msg)
@@ -258,9 +256,7 @@ STATE_REFUSALS = [
 
 
 @pytest.mark.parametrize(("changes", "words"), STATE_REFUSALS)
-def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(
-    changes: dict[str, Any], words: str
-) -> None:
+def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(changes, words):
     reader = JointStateReader(JOINTS)
     for _ in range(2):  # nor is it taken after a good one
         with pytest.raises(InvalidMessageError, match=re.escape(words)):
@@ -268,7 +264,7 @@ def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(
         assert reader.from_ros(state())[1].tolist() == [1.0, 2.0, 3.0]  # the next one is good
 
 
-def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic() -> None:
+def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic():
     position, effort = CommandReader(JOINTS, "position"), CommandReader(JOINTS, "torque")
     names = ["wrist", "shoulder", "elbow"]
     msg = travelled(JointState(name=names, position=[3.0, 1.0, 2.0], velocity=[0.3, 0.1, 0.2]))
@@ -355,9 +351,7 @@ def good(kind: str) -> tuple[Any, Callable[[Any], Any]]:
     ("kind", "path", "value", "words"),
     [(kind, *refusal) for kind, refusals in REFUSALS.items() for refusal in refusals],
 )
-def test_what_means_nothing_is_refused_with_what_was_found(
-    kind: str, path: str, value: Any, words: str
-) -> None:
+def test_what_means_nothing_is_refused_with_what_was_found(kind, path, value, words):
     msg, read = good(kind)
     read(msg)
     put(msg, path, value)

@@ -124,7 +124,7 @@ def found(source: str, named: dict[str, str]) -> list[str]:
     return [ast.unparse(node) for node in nodes if matches(node, named, lines)]
 
 
-def test_no_product_file_decides_by_words() -> None:
+def test_no_product_file_decides_by_words():
     sources = {path: path.read_text() for path in FILES}
     named = {
         name: value for source in sources.values() for name, value in constants(ast.parse(source))
@@ -159,7 +159,7 @@ def test_no_product_file_decides_by_words() -> None:
         'if "timed out" in str(error): pass',
     ],
 )
-def test_what_decides_by_words_is_caught(source: str) -> None:
+def test_what_decides_by_words_is_caught(source):
     assert found(source, {})
 
 
@@ -173,5 +173,5 @@ def test_what_decides_by_words_is_caught(source: str) -> None:
         "self._said.get(node) != report",
     ],
 )
-def test_what_reads_keys_is_not_caught(source: str) -> None:
+def test_what_reads_keys_is_not_caught(source):
     assert not found(source, {})

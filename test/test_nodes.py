@@ -9,7 +9,6 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -125,9 +124,7 @@ def node(
 # --- one state, one command -----------------------------------------------------------------
 
 
-def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
-    node: Controlled,
-) -> None:
+def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(node):
     arm = node.arm
     first = arm.t + 1_000_000
     arm.send_next(50)
@@ -136,7 +133,7 @@ def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(
     assert found == list(range(first, arm.t + 1, 1_000_000))
 
 
-def test_joints_are_matched_by_name_in_any_order_with_others_between(node: Controlled) -> None:
+def test_joints_are_matched_by_name_in_any_order_with_others_between(node):
     arm = node.arm
     arm.q = q = HOME + np.arange(6) / 100
     arm.t += 10**10
@@ -152,9 +149,7 @@ def test_joints_are_matched_by_name_in_any_order_with_others_between(node: Contr
 
 
 @pytest.mark.parametrize("jump", [-5.0, 0.2])  # [s] the simulator restarted, or stood still
-def test_after_a_jump_of_the_stamp_it_holds_where_the_arm_is_then(
-    node: Controlled, jump: float
-) -> None:
+def test_after_a_jump_of_the_stamp_it_holds_where_the_arm_is_then(node, jump):
     arm = node.arm
     p, R = pose(arm.q)
     node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
@@ -166,7 +161,7 @@ def test_after_a_jump_of_the_stamp_it_holds_where_the_arm_is_then(
     node.graph.until_said(node.process, words)
 
 
-def test_a_reference_is_followed_to_its_end(node: Controlled) -> None:
+def test_a_reference_is_followed_to_its_end(node):
     arm = node.arm
     p, R = pose(arm.q)
     goal = DesiredFrame(p + [0.02, -0.03, 0.04], rodrigues(0.3, np.array([0.0, 0.6, 0.8])) @ R)
@@ -181,7 +176,7 @@ def test_a_reference_is_followed_to_its_end(node: Controlled) -> None:
 # --- what is refused -------------------------------------------------------------------------
 
 
-def test_two_publishers_on_reference_are_refused_and_both_named(node: Controlled) -> None:
+def test_two_publishers_on_reference_are_refused_and_both_named(node):
     words = "two publishers on 'reference': /peer, /rival; expected one"
     rival = node.peer.another_node("rival")
     try:
@@ -209,9 +204,7 @@ def broken_states(arm: Arm) -> list[Any]:
     return [nan, short, missing]
 
 
-def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
-    node: Controlled,
-) -> None:
+def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(node):
     arm = node.arm
     before = node.peer.counter(node.name, "joint_states rejected")
     cases = broken_states(arm)
@@ -252,8 +245,8 @@ def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(
     indirect=["node"],
 )
 def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_nothing(
-    node: Controlled, name: str, value: Any, words: str
-) -> None:
+    node, name, value, words
+):
     before = node.peer.get_parameters(node.name, name)
     assert node.peer.set_parameters(node.name, use_sim_time=False) == []
     try:
@@ -275,9 +268,7 @@ of_dynamic_control = pytest.mark.parametrize("node", ["dynamic_control"], indire
 
 @of_dynamic_control
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
-def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(
-    node: Controlled, rate: float
-) -> None:
+def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(node, rate):
     before = int(values(node.status(lambda s: "saturated ticks" in values(s)))["saturated ticks"])
     node.change(max_effort_rate=[rate], **UNSHAPED)
     hold = node.arm.tick()
@@ -292,7 +283,7 @@ def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(
 
 
 @of_dynamic_control
-def test_no_effort_exceeds_the_limit_of_its_joint(node: Controlled) -> None:
+def test_no_effort_exceeds_the_limit_of_its_joint(node):
     node.change(k_Pp=1e4, k_Vp=200.0, max_effort_rate=[1e6], **UNSHAPED)
     node.arm.tick()
     p, R = pose(HOME)
@@ -302,9 +293,7 @@ def test_no_effort_exceeds_the_limit_of_its_joint(node: Controlled) -> None:
 
 
 @of_dynamic_control
-def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(
-    node: Controlled,
-) -> None:
+def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(node):
     arm = node.arm
     p, R = pose(HOME)
     node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.3], R), times=(0.5,)))
@@ -322,7 +311,7 @@ def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(
 # --- reports ---------------------------------------------------------------------------------
 
 
-def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
+def test_pose_error_and_diagnostics_report_the_loop(node):
     peer, arm = node.peer, node.arm
     poses = peer.listen(PoseStamped, f"{node.name}/pose")
     errors = peer.listen(TwistStamped, f"{node.name}/error")
@@ -346,9 +335,7 @@ def test_pose_error_and_diagnostics_report_the_loop(node: Controlled) -> None:
 @pytest.mark.parametrize(
     ("node", "k_Po"), [("clik", 2.0), ("dynamic_control", 800.0)], indirect=["node"]
 )
-def test_the_error_and_the_lyapunov_function_are_those_of_the_state(
-    node: Controlled, k_Po: float
-) -> None:
+def test_the_error_and_the_lyapunov_function_are_those_of_the_state(node, k_Po):
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
     node.change(k_Po=k_Po, **UNSHAPED)
@@ -375,9 +362,7 @@ def test_the_error_and_the_lyapunov_function_are_those_of_the_state(
         assert now[0] > 1e-6
 
 
-def test_what_is_made_of_a_trajectory_beyond_the_limits_of_the_tip_is_published_and_said(
-    node: Controlled,
-) -> None:
+def test_what_is_made_of_a_trajectory_beyond_the_limits_of_the_tip_is_published_and_said(node):
     desired = node.peer.listen(MultiDOFJointTrajectory, f"{node.name}/desired")
     p, R = pose(HOME)
     goal = DesiredFrame(p - [0.0, 0.0, 0.2], R)
@@ -419,9 +404,7 @@ def lyapunov(
     return k_Po * V_1 + omega_2 / 2, -40.0 * omega_2  # k_Vo is 40 / s
 
 
-def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_said(
-    node: Controlled,
-) -> None:
+def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_said(node):
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
     node.change(orientation="euler_angles")
@@ -441,8 +424,8 @@ def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_
     ("executable", "autostart"), [("clik", True), ("clik", False), ("dynamic_control", True)]
 )
 def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
-    world: World, executable: str, autostart: bool
-) -> None:
+    world, executable, autostart
+):
     peer = world.peer
     arm = Controlled.ARMS[executable](world, UR5)
     process = world.start(executable, {**FRAMES, "autostart": autostart, "use_sim_time": True})
@@ -487,7 +470,7 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     assert process.stop() == 0
 
 
-def test_after_the_shutdown_transition_no_command_follows_the_hold(world: World) -> None:
+def test_after_the_shutdown_transition_no_command_follows_the_hold(world):
     clik = Controlled(world, "clik", FRAMES)
     assert clik.peer.change_state("/clik", "active_shutdown")
     (hold,) = clik.arm.commands
@@ -519,8 +502,8 @@ def last_of(graph: Graph, commands: list[JointState]) -> JointState:
     ],
 )
 def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and_exit_code_0(
-    graph: Graph, executable: str, number: signal.Signals
-) -> None:
+    graph, executable, number
+):
     patient = {"state_timeout": 5.0}  # where the machine is slow
     node = Controlled(graph, executable, FRAMES | patient, namespace="/left")
     arm = node.arm
@@ -545,7 +528,7 @@ def test_a_signal_brings_the_moving_arm_to_rest_and_ends_with_a_safe_command_and
     assert "Traceback" not in node.process.log
 
 
-def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> None:
+def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph):
     patient = {"state_timeout": 5.0}  # where the machine is slow
     node = Controlled(graph, "dynamic_control", FRAMES | patient)
     arm = node.arm
@@ -588,8 +571,8 @@ def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph: Graph) -> Non
     ],
 )
 def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
-    world: World, executable: str, parameters: dict[str, Any], words: str
-) -> None:
+    world, executable, parameters, words
+):
     peer, arm = world.peer, Controlled.ARMS[executable](world, UR5)
     process = world.start(executable, {**FRAMES, **parameters})
     status = peer.status(executable, lambda s: "not configured" in s.message)
@@ -604,8 +587,8 @@ def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
 
 @pytest.mark.parametrize("executable", CONTROLLERS)
 def test_a_controller_whose_robot_lacks_a_joint_is_not_activated_until_it_is_there(
-    world: World, executable: str
-) -> None:
+    world, executable
+):
     peer, arm = world.peer, Controlled.ARMS[executable](world, UR5)
     process = world.start(executable, FRAMES)
     lacking = arm.message()
@@ -623,9 +606,7 @@ def test_a_controller_whose_robot_lacks_a_joint_is_not_activated_until_it_is_the
     assert peer.lifecycle_state(executable) == "active"
 
 
-def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_after_it(
-    world: World,
-) -> None:
+def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_after_it(world):
     peer = world.peer
     process = world.start("clik", FRAMES)
     description = peer.publisher(String, "robot_description", latched=True)
@@ -664,8 +645,8 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
     ],
 )
 def test_an_impossible_parameter_ends_a_node_with_one_line_and_exit_code_1(
-    tmp_path: Path, executable: str, parameters: dict[str, Any], words: str
-) -> None:
+    tmp_path, executable, parameters, words
+):
     process = run_to_its_end(executable, tmp_path, parameters)
     assert process.exit_code == 1
     (line,) = process.stderr.splitlines()
@@ -674,9 +655,7 @@ def test_an_impossible_parameter_ends_a_node_with_one_line_and_exit_code_1(
 
 
 @pytest.mark.parametrize("executable", CONTROLLERS)
-def test_limits_can_be_switched_off_in_simulation_which_then_cannot_be_left(
-    world: World, executable: str
-) -> None:
+def test_limits_can_be_switched_off_in_simulation_which_then_cannot_be_left(world, executable):
     start = {"enforce_limits": False, "use_sim_time": True}
     process = world.start(executable, start)
     assert world.peer.get_parameters(executable, *start) == [False, True]
@@ -689,7 +668,7 @@ def test_limits_can_be_switched_off_in_simulation_which_then_cannot_be_left(
 
 
 @pytest.mark.parametrize("orientation", ["euler_angles", "euler_parameters"])
-def test_a_second_parameter_file_switches_the_orientation(world: World, orientation: str) -> None:
+def test_a_second_parameter_file_switches_the_orientation(world, orientation):
     files = (CONFIG / "clik.yaml", CONFIG / f"{orientation}.yaml")
     world.start("clik", {"k_Pp": 50.0}, files=files)
     found = world.peer.get_parameters("/clik", "orientation", "euler_sequence", "k_Pp", "k_Po")
@@ -697,7 +676,7 @@ def test_a_second_parameter_file_switches_the_orientation(world: World, orientat
 
 
 @pytest.mark.parametrize("executable", [*CONTROLLERS, "reference", "pybullet_bridge"])
-def test_the_file_of_a_node_in_config_is_accepted_by_it(world: World, executable: str) -> None:
+def test_the_file_of_a_node_in_config_is_accepted_by_it(world, executable):
     process = world.start(executable, files=(CONFIG / f"{executable}.yaml",))
     world.peer.status(executable)
     assert process.stop() == 0
@@ -716,8 +695,8 @@ def test_the_file_of_a_node_in_config_is_accepted_by_it(world: World, executable
     ],
 )
 def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_efforts(
-    world: World, executable: str, kind: str, message: Any, found: Callable[[Any], Any]
-) -> None:
+    world, executable, kind, message, found
+):
     arm = Controlled.ARMS[executable](world, UR5, command=message)
     world.start(executable, {**FRAMES, "command_type": kind, "use_sim_time": True})
     world.until(lambda: (arm.send(arm.message()), arm.commands)[1], "a command")
@@ -725,7 +704,7 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_effor
     np.testing.assert_allclose(found(arm.commands[0]), held, rtol=1e-9)
 
 
-def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world: World) -> None:
+def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world):
     peer = world.peer
     found = peer.listen(JointTrajectory, "trajectory")
     commands = CommandPublisher(peer.node, "trajectory", "joint_trajectory", UR5.joints, QOS)
@@ -740,7 +719,7 @@ def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world: World)
     assert found[0].header.stamp == Time()  # from now on
 
 
-def test_require_reference_is_silent_until_the_first_reference(world: World) -> None:
+def test_require_reference_is_silent_until_the_first_reference(world):
     arm, peer = Arm(world, UR5), world.peer
     process = world.start("clik", {**FRAMES, "require_reference": True, "use_sim_time": True})
     goals = peer.publisher(MultiDOFJointTrajectory, "reference")
@@ -758,9 +737,7 @@ def test_require_reference_is_silent_until_the_first_reference(world: World) -> 
 # --- reference -------------------------------------------------------------------------------
 
 
-def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used(
-    world: World,
-) -> None:
+def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used(world):
     peer, arm = world.peer, Arm(world, UR5)
     process = world.start("reference", {**FRAMES, "motion": "circle"})
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
@@ -776,7 +753,7 @@ def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used
 CIRCLE = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
 
 
-def test_reference_waits_for_as_many_subscribers_as_it_is_told(world: World) -> None:
+def test_reference_waits_for_as_many_subscribers_as_it_is_told(world):
     peer, arm = world.peer, Arm(world, UR5)
     process = world.start("reference", {**FRAMES, **CIRCLE, "wait_for_subscribers": 2})
     first = peer.listen(MultiDOFJointTrajectory, "reference")
@@ -795,7 +772,7 @@ def test_reference_waits_for_as_many_subscribers_as_it_is_told(world: World) -> 
     assert process.stop() == 0
 
 
-def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(world: World) -> None:
+def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(world):
     peer, arm = world.peer, Arm(world, UR5)
     process = world.start("reference", {**FRAMES, **CIRCLE})
 
@@ -823,7 +800,7 @@ def test_reference_sends_its_motion_again_when_asked_and_says_why_it_cannot(worl
     assert process.stop() == 0
 
 
-def test_reference_without_a_motion_says_so_when_asked_for_it(world: World) -> None:
+def test_reference_without_a_motion_says_so_when_asked_for_it(world):
     process = world.start("reference", FRAMES)
     answer = world.peer.call(Trigger, "/reference/send", Trigger.Request())
     assert (answer.success, answer.message) == (False, "not sent: the parameter motion is none")
@@ -833,7 +810,7 @@ def test_reference_without_a_motion_says_so_when_asked_for_it(world: World) -> N
 # --- the bridge ------------------------------------------------------------------------------
 
 
-def test_the_robot_publishes_its_state_wrench_clock_and_description(world: World) -> None:
+def test_the_robot_publishes_its_state_wrench_clock_and_description(world):
     slow = {"robot": "ur5", "rate": 100.0, "clock_rate": 100.0, "servo_bandwidth": 50.0}
     world.start("pybullet_bridge", slow, namespace="/robot")
     peer = world.peer
@@ -857,9 +834,7 @@ def test_the_robot_publishes_its_state_wrench_clock_and_description(world: World
     assert [ns_from_ros(msg.header.stamp) for msg in wrenches] == stamps  # each before its state
 
 
-def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(
-    world: World, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(world, capsys):
     """Who records must not miss the beginning because it was discovered late."""
 
     def progress() -> list[float]:

@@ -131,7 +131,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     return page_of(folder, pair(folder), "The claim (28).", "Wild is off by 85.9 deg.", verdicts)
 
 
-def test_the_page_loads_nothing(page: str, tmp_path: Path) -> None:
+def test_the_page_loads_nothing(page, tmp_path):
     assert not re.search(r"https?:", page)
     assert not re.search(r"\ssrc\s*=|@import|url\(", page)
     assert not re.search(r"\shref\s*=(?!\"#section-\d+\")", page)
@@ -141,13 +141,13 @@ def test_the_page_loads_nothing(page: str, tmp_path: Path) -> None:
     assert "showSendToCloud: false" in page  # else plotly offers to upload the data
 
 
-def test_the_page_is_small(tmp_path: Path) -> None:
+def test_the_page_is_small(tmp_path):
     runs = list(map(Digest.of, pair(tmp_path))) * 20
     write_page(tmp_path / "page.html", runs, "", "")
     assert (tmp_path / "page.html").stat().st_size < MAX_BYTES
 
 
-def test_the_page_begins_with_the_sentence_and_the_orientation_error(page: str) -> None:
+def test_the_page_begins_with_the_sentence_and_the_orientation_error(page):
     heading = re.search(r"<body>\s*<header>\s*<h1>(.*?)</h1>", page)
     assert heading is not None
     assert re.sub("<.*?>", "", heading[1]) == "Wild is off by 85.9 deg."
@@ -159,7 +159,7 @@ def test_the_page_begins_with_the_sentence_and_the_orientation_error(page: str) 
     assert first["layout"]["yaxis"]["title"]["text"] == "orientation error [deg]"
 
 
-def test_every_verdict_is_on_the_page_if_there_are_any(page: str, tmp_path: Path) -> None:
+def test_every_verdict_is_on_the_page_if_there_are_any(page, tmp_path):
     text = re.sub(r"<wbr>", "", page)
     assert '<span class="no">1 of 2 criteria met.</span>' in text
     rows = re.findall(r"<tr class=\"group\">(.*?)</tr>", text)
@@ -176,7 +176,7 @@ def test_every_verdict_is_on_the_page_if_there_are_any(page: str, tmp_path: Path
     assert "<h1>Largest orientation error: " in without
 
 
-def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page: str) -> None:
+def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
     error, speed = figures_of(page)[:2]
     calm, wild = (array(trace["y"]) for trace in error["data"])
     assert wild.max() == pytest.approx(np.degrees(1.5), rel=1e-6)
@@ -191,7 +191,7 @@ def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page: str) -> None:
     assert 3 in [shape.get("y0") for shape in speed["layout"]["shapes"]]  # the limit
 
 
-def test_a_run_has_one_colour_and_one_time_axis_everywhere(page: str) -> None:
+def test_a_run_has_one_colour_and_one_time_axis_everywhere(page):
     figures = figures_of(page)
     colours = {
         (trace["legendgroup"], trace.get("line", trace.get("marker"))["color"])
@@ -209,7 +209,7 @@ def test_a_run_has_one_colour_and_one_time_axis_everywhere(page: str) -> None:
     assert ranges == {(0.0, 89.99)}
 
 
-def test_the_time_near_the_pole_is_shaded_and_the_closest_approach_marked(page: str) -> None:
+def test_the_time_near_the_pole_is_shaded_and_the_closest_approach_marked(page):
     layout = figures_of(page)[0]["layout"]
     bands = [(shape["x0"], shape["x1"]) for shape in layout["shapes"] if "fillcolor" in shape]
     assert bands == [(45.67, 45.67)]
@@ -217,14 +217,14 @@ def test_the_time_near_the_pole_is_shaded_and_the_closest_approach_marked(page: 
     assert note["text"] == "4.06 deg from the pole of XYZ, at 45.670 s"
 
 
-def test_parameters_that_differ_are_highlighted_and_the_others_folded(page: str) -> None:
+def test_parameters_that_differ_are_highlighted_and_the_others_folded(page):
     assert differing_in(page) == [("/clik k_Po", ["100", "2.5"])]
     folded = folded_in(page)
     assert "<th>/clik orientation</th>" in folded
     assert "k_Po" not in folded
 
 
-def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
+def test_text_of_a_bag_is_escaped_everywhere(tmp_path):
     evil_folder = EVIL.replace("/", "\\")
     parameters = {EVIL: EVIL, "euler_sequence": "XYZ"}
     run = recorded(tmp_path / evil_folder, [0.1, 0.2], parameters=parameters)
@@ -237,13 +237,13 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path: Path) -> None:
         assert all("<script>" not in trace.get("name", "") for trace in figure["data"])
 
 
-def test_the_json_of_the_plots_cannot_end_its_script_element() -> None:
+def test_the_json_of_the_plots_cannot_end_its_script_element():
     text = figures_json([Figure("", [], {"title": {"text": EVIL}}, 300)])
     assert "<" not in text
     assert json.loads(text)[0]["layout"]["title"]["text"] == EVIL
 
 
-def test_a_bag_with_joint_states_only_has_a_page(tmp_path: Path) -> None:
+def test_a_bag_with_joint_states_only_has_a_page(tmp_path):
     folder = write_run(tmp_path / "real", [0.1, 0.2], speeds=[1.0, 1.0], desired=False)
     text = page_of(tmp_path, [load(folder, tip_frame="tip")], "", "")
     assert titles_of(text) == [
@@ -266,7 +266,7 @@ def dynamic(folder: Path, efforts: Any, **options: Any) -> Recording:
     return recorded(folder, q, speeds=-q, efforts=efforts, parameters=GAINS, **options)
 
 
-def test_dynamic_control_shows_its_efforts_and_its_lyapunov_function(tmp_path: Path) -> None:
+def test_dynamic_control_shows_its_efforts_and_its_lyapunov_function(tmp_path):
     text = page_of(tmp_path, [dynamic(tmp_path / "run", np.linspace(3.0, 8.0, 50))], "", "")
     assert titles_of(text) == [
         "Orientation error",
@@ -292,14 +292,14 @@ def test_dynamic_control_shows_its_efforts_and_its_lyapunov_function(tmp_path: P
         assert equation in text
 
 
-def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path: Path) -> None:
+def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path):
     run = recorded(tmp_path / "run", [0.2, 0.1], [0.2, 0.1], parameters=GAINS)
     text = page_of(tmp_path, [run], "", "")
     assert figure_of(text, "Lyapunov function")["layout"]["yaxis"]["type"] == "log"
     assert figure_of(text, "Orientation error")["layout"]["yaxis"]["type"] == "linear"
 
 
-def test_the_effort_of_each_joint_has_its_plot(tmp_path: Path) -> None:
+def test_the_effort_of_each_joint_has_its_plot(tmp_path):
     text = page_of(tmp_path, [dynamic(tmp_path / "run", [3.0, -8.0])], "", "")
     joints = panels_of(text)["Effort of each joint"]
     efforts = [[array(trace["y"]).tolist() for trace in joint["data"]] for joint in joints]
@@ -308,7 +308,7 @@ def test_the_effort_of_each_joint_has_its_plot(tmp_path: Path) -> None:
     assert {shape["y0"] for joint in joints for shape in joint["layout"]["shapes"]} == {10}
 
 
-def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(tmp_path: Path) -> None:
+def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(tmp_path):
     kinematic = recorded(tmp_path / "clik", [1.0, 0.5], [1.0, 0.5], parameters=GAINS)
     text = page_of(tmp_path, [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], "", "")
     for title in ("Effort", "Effort of each joint"):
@@ -319,7 +319,7 @@ def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(tmp_
     assert len(figure_of(text, "Lyapunov function")["data"]) == 2
 
 
-def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path: Path) -> None:
+def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path):
     plane, stiff = {"shape": "plane", "stiffness": 1e3}, {"shape": "plane", "stiffness": 1e5}
     first = GAINS | {"environment": {"plane": plane}}
     other = GAINS | {"environment": {"plane": stiff}, "k_Po": 900.0}
@@ -335,7 +335,7 @@ def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path:
     assert "<th>/dynamic_control environment.plane.shape</th>" in folded_in(text)
 
 
-def test_joints_of_different_robots_are_named_each(tmp_path: Path) -> None:
+def test_joints_of_different_robots_are_named_each(tmp_path):
     runs = [dynamic(tmp_path / name, [3.0, 3.0]) for name in ("one", "other")]
     runs[1] = replace(runs[1], robot=Robot(URDF.replace("hinge", "elbow"), "base", "tip"))
     rigid = URDF.replace('name="roll" type="revolute"', 'name="roll" type="fixed"')
@@ -350,7 +350,7 @@ def test_joints_of_different_robots_are_named_each(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [1e30, 1e300])
-def test_a_run_that_diverged_is_told_and_its_axes_can_be_read(tmp_path: Path, size: float) -> None:
+def test_a_run_that_diverged_is_told_and_its_axes_can_be_read(tmp_path, size):
     calm = dynamic(tmp_path / "calm", np.full(99, 5.0))
     q = np.append(np.full(50, 0.1), [size, -size])
     wild = recorded(tmp_path / "wild", q, speeds=q, efforts=q, parameters=GAINS)
@@ -374,7 +374,7 @@ def digest_of(folder: Path, **changes: Any) -> Digest:
     return replace(Digest.of(run), **changes)
 
 
-def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path: Path) -> None:
+def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path):
     t, y = np.array([0.0, 0.5]), np.array([60.0, 2.0])
     predictions = [
         Prediction("orientation_error", f"by (65) {EVIL}", t, y),
@@ -398,13 +398,13 @@ def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path: Path) 
     assert effort["layout"]["yaxis"]["range"][1] > 9.9
 
 
-def test_a_prediction_of_no_quantity_is_refused(tmp_path: Path) -> None:
+def test_a_prediction_of_no_quantity_is_refused(tmp_path):
     wrong = Prediction("efort", "", np.zeros(2), np.zeros(2))
     with pytest.raises(UnknownNameError, match=r"unknown quantity 'efort'.*did you mean 'effort'"):
         page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", predictions=[wrong])
 
 
-def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path: Path) -> None:
+def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path):
     runs = [
         digest_of(tmp_path / "a", near_pole=[(0.1, 0.2)], near_singular=[(0.3, 0.4)]),
         digest_of(tmp_path / "b", near_pole=[(0.15, 0.25)]),
@@ -421,7 +421,7 @@ def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path: Path
     assert "Shaded:" not in plain
 
 
-def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path: Path) -> None:
+def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path):
     approaches = [Approach(0.01, 1e-3, "XYZ"), Approach(0.48, 2e-3, "ZYZ")]
     run = digest_of(tmp_path / "run")
     runs = [replace(run, approach=approach) for approach in approaches]
@@ -438,9 +438,7 @@ def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path: Pa
     assert [s["x0"] for s in layout["shapes"] if s.get("yref") == "paper"] == [0.01, 0.48]
 
 
-def test_quantities_with_a_group_have_a_section_and_a_link_to_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_quantities_with_a_group_have_a_section_and_a_link_to_it(tmp_path, monkeypatch):
     class Grouped(Quantity):
         group = "Errors & more"
 
@@ -463,7 +461,7 @@ def test_quantities_with_a_group_have_a_section_and_a_link_to_it(
     assert text.index("<h3>Position error</h3>") > text.index("<h2>Errors &amp; more</h2>")
 
 
-def test_values_of_any_sign_and_size_are_seen_whole_on_axes_of_equal_length(tmp_path: Path) -> None:
+def test_values_of_any_sign_and_size_are_seen_whole_on_axes_of_equal_length(tmp_path):
     run, t = digest_of(tmp_path / "run"), np.array([0.0, 0.5])
 
     def axes_of(title: str, **curves: list[Curve]) -> list[list[float]]:
@@ -482,7 +480,7 @@ def test_values_of_any_sign_and_size_are_seen_whole_on_axes_of_equal_length(tmp_
     assert near == [pytest.approx([-1.1, 1.1])] * 3
 
 
-def test_many_runs_are_described_by_the_largest_and_the_smallest(tmp_path: Path) -> None:
+def test_many_runs_are_described_by_the_largest_and_the_smallest(tmp_path):
     run = digest_of(tmp_path / "run")
     runs = [
         replace(run, path=Path(f"/{x}"), highest={"orientation_error": x})
@@ -492,7 +490,7 @@ def test_many_runs_are_described_by_the_largest_and_the_smallest(tmp_path: Path)
     assert describe(runs[:2]) == "Largest orientation error: 2.00 deg (2.0), 5.00 deg (5)."
 
 
-def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path: Path) -> None:
+def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path):
     name = "a_run_with_a_name_" + "x" * 60 + "_end"
     text = page_of(tmp_path, [digest_of(tmp_path / "run", path=tmp_path / name)], "", "")
     text = text.replace("<wbr>", "")
@@ -503,7 +501,7 @@ def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path: Path) 
     assert f'<span class="name">{name}</span>' in text
 
 
-def test_the_files_of_the_page_are_installed_with_the_package(tmp_path: Path) -> None:
+def test_the_files_of_the_page_are_installed_with_the_package(tmp_path):
     command = ("setup.py", "-q", "build_py", "--build-lib", str(tmp_path))
     root = Path(__file__).resolve().parents[1]
     subprocess.run([sys.executable, *command], cwd=root, check=True, timeout=120)
@@ -511,9 +509,7 @@ def test_the_files_of_the_page_are_installed_with_the_package(tmp_path: Path) ->
     assert {path.name for path in installed.iterdir()} == {*SCRIPTS, "page.css", "plain.css"}
 
 
-def test_without_the_3d_library_there_is_a_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_3d_library_there_is_a_page(tmp_path, monkeypatch):
     run = digest_of(tmp_path / "run")
     with monkeypatch.context() as without:
         without.setattr(page_assets, "find_spec", lambda name: None)

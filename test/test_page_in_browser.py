@@ -250,16 +250,14 @@ def keep(page: Page, time: float) -> None:
 # --- it opens offline ------------------------------------------------------------------------
 
 
-def test_the_page_opens_without_errors_and_asks_for_nothing(
-    one_page: tuple[Page, Seen], file: Path, page: Page
-) -> None:
+def test_the_page_opens_without_errors_and_asks_for_nothing(one_page, file, page):
     _, seen = one_page
     asked = [url for url in seen.requests if not url.startswith(("data:", "blob:"))]
     assert asked == [file.as_uri()]
     assert all(in_sight(page, "p.graph.querySelectorAll('.scatterlayer path').length > 0"))
 
 
-def test_text_of_a_bag_is_no_script(page: Page) -> None:
+def test_text_of_a_bag_is_no_script(page):
     assert page.locator("h1").inner_text() == EVIL
     assert page.locator("[data-run='1']").inner_text() == "<img src…error=window.hacked=1>"
     assert page.locator(".boxes [data-shown='1'] + svg + .name").inner_text() == EVIL
@@ -271,7 +269,7 @@ def test_text_of_a_bag_is_no_script(page: Page) -> None:
     assert page.locator("img:not(.printed)").count() == 0
 
 
-def test_a_link_opens_its_section_and_plots_in_sight_are_drawn(page: Page) -> None:
+def test_a_link_opens_its_section_and_plots_in_sight_are_drawn(page):
     last = page.locator(".plot").last
     assert last.locator("path").count() == 0
     page.locator("nav a", has_text="Each joint").click()
@@ -288,7 +286,7 @@ def assert_zoomed(page: Page, start: float, end: float, tolerance: float = 0.01)
         assert shown == pytest.approx([start, end], abs=tolerance)
 
 
-def test_zooming_one_plot_moves_all(page: Page) -> None:
+def test_zooming_one_plot_moves_all(page):
     start = point_at(page, 0, 0.25)
     page.mouse.down()
     end = point_at(page, 0, 0.5)
@@ -307,7 +305,7 @@ def test_zooming_one_plot_moves_all(page: Page) -> None:
     assert_zoomed(page, 0, END, 1e-6)
 
 
-def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(page: Page) -> None:
+def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(page):
     before = tip(page)
     time = point_at(page, 0, 0.6)
     assert line_times(page) == pytest.approx([time] * len(line_times(page)), abs=0.01)
@@ -324,7 +322,7 @@ def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(pa
     assert line_times(page)[0] == pytest.approx(time, abs=0.01)
 
 
-def test_the_slider_sets_the_time_of_plots_and_replay(page: Page) -> None:
+def test_the_slider_sets_the_time_of_plots_and_replay(page):
     page.locator("#time").focus()
     for key, time in (("End", END), ("Home", 0)):
         page.keyboard.press(key)
@@ -336,7 +334,7 @@ def test_the_slider_sets_the_time_of_plots_and_replay(page: Page) -> None:
 
 
 @pytest.mark.parametrize("step", [0, 33, 33.5, 100])
-def test_the_drawn_robot_is_where_the_arm_was(page: Page, step: float) -> None:
+def test_the_drawn_robot_is_where_the_arm_was(page, step):
     q = positions(np.linspace(0, END, STEPS))
     state = robot().state((q[math.floor(step)] + q[math.ceil(step)]) / 2, np.zeros(6))
     keep(page, step * END / (STEPS - 1))
@@ -345,7 +343,7 @@ def test_the_drawn_robot_is_where_the_arm_was(page: Page, step: float) -> None:
     assert_close(EulerParameters(found[6], found[3:6]).R, state.R_e, PIXEL)
 
 
-def test_a_run_that_left_all_numbers_rests_at_its_last_finite_pose(page: Page) -> None:
+def test_a_run_that_left_all_numbers_rests_at_its_last_finite_pose(page):
     keep(page, LAST_FINITE * END / (STEPS - 1))
     last = tip(page, 1)
     assert np.isfinite(last).all()
@@ -353,7 +351,7 @@ def test_a_run_that_left_all_numbers_rests_at_its_last_finite_pose(page: Page) -
     assert tip(page, 1) == pytest.approx(last, abs=PIXEL)
 
 
-def test_the_replay_shows_meshes_frames_and_the_wrench(page: Page) -> None:
+def test_the_replay_shows_meshes_frames_and_the_wrench(page):
     everything = coloured(page)
     assert everything > 20_000
     tick(page, "[data-layer='mu']")  # along the force, in front of it
@@ -381,7 +379,7 @@ def test_the_replay_shows_meshes_frames_and_the_wrench(page: Page) -> None:
     assert "5 N = 10 cm" in page.locator("#replay").inner_text()
 
 
-def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(page: Page) -> None:
+def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(page):
     page.select_option("#speed", "4")
     before = tip(page)
     page.click("#play")
@@ -405,7 +403,7 @@ def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(
     page.select_option("#speed", "1")
 
 
-def test_dragging_turns_the_view_and_the_wheel_enlarges_it(page: Page) -> None:
+def test_dragging_turns_the_view_and_the_wheel_enlarges_it(page):
     camera = "window.page.replay.stage.camera.position.toArray()"
     before = page.evaluate(camera)
     box = page.locator("#replay canvas").bounding_box()
@@ -423,7 +421,7 @@ def test_dragging_turns_the_view_and_the_wheel_enlarges_it(page: Page) -> None:
     assert page.evaluate("window.page.replay.stage.orbit.distance") == pytest.approx(distance)
 
 
-def test_the_replay_can_be_kept_in_sight(page: Page) -> None:
+def test_the_replay_can_be_kept_in_sight(page):
     page.click("#pin")
     page.evaluate("scrollTo(0, document.body.scrollHeight)")
     box = page.locator("#replay canvas").bounding_box()
@@ -435,7 +433,7 @@ def test_the_replay_can_be_kept_in_sight(page: Page) -> None:
 # --- the look --------------------------------------------------------------------------------
 
 
-def test_a_run_that_is_hidden_is_hidden_everywhere(page: Page) -> None:
+def test_a_run_that_is_hidden_is_hidden_everywhere(page):
     page.click("[data-run='0']")
     wait_for(page, "window.page.plots[0].graph.data[0].visible === false")
     visible = in_sight(page, "p.graph.data.map(t => [t.legendgroup, t.visible])")
@@ -446,7 +444,7 @@ def test_a_run_that_is_hidden_is_hidden_everywhere(page: Page) -> None:
     assert page.evaluate(drawn) == [True, True]
 
 
-def test_the_page_is_dark_where_the_system_is_and_the_button_turns_it(page: Page) -> None:
+def test_the_page_is_dark_where_the_system_is_and_the_button_turns_it(page):
     colour = "getComputedStyle(document.body).backgroundColor"
     font = "window.page.plots[0].graph.layout.font.color"
     light = page.evaluate(colour), page.evaluate(font)
@@ -463,7 +461,7 @@ def test_the_page_is_dark_where_the_system_is_and_the_button_turns_it(page: Page
     page.click("#theme")
 
 
-def test_on_paper_the_plots_fit_and_are_light_and_the_replay_is_a_picture(page: Page) -> None:
+def test_on_paper_the_plots_fit_and_are_light_and_the_replay_is_a_picture(page):
     font = "window.page.plots.map(p => p.graph.layout?.font.color)"
     light = page.evaluate(font)[0]
     page.click("#theme")
@@ -483,7 +481,7 @@ def test_on_paper_the_plots_fit_and_are_light_and_the_replay_is_a_picture(page: 
     wait_for(page, "window.page.plots[0].graph._fullLayout.width !== 680")
 
 
-def test_nothing_sticks_out_of_a_narrow_window(page: Page) -> None:
+def test_nothing_sticks_out_of_a_narrow_window(page):
     page.set_viewport_size({"width": 800, "height": 800})
     wait_for(page, "window.page.plots[0].graph._fullLayout.width > 700")
     wait_for(page, "document.documentElement.scrollWidth <= 800")
@@ -499,7 +497,7 @@ def test_nothing_sticks_out_of_a_narrow_window(page: Page) -> None:
     assert outside == 0
 
 
-def test_without_webgl_there_is_a_message_and_all_the_rest(browser: Browser, file: Path) -> None:
+def test_without_webgl_there_is_a_message_and_all_the_rest(browser, file):
     nothing = "HTMLCanvasElement.prototype.getContext = () => null;"
     page, seen = opened(browser, file, nothing)
     assert "does not offer WebGL" in page.locator("#replay .message").inner_text()

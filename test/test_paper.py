@@ -54,7 +54,7 @@ def text_of(folder: Path, *outcomes: Outcome) -> str:
 # --- what belongs to the paper -----------------------------------------------------------------
 
 
-def test_the_paper_is_E1_to_E21_in_their_order_and_then_what_goes_beyond_in_lock_step() -> None:
+def test_the_paper_is_E1_to_E21_in_their_order_and_then_what_goes_beyond_in_lock_step():
     names = [experiment.name for experiment in paper_experiments()]
     assert names[:21] == [f"e{n}" for n in range(1, 22)]
     others = {"demo", "soak", "faults_clik", "faults_dynamic", "faults_impedance"}
@@ -62,20 +62,20 @@ def test_the_paper_is_E1_to_E21_in_their_order_and_then_what_goes_beyond_in_lock
     assert [number_of(load_experiment(name)) for name in ("e7", "robots")] == ["E7", ""]
 
 
-def test_every_claim_says_its_equations_and_has_a_criterion_with_a_prediction() -> None:
+def test_every_claim_says_its_equations_and_has_a_criterion_with_a_prediction():
     for experiment in paper_experiments()[:21]:
         assert experiment.equations, experiment.name
         assert experiment.criteria[0].predicted, experiment.name
         assert all(equation(number).text for number in experiment.equations if number[0] == "(")
 
 
-def test_an_equation_that_is_wrong_in_print_says_so() -> None:
+def test_an_equation_that_is_wrong_in_print_says_so():
     wrong = ("(4)", "(7)", "(24)", "(38)", "(49)", "(50)", "(59)", "(62)")
     assert all(equation(number).printed for number in wrong)
     assert equation("(28)").printed == ""
 
 
-def test_an_equation_that_the_paper_does_not_have_is_refused() -> None:
+def test_an_equation_that_the_paper_does_not_have_is_refused():
     with pytest.raises(UnknownNameError, match="unknown equation '\\(99\\)'"):
         equation("(99)")
 
@@ -95,9 +95,7 @@ def test_an_equation_that_the_paper_does_not_have_is_refused() -> None:
         ({"e1": True, "e9": None}, "1 of 2 claims of the paper met; not judged: E9."),
     ],
 )
-def test_the_sentence_counts_the_claims_of_the_paper(
-    tmp_path: Path, outcomes: dict[str, bool | str | None], words: str
-) -> None:
+def test_the_sentence_counts_the_claims_of_the_paper(tmp_path, outcomes, words):
     found = []
     for name, came in outcomes.items():
         verdicts = [verdict(met=came)] if isinstance(came, bool) else []
@@ -117,9 +115,7 @@ def test_the_sentence_counts_the_claims_of_the_paper(
         ((True, True), "", True),
     ],
 )
-def test_an_experiment_is_met_or_missed_only_if_it_was_judged(
-    tmp_path: Path, verdicts: tuple[bool, ...], error: str, met: bool | None
-) -> None:
+def test_an_experiment_is_met_or_missed_only_if_it_was_judged(tmp_path, verdicts, error, met):
     judged = [verdict(met=one) for one in verdicts]
     found = outcome(tmp_path, "e9", *judged, error=error)
     assert (found.met, found.missed) == (met is True, met is False)
@@ -131,7 +127,7 @@ def test_an_experiment_is_met_or_missed_only_if_it_was_judged(
         assert json.loads(path.read_text())["met"] is met
 
 
-def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path: Path) -> None:
+def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path):
     experiment = load_experiment("e9")
     console = Console(file=io.StringIO(), width=200)
     with Display(console, [], details=True) as display:
@@ -144,7 +140,7 @@ def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path: Path) -> No
     assert "criterion" not in said  # no empty table
 
 
-def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path: Path) -> None:
+def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     values = [verdict(8.0), verdict(7.9, variant="b"), verdict(7.95, variant="c")]
     found = [
         outcome(tmp_path, "e17", *values, verdict(math.inf, met=False, text="u")),
@@ -164,7 +160,7 @@ def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path: Path) -> N
 # --- the page ---------------------------------------------------------------------------------
 
 
-def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path: Path) -> None:
+def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path):
     found = outcome(tmp_path, "e17", verdict())
     found.folder.mkdir()
     (found.folder / FIGURE).write_text("<svg><path/></svg>")
@@ -190,9 +186,7 @@ def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path: Path)
     assert re.findall(r'(?:src|href)="(?!#|e17/)', page) == []  # it loads nothing
 
 
-def test_what_is_missing_is_said_and_an_error_with_the_last_words_of_the_node(
-    tmp_path: Path,
-) -> None:
+def test_what_is_missing_is_said_and_an_error_with_the_last_words_of_the_node(tmp_path):
     said = "a: the node clik died with exit code 1:\n  parameter 'k_Po' is -5"
     met, empty = outcome(tmp_path, "e17", verdict()), outcome(tmp_path, "e18")
     page = text_of(tmp_path, met, empty)
@@ -207,7 +201,7 @@ def test_what_is_missing_is_said_and_an_error_with_the_last_words_of_the_node(
     assert "No figure: the experiment could not run" in page
 
 
-def test_what_comes_from_files_is_escaped(tmp_path: Path) -> None:
+def test_what_comes_from_files_is_escaped(tmp_path):
     evil = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
     experiment = Experiment("e1", EVIL, (EVIL,), {}, (), source=EVIL)
     found = Outcome(experiment, tmp_path / "e1", (evil,), EVIL, {EVIL: 1.0}, EVIL, 1.0)
@@ -217,7 +211,7 @@ def test_what_comes_from_files_is_escaped(tmp_path: Path) -> None:
     assert "default-src 'none'" in page
 
 
-def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path: Path) -> None:
+def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path):
     page = text_of(tmp_path, outcome(tmp_path, "e1", verdict()), outcome(tmp_path, "robots"))
     assert "Beyond the paper: 0 of 1 met." in page
     assert page.index('id="e1"') < page.index("Beyond the paper") < page.index('id="robots"')
@@ -226,7 +220,7 @@ def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path: Path) -> No
 # --- charts -----------------------------------------------------------------------------------
 
 
-def test_a_chart_draws_its_lines_and_nothing_twice() -> None:
+def test_a_chart_draws_its_lines_and_nothing_twice():
     lines = (
         Line("theory", ((1.0, 1.0), (10.0, 0.1)), "predicted"),
         Line("bound", ((1.0, 2.0), (10.0, 2.0)), "bound"),
@@ -239,7 +233,7 @@ def test_a_chart_draws_its_lines_and_nothing_twice() -> None:
     assert chart_svg(Chart("x", "y", (Line("none", ()),), ticks=("a", "b")))
 
 
-def test_a_chart_leaves_out_what_did_not_run() -> None:
+def test_a_chart_leaves_out_what_did_not_run():
     lines = {"a": {"first": 1.0, "second": 2.0}}
     chart = ChartOf("peak_joint_speed", "x", lines, {"theory": ((1.0, 3.0),)})
     filled = chart.filled(lambda metric, variant: 5.0 if variant == "first" else None)
@@ -254,13 +248,7 @@ def test_a_chart_leaves_out_what_did_not_run() -> None:
     ("verdicts", "error", "code"),
     [((True,), "", 0), ((True, False), "", 1), ((), "a node died", 2), ((), "", 0)],
 )
-def test_the_exit_code_says_whether_claims_are_met(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    verdicts: tuple[bool, ...],
-    error: str,
-    code: int,
-) -> None:
+def test_the_exit_code_says_whether_claims_are_met(tmp_path, monkeypatch, verdicts, error, code):
     found = outcome(tmp_path, "e2", *(verdict(met=met) for met in verdicts), error=error)
     monkeypatch.setattr(Schedule, "run", lambda _: [found])
     assert executable.main(["--paper", "e2", "--out", str(tmp_path)]) == code
@@ -268,14 +256,12 @@ def test_the_exit_code_says_whether_claims_are_met(
     assert json.loads((tmp_path / "summary.json").read_text())["experiments"]
 
 
-def test_an_experiment_named_twice_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_experiment_named_twice_is_refused(tmp_path, capsys):
     assert executable.main(["e2", "e2", "--out", str(tmp_path)]) == 2
     assert "named twice: e2" in capsys.readouterr().out
 
 
-def test_a_library_experiment_leaves_what_any_experiment_leaves(tmp_path: Path) -> None:
+def test_a_library_experiment_leaves_what_any_experiment_leaves(tmp_path):
     experiment, folder = load_experiment("e2"), tmp_path / "e2"
     found = look(experiment, folder, {})
     assert found.met
@@ -288,7 +274,7 @@ def test_a_library_experiment_leaves_what_any_experiment_leaves(tmp_path: Path) 
     assert found.figure.startswith("<svg")
 
 
-def test_what_was_looked_at_is_not_looked_at_again_unless_it_changed(tmp_path: Path) -> None:
+def test_what_was_looked_at_is_not_looked_at_again_unless_it_changed(tmp_path):
     experiment, folder = load_experiment("e2"), tmp_path / "e2"
     first = look(experiment, folder, {})
     (folder / FIGURE).write_text("kept")

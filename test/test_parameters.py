@@ -58,7 +58,7 @@ def node(tmp_path: Path) -> Iterator[MakeNode]:
         context.try_shutdown()
 
 
-def test_without_overrides_the_defaults_hold(node: MakeNode) -> None:
+def test_without_overrides_the_defaults_hold(node):
     own = node()
     assert declare(own, Gains) == Gains()
     assert own.get_parameter("k").value == 10.0
@@ -77,9 +77,7 @@ def test_without_overrides_the_defaults_hold(node: MakeNode) -> None:
         ({"weights": [], "names": []}, Gains(weights=(), names=())),
     ],
 )
-def test_a_yaml_file_overrides_what_it_names(
-    node: MakeNode, overrides: dict[str, Any], expected: Gains
-) -> None:
+def test_a_yaml_file_overrides_what_it_names(node, overrides, expected):
     found = declare(node(**overrides), Gains)
     assert found == expected == from_mapping(Gains, overrides | {"use_sim_time": True})
     assert all(isinstance(number, float) for number in (found.k, *found.weights))
@@ -109,9 +107,7 @@ def test_a_yaml_file_overrides_what_it_names(
         ({"k": [1.0]}, "parameter 'k' is "),
     ],
 )
-def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(
-    node: MakeNode, overrides: dict[str, Any], words: str
-) -> None:
+def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(node, overrides, words):
     with pytest.raises(ConfigurationError, match=re.escape(words)) as refusal:
         declare(node(**overrides), Gains)
     assert "\n" not in str(refusal.value)
@@ -119,14 +115,14 @@ def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(
         from_mapping(Gains, overrides)
 
 
-def test_what_rclpy_declares_itself_is_no_unknown_parameter(node: MakeNode) -> None:
+def test_what_rclpy_declares_itself_is_no_unknown_parameter(node):
     overrides = {"use_sim_time": True, "qos_overrides./joint_states.subscription.depth": 5}
     own = node(**overrides)
     assert declare(own, Gains) == Gains()
     assert own.get_parameter("use_sim_time").value is True
 
 
-def test_a_parameter_is_described_with_its_unit_bounds_and_choices(node: MakeNode) -> None:
+def test_a_parameter_is_described_with_its_unit_bounds_and_choices(node):
     own = node()
     declare(own, Gains)
     k, law = own.describe_parameter("k"), own.describe_parameter("law")
@@ -143,7 +139,7 @@ def change(own: Node, **values: Any) -> list[str]:
     return [] if result.successful else [result.reason]
 
 
-def test_a_change_is_given_with_what_was_before_and_then_holds(node: MakeNode) -> None:
+def test_a_change_is_given_with_what_was_before_and_then_holds(node):
     own = node(k=5.0)
     seen: list[tuple[Gains, Gains]] = []
     start = declare(own, Gains, lambda old, new: seen.append((old, new)))
@@ -165,9 +161,7 @@ def test_a_change_is_given_with_what_was_before_and_then_holds(node: MakeNode) -
         ({"k": 50.0, "steps": 100}, "parameter 'steps' is 100; expected between 1 and 9"),
     ],
 )
-def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(
-    node: MakeNode, values: dict[str, Any], words: str
-) -> None:
+def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(node, values, words):
     own = node()
     seen: list[Gains] = []
     declare(own, Gains, lambda _, new: seen.append(new))
@@ -180,7 +174,7 @@ def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(
     assert seen == [Gains(mass=2.0)]
 
 
-def test_what_the_node_refuses_is_refused_with_its_reason(node: MakeNode) -> None:
+def test_what_the_node_refuses_is_refused_with_its_reason(node):
     own = node()
 
     def refuse_heavy(_: Gains, new: Gains) -> None:
@@ -194,14 +188,14 @@ def test_what_the_node_refuses_is_refused_with_its_reason(node: MakeNode) -> Non
     assert own.get_parameter("mass").value == 5.0
 
 
-def test_without_a_way_to_apply_it_no_parameter_can_be_changed(node: MakeNode) -> None:
+def test_without_a_way_to_apply_it_no_parameter_can_be_changed(node):
     own = node()
     declare(own, Gains)
     assert change(own, k=1.0) == ["'k' cannot be changed while running"]
     assert own.get_parameter("k").value == 10.0
 
 
-def test_clik_takes_the_choices_that_exist() -> None:
+def test_clik_takes_the_choices_that_exist():
     choices = {name: field.metadata["choices"] for name, field in fields_of(ClikParameters).items()}
     angles = ("angle_axis", "euler_angles", "euler_parameters", "relative_euler_angles")
     assert set(choices["orientation"]) == {*angles, "rotation_vector"}

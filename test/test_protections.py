@@ -26,7 +26,6 @@ from ros_processes import (
     Arm,
     Array,
     Controlled,
-    Graph,
     assert_holds,
     pose,
     reference,
@@ -132,7 +131,7 @@ def defined_in(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("heading", ["Events", "Supervision"])
-def test_each_row_of_the_page_names_protections_and_tests_that_exist(heading: str) -> None:
+def test_each_row_of_the_page_names_protections_and_tests_that_exist(heading):
     rows = table(heading)
     assert len(rows) >= (ROWS if heading == "Events" else 8)
     for event, protections, tests in rows:
@@ -146,12 +145,12 @@ def test_each_row_of_the_page_names_protections_and_tests_that_exist(heading: st
             assert name in defined_in(ROOT / "test" / file), f"{event}: {file}::{name}"
 
 
-def test_the_page_has_all_events_in_their_order() -> None:
+def test_the_page_has_all_events_in_their_order():
     numbers = [int(event.partition(".")[0]) for event, *_ in table("Events")]
     assert numbers == list(range(1, ROWS + 1))
 
 
-def test_the_page_names_each_test_of_this_file() -> None:
+def test_the_page_names_each_test_of_this_file():
     own = {name for name in defined_in(Path(__file__)) if name.startswith("test_")}
     named = set(re.findall(r"`test_protections\.py::(test_\w+)`", PAGE.read_text()))
     assert named == {name for name in own if "_the_page" not in name}
@@ -169,8 +168,8 @@ def test_the_page_names_each_test_of_this_file() -> None:
 )
 @pytest.mark.parametrize("executable", ALL)
 def test_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
-    world: World, executable: str, real: bool, within: float, gap: float, cause: str
-) -> None:
+    world, executable, real, within, gap, cause
+):
     timing = {"use_sim_time": not real, "max_latency": ANY_LATENCY}
     node = Controlled(world, executable, FRAMES | timing)
     arm = node.arm
@@ -191,8 +190,8 @@ def test_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
 
 @pytest.mark.parametrize("executable", ALL)
 def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_counted(
-    world: World, executable: str
-) -> None:
+    world, executable
+):
     timing = {"use_sim_time": False, "max_latency": 0.2, "state_timeout": 60.0}
     node = Controlled(world, executable, FRAMES | timing)
     arm = node.arm
@@ -209,8 +208,8 @@ def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_co
 
 @pytest.mark.parametrize(("name", "frame"), [("tip_frame", "tool1"), ("base_frame", "basis")])
 def test_a_frame_that_the_robot_lacks_is_refused_by_the_reference_node_with_those_it_has(
-    world: World, name: str, frame: str
-) -> None:
+    world, name, frame
+):
     process = world.start("reference", FRAMES | {name: frame})
     Arm(world, UR5)
     status = world.peer.status("reference", lambda s: "refused" in s.message)
@@ -223,9 +222,7 @@ def test_a_frame_that_the_robot_lacks_is_refused_by_the_reference_node_with_thos
 # --- references ------------------------------------------------------------------------------
 
 
-def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(
-    node: Controlled,
-) -> None:
+def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(node):
     """Not finite at once or in the end, in another frame, or too far; the others: test_messages."""
     arm = node.arm
     node.follow(upwards(arm.q))
@@ -253,9 +250,7 @@ def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(
     assert later.level == b"\x00"  # there was none any more
 
 
-def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to_rest(
-    node: Controlled,
-) -> None:
+def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to_rest(node):
     arm = node.arm
     p, R = pose(arm.q)
     node.follow(reference(DesiredFrame(p, R, dp_d=np.array([0.0, 0.0, 0.05]))))
@@ -294,9 +289,7 @@ def watch(node: Controlled, motion: Any, count: int, dt: float) -> list[dict[str
     return [values(s) | {"message": s.message} for s in own]
 
 
-def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_where_it_is(
-    node: Controlled,
-) -> None:
+def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_where_it_is(node):
     q_0, q_1 = HOME.copy(), HOME.copy()
     q_0[4], q_1[4] = -0.15, 0.15  # the singularity of the wrist is halfway
     start_at(node, q_0)
@@ -315,9 +308,7 @@ def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_wher
     assert not any("holding still" in message for message in messages)
 
 
-def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(
-    node: Controlled,
-) -> None:
+def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(node):
     limit, q = MODEL.limits.upper[5], HOME.copy()
     q[5] = limit - 0.3
     start_at(node, q)
@@ -335,9 +326,7 @@ def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(
     assert any("leaving the limit of wrist_3_joint" in each["message"] for each in back)
 
 
-def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
-    node: Controlled,
-) -> None:
+def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(node):
     frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the pole of ZYZ
     q = inverse_kinematics(MODEL, frame, HOME)
     start_at(node, q)
@@ -363,7 +352,7 @@ def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(
 # --- what is said, and what leaves -----------------------------------------------------------
 
 
-def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Controlled) -> None:
+def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
     arm = node.arm
 
     def send_one() -> None:
@@ -397,9 +386,7 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node: Control
         ("identify_tool", "waiting for a robot description", 1, signal.SIGTERM),
     ],
 )
-def test_a_signal_ends_each_other_node_by_its_own_handler(
-    graph: Graph, executable: str, ready: str, code: int, number: signal.Signals
-) -> None:
+def test_a_signal_ends_each_other_node_by_its_own_handler(graph, executable, ready, code, number):
     process = graph.start(executable)
     graph.peer.status(executable, lambda s: ready in s.message)
     process.signal(number)

@@ -73,7 +73,7 @@ def drawn(urdf: str) -> tuple[dict[str, Any], list[str]]:
 # --- meshes ----------------------------------------------------------------------------------
 
 
-def test_a_mesh_of_fewer_triangles_is_the_same_surface() -> None:
+def test_a_mesh_of_fewer_triangles_is_the_same_surface():
     whole = sphere(100)
     assert simplified(whole, len(whole.triangles)) is whole
     few = simplified(whole, 2000)
@@ -85,7 +85,7 @@ def test_a_mesh_of_fewer_triangles_is_the_same_surface() -> None:
     assert (outward * np.sign(outward.sum()) > -1e-9).mean() > 0.99  # all face the same way
 
 
-def test_vertices_of_one_cell_become_one_and_no_triangle_is_twice() -> None:
+def test_vertices_of_one_cell_become_one_and_no_triangle_is_twice():
     vertices = np.array([[0, 0, 0], [0.1, 0, 0], [1.5, 0, 0], [0, 1.5, 0], [0, 0, 0.1]])
     mesh = Mesh(vertices, np.array([[0, 2, 3], [1, 2, 3], [0, 1, 2], [4, 3, 2]]))
     merged = clustered(mesh, 1.0)
@@ -97,7 +97,7 @@ def test_vertices_of_one_cell_become_one_and_no_triangle_is_twice() -> None:
     ]
 
 
-def test_a_mesh_is_read_from_its_file_and_a_broken_one_is_not(tmp_path: Path) -> None:
+def test_a_mesh_is_read_from_its_file_and_a_broken_one_is_not(tmp_path):
     (found,) = read_meshes(write_stl(tmp_path / "ball.stl", sphere(10)))
     assert len(found.triangles) == pytest.approx(170, abs=15)  # those at the poles are lines
     assert np.ptp(found.vertices, axis=0) == pytest.approx(2, abs=0.15)
@@ -134,7 +134,7 @@ def share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "share"
 
 
-def test_a_collada_file_is_read_with_its_units_placements_and_colours(share: Path) -> None:
+def test_a_collada_file_is_read_with_its_units_placements_and_colours(share):
     (share / "part.dae").write_text(DAE)
     orange, plain = read_meshes(share / "part.dae")
     assert (orange.colour, plain.colour) == ("#ffba00", "")
@@ -146,7 +146,7 @@ def test_a_collada_file_is_read_with_its_units_placements_and_colours(share: Pat
     assert [visual["colour"] for visual in drawn(urdf)[0]["visuals"]] == ["#ffba00", ""]
 
 
-def test_a_mesh_is_found_in_its_package_and_nowhere_else(tmp_path: Path) -> None:
+def test_a_mesh_is_found_in_its_package_and_nowhere_else(tmp_path):
     (tmp_path / "share" / "arm").mkdir(parents=True)
     inside = tmp_path / "share" / "arm" / "link.STL"
     outside = tmp_path / "secret.stl"
@@ -162,7 +162,7 @@ def test_a_mesh_is_found_in_its_package_and_nowhere_else(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", config_names("robots"))
-def test_each_robot_is_drawn_with_all_its_meshes_and_is_small(name: str) -> None:
+def test_each_robot_is_drawn_with_all_its_meshes_and_is_small(name):
     robot = load_robot(name)
     data, missing = drawn_robot(robot.urdf, robot.base_frame, robot.tip_frame, robot.joints, MOST)
     assert missing == []
@@ -185,14 +185,14 @@ def test_each_robot_is_drawn_with_all_its_meshes_and_is_small(name: str) -> None
         ("<cylinder radius='0.5' length='2'/>", {"cylinder": [0.5, 2]}),
     ],
 )
-def test_simple_shapes_are_drawn(geometry: str, expected: dict[str, Any]) -> None:
+def test_simple_shapes_are_drawn(geometry, expected):
     colour = "<material name='m'><color rgba='1 0.5 0 1'/></material>"
     (visual,) = drawn(with_visual(geometry, material=colour))[0]["visuals"]
     place = {"link": "rod", "xyz": [0.5, 0, 0], "rpy": [0, 0, 0], "colour": "#ff8000"}
     assert visual == place | expected
 
 
-def test_a_mesh_that_two_links_share_is_in_the_page_once(share: Path) -> None:
+def test_a_mesh_that_two_links_share_is_in_the_page_once(share):
     file = write_stl(share / "ball.stl", sphere(10))
     mesh = f"<mesh filename='file://{file}' scale='0.1 0.1 0.1'/>"
     urdf = with_visual(mesh).replace('<link name="arm">', f'<link name="arm">{visual_of(mesh)}')
@@ -210,7 +210,7 @@ def visual_of(geometry: str) -> str:
     return f"<visual><geometry>{geometry}</geometry></visual>"
 
 
-def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_path: Path) -> None:
+def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_path):
     mesh, box = "package://no_such/rod.dae", visual_of("<box size='1 2 3'/>")
     urdf = with_visual(f"<mesh filename='{mesh}'/>")
     urdf = urdf.replace('<link name="arm">', f'<link name="arm">{box}')
@@ -224,12 +224,12 @@ def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_pa
 
 
 @pytest.mark.parametrize("size", ["1 2", "1 2 nan", "1 2 x"])
-def test_numbers_that_are_none_are_refused(size: str) -> None:
+def test_numbers_that_are_none_are_refused(size):
     with pytest.raises(RobotError, match=r"expected 3 (finite )?numbers"):
         drawn(with_visual(f"<box size='{size}'/>"))
 
 
-def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path: Path) -> None:
+def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path):
     run = Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
     found = replay([replace(run, urdf="<robot/>"), run])
     assert found.data["robots"][0] is None
@@ -237,7 +237,7 @@ def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path: Path) ->
     assert [note.partition(":")[0] for note in found.notes] == ["The robot cannot be drawn"]
 
 
-def test_runs_of_the_same_robot_share_it(tmp_path: Path) -> None:
+def test_runs_of_the_same_robot_share_it(tmp_path):
     paths = [write_run(tmp_path / name, [0.1, 0.2]) for name in ("a", "b")]
     runs = [Digest.of(load(path)) for path in paths]
     longer = URDF.replace('<origin xyz="1 0 0"/>', '<origin xyz="2 0 0"/>')
@@ -270,14 +270,14 @@ def digest(tmp_path: Path) -> Digest:
     return Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
 
 
-def test_what_was_not_recorded_is_not_in_the_page(digest: Digest) -> None:
+def test_what_was_not_recorded_is_not_in_the_page(digest):
     found = replay([replace(digest, track=track())])
     (run,) = found.data["runs"]
     assert [run[name] for name in ("d", "c", "f", "mu")] == [None] * 4
     assert found.layers == set()
 
 
-def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest: Digest) -> None:
+def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest):
     R = np.array([np.eye(3), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], np.full((3, 3), np.nan)])
     p = np.array([[1.0, 2, 3], [4, 5, 6], [7, 8, 9]])
     (run,) = replay([replace(digest, track=track(p_d=p, R_d=R))]).data["runs"]
@@ -290,7 +290,7 @@ def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest: D
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("wild", [np.nan, np.inf, 1e25, 1e300])
-def test_an_arm_beyond_all_numbers_is_held_where_it_was_last(digest: Digest, wild: float) -> None:
+def test_an_arm_beyond_all_numbers_is_held_where_it_was_last(digest, wild):
     q = np.array([[wild, 0.2], [0.3, 0.4], [0.3, wild], [wild, wild]])
     p = np.array([[1.0, 0, 0], [2, 0, 0], [wild, 0, 0], [wild] * 3])
     f = np.array([[1.0, 0, 0], [2, 0, 0], [wild, 0, 0], [wild] * 3])
@@ -306,7 +306,7 @@ def test_an_arm_beyond_all_numbers_is_held_where_it_was_last(digest: Digest, wil
 @pytest.mark.parametrize(
     ("largest", "per_arrow"), [(20.0, 5.0), (21.0, 10.0), (7.0, 2.0), (0.5, 0.2), (380.0, 100.0)]
 )
-def test_the_scale_of_an_arrow_is_round(digest: Digest, largest: float, per_arrow: float) -> None:
+def test_the_scale_of_an_arrow_is_round(digest, largest, per_arrow):
     f = np.array([[0.0, 0, 0], [0, largest, 0], [0, 0, 0]])
     found = replay([replace(digest, track=track(f=f, mu=0 * f))])
     assert found.per_arrow["f"] == pytest.approx(per_arrow)
@@ -314,7 +314,7 @@ def test_the_scale_of_an_arrow_is_round(digest: Digest, largest: float, per_arro
     assert found.layers == {"f"}  # a moment of nothing has no arrow
 
 
-def test_many_runs_have_fewer_steps_each_with_first_and_last(digest: Digest) -> None:
+def test_many_runs_have_fewer_steps_each_with_first_and_last(digest):
     long = replace(digest, track=track(3001))
     (alone,) = replay([long]).data["runs"]
     assert len(unpacked(alone["t"])) == 3001
@@ -325,7 +325,7 @@ def test_many_runs_have_fewer_steps_each_with_first_and_last(digest: Digest) -> 
         assert t[[0, -1]].tolist() == [0, 3000]
 
 
-def test_numbers_survive_packing() -> None:
+def test_numbers_survive_packing():
     values = np.array([1.5, -2.0, np.nan, 1e300, -np.inf])
     found = unpacked(packed_reals(values))
     largest = np.finfo(np.float32).max

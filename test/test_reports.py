@@ -83,7 +83,7 @@ def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
     return [(pytest.approx(t), name, levels[level], *words) for t, name, level, *words in story]
 
 
-def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path: Path) -> None:
+def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path):
     run = load(write_story(tmp_path, STORY))
     assert list(run.reports) == told(NEW)
     assert list(Digest.of(run).reports) == told(NEW)
@@ -91,12 +91,12 @@ def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path: Path) -
 
 @pytest.mark.parametrize("size", [2, 7, 20, 30, 99])
 @pytest.mark.parametrize("late", ["", "clik", "fault_injector"])
-def test_in_parts_it_is_told_as_in_one(tmp_path: Path, size: int, late: str) -> None:
+def test_in_parts_it_is_told_as_in_one(tmp_path, size, late):
     digest = Digest.of_parts(blocks(write_story(tmp_path, STORY, late=late), size=size))
     assert list(digest.reports) == told(NEW)
 
 
-def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path: Path) -> None:
+def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path):
     path = write_story(tmp_path, STORY)
     for size in (0, 10):
         parts = blocks(path, Options(start=0.25, end=0.65), size=size)
@@ -106,7 +106,7 @@ def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path: Path) -> Non
     assert list(part.reports) == told(NEW[2:])
 
 
-def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path: Path) -> None:
+def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path):
     first = write_story(tmp_path / "1", STORY)
     again = [  # the same stamps
         m._replace(log_time=m.log_time + shift, publish_time=m.publish_time + shift)
@@ -120,7 +120,7 @@ def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path: Path) -
         assert list(digest.reports) == told(NEW)
 
 
-def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_path: Path) -> None:
+def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_path):
     before, after = (-0.5, "clik", OK, "waiting", ""), (2.5, "clik", WARN, "inactive", "")
     run = load(write_story(tmp_path, [before, *STORY, after]))
     assert list(run.reports) == told([before, *NEW, after])
@@ -140,16 +140,14 @@ def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_pat
         (("/clik",), {"": ["/clik"]}),
     ],
 )
-def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(
-    tmp_path: Path, said: Sequence[str], told_of: dict[str, list[str]]
-) -> None:
+def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path, said, told_of):
     bag = write_arms(tmp_path, list(told_of), said)
     for side, names in told_of.items():
         run = load(bag, namespace=side)
         assert sorted(report.node for report in run.reports) == names
 
 
-def test_of_what_flickers_first_and_last_are_told_and_all_errors_of_others(tmp_path: Path) -> None:
+def test_of_what_flickers_first_and_last_are_told_and_all_errors_of_others(tmp_path):
     count = 2 * _MOST + 30
     story = [(1e-3 * k, "clik", WARN, f"{k}", "") for k in range(count)]
     story.insert(_MOST + 10, (0.0605, "clik", ERROR, "the fault", ""))
@@ -166,7 +164,7 @@ def test_of_what_flickers_first_and_last_are_told_and_all_errors_of_others(tmp_p
     assert "30 more are left out" in page.read_text(encoding="utf-8")
 
 
-def test_texts_are_cut_to_a_length_and_printable(tmp_path: Path) -> None:
+def test_texts_are_cut_to_a_length_and_printable(tmp_path):
     story = [(0.1, "n" * 5000, WARN, "a\x1b\nb" + "x" * 1000, "y" * 1000)]
     (report,) = load(write_story(tmp_path, story)).reports
     for text in (report.node, report.message, report.remedy):
@@ -175,7 +173,7 @@ def test_texts_are_cut_to_a_length_and_printable(tmp_path: Path) -> None:
     assert report.message.startswith("a  bx")
 
 
-def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_path: Path) -> None:
+def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_path):
     story = [(0.1, "clik", WARN, "waits", remedy) for remedy in ("one", "two")]
     run = load(write_story(tmp_path / "1", story))
     assert [report.remedy for report in run.reports] == ["one", "two"]
@@ -189,7 +187,7 @@ def page_of(folder: Path, story: Sequence[Saying]) -> str:
     return (folder / "page.html").read_text(encoding="utf-8")
 
 
-def test_the_page_tells_it_as_text_if_there_is_anything(tmp_path: Path) -> None:
+def test_the_page_tells_it_as_text_if_there_is_anything(tmp_path):
     text = page_of(tmp_path / "story", STORY)
     row = text[text.index('<tr class="said-error">') :]
     row = row[: row.index("</tr>")]
@@ -217,8 +215,8 @@ SLOW = {"mode": "following", "pace": "0.98", "frozen": "0"}
     ],
 )
 def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
-    tmp_path: Path, size: int, keys: dict[str, str], delays: bool, trajectory: bool
-) -> None:
+    tmp_path, size, keys, delays, trajectory
+):
     story = [*STORY[:2], (0.25, "clik", WARN, "slow", keys), STORY[-1], (0.9, *STORY[-1][1:])]
     story.insert(-1, (0.8, "clik", WARN, "slow", keys))
     path = write_story(tmp_path, story, lasting=0.5 if trajectory else 0.0)
@@ -238,13 +236,13 @@ def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
         (0.9, Nearness.INSIDE, "slowed down, inside a kinematic singularity"),
     ],
 )
-def test_a_slowed_motion_is_told(pace: float, singularity: Nearness, words: str) -> None:
+def test_a_slowed_motion_is_told(pace, singularity, words):
     at = SimpleNamespace(now=pace, singularity=singularity, limit=Nearness.CLEAR)
     controller: Any = SimpleNamespace(guidance=SimpleNamespace(pace=at, scale=at))
     assert control_report._nearness(controller) == words
 
 
-def test_what_is_said_after_the_last_state_delays_nothing(tmp_path: Path) -> None:
+def test_what_is_said_after_the_last_state_delays_nothing(tmp_path):
     path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, "slow", SLOW)], lasting=0.5)
     assert "wait" not in load(path).warning
 
@@ -283,9 +281,7 @@ def write_made(folder: Path, rate: float, size: float, of: Sequence[str] = ("cli
         (1.0, 0.5, ""),
     ],
 )
-def test_what_was_made_of_a_reference_is_compared_with_it(
-    tmp_path: Path, rate: float, part: float, words: str | None, size: int
-) -> None:
+def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, words, size):
     digest = Digest.of_parts(blocks(write_made(tmp_path, rate, part), size=size))
     assert [one.kind for one in digest.warnings] == [BagFlaw.SHAPED] * (words is not None)
     if words is not None:
@@ -308,13 +304,13 @@ def test_what_was_made_of_a_reference_is_compared_with_it(
         assert (curve.t[0], set(curve.y.tolist())) == (pytest.approx(0.2), {value})
 
 
-def test_of_two_controllers_it_is_not_known_which_one_leads_the_arm(tmp_path: Path) -> None:
+def test_of_two_controllers_it_is_not_known_which_one_leads_the_arm(tmp_path):
     run = load(write_made(tmp_path, 0.5, 1.0, ("clik", "impedance_control")))
     assert run.shaped is None
     assert [one.kind for one in run.warnings] == [BagFlaw.DELAY]
 
 
-def test_the_page_draws_what_was_made_over_what_was_asked(tmp_path: Path) -> None:
+def test_the_page_draws_what_was_made_over_what_was_asked(tmp_path):
     run = load(write_made(tmp_path, 0.5, 1.0))
     write_page(tmp_path / "page.html", [Digest.of(run)], "", "")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

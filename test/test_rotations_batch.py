@@ -54,7 +54,7 @@ def each_of(one: Callable[..., Any], *samples: Array) -> list[Any]:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_what_rotations_of_many_are_is_what_those_of_each_are(seed: int) -> None:
+def test_what_rotations_of_many_are_is_what_those_of_each_are(seed):
     R, other = rotations_everywhere(seed), rotations_everywhere(seed + 4)
     eta, eps = Q = rotations_batch.quaternions(R)
     expected = rotations_batch.stack(each_of(EulerParameters.from_R, R))
@@ -73,7 +73,7 @@ def test_what_rotations_of_many_are_is_what_those_of_each_are(seed: int) -> None
     np.testing.assert_allclose(rotations_batch.exps(x), each_of(exp, x), **EXACT)
 
 
-def test_body_rates_of_many_are_those_of_each() -> None:
+def test_body_rates_of_many_are_those_of_each():
     rng = np.random.default_rng(7)
     x, dx, ddx = rng.normal(size=(3, 200, 3))
     x[:60] *= 1e-3
@@ -84,7 +84,7 @@ def test_body_rates_of_many_are_those_of_each() -> None:
 
 
 @pytest.mark.parametrize("name", SEQUENCES)
-def test_euler_angles_of_many_are_those_of_each(name: str) -> None:
+def test_euler_angles_of_many_are_those_of_each(name):
     sequence, R = EulerSequence(name), rotations_everywhere(8)
     phi, each, previous = sequence.extracts(R), [], None
     for one in R:
@@ -108,7 +108,7 @@ OPTIONS = [
 
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("name", sorted(OrientationRepresentation.registry))
-def test_displacements_of_many_are_those_of_each(name: str, options: OrientationOptions) -> None:
+def test_displacements_of_many_are_those_of_each(name, options):
     def assert_same(found: Any, expected: Any) -> None:
         if isinstance(expected, tuple):
             assert type(found) is type(expected)
@@ -129,7 +129,7 @@ def test_displacements_of_many_are_those_of_each(name: str, options: Orientation
 
 
 @pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
-def test_lyapunov_functions_of_many_are_those_of_each(name: str) -> None:
+def test_lyapunov_functions_of_many_are_those_of_each(name):
     orientation = representation(name)
     rng = np.random.default_rng(11)
     R, x, mu = path(12, 100), rng.normal(size=(100, 3)), rng.normal(size=(100, 3))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -56,7 +55,7 @@ def numbers(held: list[Domain]) -> list[int]:
     return sorted(domain.number for domain in held)
 
 
-def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back(take: Take) -> None:
+def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back(take):
     held = take(4)
     assert numbers(held) == [101, 102, 103, 104]
     with pytest.raises(ConfigurationError, match="no ROS domain from 101 to 104 is free"):
@@ -65,7 +64,7 @@ def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back(take: Ta
     assert numbers(take(1)) == [held[2].number]
 
 
-def test_a_domain_that_another_process_has_is_left_alone(take: Take) -> None:
+def test_a_domain_that_another_process_has_is_left_alone(take):
     code = (
         "import sys; from eulerparams_control.lab.experiments import domains; "
         "domains.DOMAINS = range(101, 104); held = [domains.Domain() for _ in range(3)]; "
@@ -82,15 +81,13 @@ def test_a_domain_that_another_process_has_is_left_alone(take: Take) -> None:
 
 
 @pytest.mark.parametrize("participant", [0, 1, 4])
-def test_a_domain_in_which_any_participant_is_left_is_not_free(
-    take: Take, participant: int
-) -> None:
+def test_a_domain_in_which_any_participant_is_left_is_not_free(take, participant):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
         port.bind(("", 7400 + 250 * 102 + 10 + 2 * participant))
         assert numbers(take(3)) == [101, 103, 104]
 
 
-def test_what_killed_processes_left_of_a_domain_is_removed_and_no_more(tmp_path: Path) -> None:
+def test_what_killed_processes_left_of_a_domain_is_removed_and_no_more(tmp_path):
     names = ("fastrtps_port{}", "fastrtps_port{}_el", "sem.fastrtps_port{}_mutex")
     ends = {port: {name.format(port) for name in names} for port in (32899, 32900, 33149, 33150)}
     for name in set().union(*ends.values()):
@@ -99,7 +96,7 @@ def test_what_killed_processes_left_of_a_domain_is_removed_and_no_more(tmp_path:
     assert {path.name for path in tmp_path.iterdir()} == ends[32899] | ends[33150]
 
 
-def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory(take: Take) -> None:
+def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory(take):
     left = [domains._SHARED_MEMORY / f"fastrtps_port{7649 + 250 * d}" for d in range(101, 105)]
     for path in left:
         path.touch()
@@ -139,7 +136,7 @@ def begun(folder: Path) -> RunRecord:
     return record
 
 
-def test_a_run_is_known_by_its_whole_bag_also_if_its_folder_was_copied(tmp_path: Path) -> None:
+def test_a_run_is_known_by_its_whole_bag_also_if_its_folder_was_copied(tmp_path):
     record = ended(tmp_path / "before")
     assert json.loads(record.path.read_text())["bytes"] == len("meta") + len("messages")
     assert [path.name for path in record.path.parent.iterdir()] == ["run.json"]  # it is whole
@@ -152,7 +149,7 @@ def test_a_run_is_known_by_its_whole_bag_also_if_its_folder_was_copied(tmp_path:
     assert RunRecord(tmp_path / "before", "first").finished() is None
 
 
-def test_a_run_is_known_unless_its_definition_changed(tmp_path: Path) -> None:
+def test_a_run_is_known_unless_its_definition_changed(tmp_path):
     same, longer = (
         Experiment("e", "claim", (), {"first": Variant({}, seconds)}, ()) for seconds in (5.0, 6.0)
     )
@@ -162,7 +159,7 @@ def test_a_run_is_known_unless_its_definition_changed(tmp_path: Path) -> None:
     assert runner.known_run(longer, "first", tmp_path) == (None, "its definition changed")
 
 
-def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path: Path) -> None:
+def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path):
     record = RunRecord(tmp_path, "first")
     record.begin(MAKING)
     record.claim()  # the recorder has made none yet
@@ -216,21 +213,21 @@ def write(name: str) -> Callable[[Path], object]:
     ],
 )
 def test_a_bag_that_is_not_that_of_the_run_is_neither_taken_nor_removed(
-    tmp_path: Path, made: Callable[[Path], RunRecord], change: Callable[[Path], object], words: str
-) -> None:
+    tmp_path, made, change, words
+):
     record = made(tmp_path)
     change(record.bag)
     refused(record, words)
 
 
-def test_a_link_to_nowhere_is_refused_too(tmp_path: Path) -> None:
+def test_a_link_to_nowhere_is_refused_too(tmp_path):
     record = RunRecord(tmp_path, "first")
     record.bag.symlink_to(tmp_path / "nowhere")
     with pytest.raises(BagError, match="symbolic link"):
         record.clear()
 
 
-def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path: Path) -> None:
+def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path):
     record = RunRecord(tmp_path, "first")
     record.begin(MAKING)
     bag_of(tmp_path)  # after the run had looked
@@ -247,8 +244,8 @@ def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path: Path) -> 
 
 
 def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_ended(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, capsys
+):
     code = (
         "import sys; from pathlib import Path; "
         "from eulerparams_control.lab.experiments.run_cache import locked\n"
@@ -271,7 +268,7 @@ def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_en
     assert executable.main(["e2", "--out", str(tmp_path)]) == 0
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     words = r"cannot write to .*/file/e2: Not a directory"
     with pytest.raises(ConfigurationError, match=words), run_cache.locked(tmp_path / "file/e2"):
@@ -282,7 +279,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"making": 3, "ended": {}}'])
-def test_a_broken_record_is_no_run(tmp_path: Path, content: str) -> None:
+def test_a_broken_record_is_no_run(tmp_path, content):
     record = ended(tmp_path)
     record.path.write_text(content)
     assert record.finished() is None
@@ -297,7 +294,7 @@ def test_a_broken_record_is_no_run(tmp_path: Path, content: str) -> None:
         (Making("other", "other"), "its definition and the code"),
     ],
 )
-def test_a_making_says_what_has_changed(now: Making, words: str) -> None:
+def test_a_making_says_what_has_changed(now, words):
     assert now.differs(MAKING) == words
 
 
@@ -315,8 +312,8 @@ def test_a_making_says_what_has_changed(now: Making, words: str) -> None:
     ],
 )
 def test_a_making_depends_on_the_parameters_the_whole_robot_and_the_duration(
-    monkeypatch: pytest.MonkeyPatch, settings: Variant, parameters: Any, robot: dict[str, Any]
-) -> None:
+    monkeypatch, settings, parameters, robot
+):
     before = Making.of(Variant({}, 5.0), {})
     assert Making.of(Variant({}, 5.0), {}) == before
     monkeypatch.setattr(run_cache, "load_robot", lambda name: replace(load_robot(name), **robot))
@@ -324,18 +321,14 @@ def test_a_making_depends_on_the_parameters_the_whole_robot_and_the_duration(
 
 
 @pytest.mark.parametrize("library", ["pin", "pybullet", "numpy"])
-def test_a_making_depends_on_the_versions_of_the_libraries(
-    monkeypatch: pytest.MonkeyPatch, library: str
-) -> None:
+def test_a_making_depends_on_the_versions_of_the_libraries(monkeypatch, library):
     before = fingerprint.version([])
     of = fingerprint.version_of
     monkeypatch.setattr(fingerprint, "version_of", lambda n: "0" if n == library else of(n))
     assert fingerprint.version([]) != before
 
 
-def test_what_was_looked_at_depends_on_the_assets_of_its_page(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_was_looked_at_depends_on_the_assets_of_its_page(monkeypatch, tmp_path):
     assets = tmp_path / "eulerparams_control/analysis/assets"
     assets.mkdir(parents=True)
     monkeypatch.setattr(fingerprint, "_ROOT", tmp_path)
@@ -402,7 +395,7 @@ def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Watch:
     return Watch(tmp_path, monkeypatch)
 
 
-def test_as_many_runs_go_on_side_by_side_as_there_are_jobs(watch: Watch) -> None:
+def test_as_many_runs_go_on_side_by_side_as_there_are_jobs(watch):
     together = threading.Barrier(3)  # each waits for two others, of either experiment
     watch.add("e1", "a", "b")
     watch.add("e2", "c", "d", "e", "f")
@@ -419,9 +412,7 @@ def test_as_many_runs_go_on_side_by_side_as_there_are_jobs(watch: Watch) -> None
         (ZeroDivisionError("x / 0"), "bad: ZeroDivisionError('x / 0')"),
     ],
 )
-def test_one_failure_ends_its_experiment_but_not_the_others(
-    watch: Watch, error: Exception, words: str
-) -> None:
+def test_one_failure_ends_its_experiment_but_not_the_others(watch, error, words):
     def run(variant: str, _stop: threading.Event) -> None:
         if variant == "bad":
             raise error
@@ -435,7 +426,7 @@ def test_one_failure_ends_its_experiment_but_not_the_others(
     assert [outcome.experiment.name for outcome in watch.outcomes] == ["e1", "e2"]
 
 
-def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(watch: Watch) -> None:
+def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(watch):
     going: list[str] = []
     beside: list[list[str]] = []
     starts, repeats = threading.Barrier(3), threading.Event()
@@ -464,9 +455,7 @@ def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(wat
     assert [o.experiment.name for o in watch.outcomes] == ["e2", "e1"]
 
 
-def test_a_run_that_is_repeated_still_says_why_it_was_made_again(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_is_repeated_still_says_why_it_was_made_again(watch, monkeypatch):
     whys = ["its definition changed", ""]  # what is known of a run that has begun is no more
 
     def run(_variant: str, _stop: threading.Event) -> None:
@@ -479,7 +468,7 @@ def test_a_run_that_is_repeated_still_says_why_it_was_made_again(
     assert watch.said[-1] == "e1 a 2.0 s, again: its definition changed"
 
 
-def test_a_run_that_is_incomplete_by_itself_too_ends_its_experiment(watch: Watch) -> None:
+def test_a_run_that_is_incomplete_by_itself_too_ends_its_experiment(watch):
     ran: list[str] = []
 
     def run(variant: str, _stop: threading.Event) -> None:
@@ -496,7 +485,7 @@ def test_a_run_that_is_incomplete_by_itself_too_ends_its_experiment(watch: Watch
     assert [o.experiment.name for o in watch.outcomes] == ["e2", "e1"]
 
 
-def test_an_experiment_that_failed_otherwise_repeats_nothing(watch: Watch) -> None:
+def test_an_experiment_that_failed_otherwise_repeats_nothing(watch):
     def run(variant: str, _stop: threading.Event) -> None:
         raise {"a": IncompleteBagError("460 stamps"), "b": SimulationError("died")}[variant]
 
@@ -506,7 +495,7 @@ def test_an_experiment_that_failed_otherwise_repeats_nothing(watch: Watch) -> No
     assert watch.said.count("e1 a started") == 1
 
 
-def test_the_terminal_says_that_a_run_is_repeated(watch: Watch) -> None:
+def test_the_terminal_says_that_a_run_is_repeated(watch):
     console = Console(file=io.StringIO(), width=200)
     watch.add("e1", "a")
     with Display(console, watch.tasks, details=True) as display:
@@ -523,9 +512,7 @@ def test_the_terminal_says_that_a_run_is_repeated(watch: Watch) -> None:
     ]
 
 
-def test_what_cannot_be_looked_at_is_an_error_of_its_experiment_alone(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_looked_at_is_an_error_of_its_experiment_alone(watch, monkeypatch):
     def look(experiment, folder, runs):  # type: ignore[no-untyped-def]
         if experiment.name == "e1":
             raise BagError("no wrench")
@@ -538,9 +525,7 @@ def test_what_cannot_be_looked_at_is_an_error_of_its_experiment_alone(
     assert (first.error, second.sentence) == ("no wrench", "seen")
 
 
-def test_what_was_run_before_is_run_again_only_if_asked_for_or_changed(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_run_before_is_run_again_only_if_asked_for_or_changed(watch, monkeypatch):
     def known(_experiment, variant, folder):  # type: ignore[no-untyped-def]
         run = Run(folder / variant, 1.0, None, 3.0)
         return (None, "the code changed") if variant == "old" else (run, "")
@@ -556,9 +541,7 @@ def test_what_was_run_before_is_run_again_only_if_asked_for_or_changed(
     assert ran == ["old", "same", "old"]
 
 
-def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(watch, monkeypatch):
     ends: list[str] = []
 
     def run(variant: str, stop: threading.Event) -> None:
@@ -578,9 +561,7 @@ def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(
     assert sorted(ends) == ["a", "b"]
 
 
-def test_the_looker_dies_and_the_next_experiment_gets_another(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_looker_dies_and_the_next_experiment_gets_another(watch, monkeypatch):
     class Dead(ThreadPoolExecutor):
         def submit(self, *_: object, **__: object):  # type: ignore[no-untyped-def,override]
             raise schedule.BrokenProcessPool("killed")

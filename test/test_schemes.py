@@ -26,7 +26,7 @@ def scheme(request: pytest.FixtureRequest) -> SchemeInfo:
     return schemes()[request.param]
 
 
-def test_its_interface_is_that_of_its_experiment_and_of_its_campaign(scheme: SchemeInfo) -> None:
+def test_its_interface_is_that_of_its_experiment_and_of_its_campaign(scheme):
     controller, plan = CONTROLLERS[scheme.name], make_plan(0, scheme.name)
     assert controller.executables == (scheme.name,)
     assert controller.topics == scheme.topics
@@ -36,14 +36,14 @@ def test_its_interface_is_that_of_its_experiment_and_of_its_campaign(scheme: Sch
     assert from_mapping(scheme.parameters, plan.parameters()).orientation == plan.orientation
 
 
-def test_its_node_is_an_executable_that_has_its_parameters(scheme: SchemeInfo) -> None:
+def test_its_node_is_an_executable_that_has_its_parameters(scheme):
     assert executables()[scheme.name] == scheme.node
     node = node_class(scheme)
     assert node.parameters_type is scheme.parameters
     assert callable(importlib.import_module(scheme.node).main)
 
 
-def test_the_shipped_file_has_parameters_that_it_knows(scheme: SchemeInfo) -> None:
+def test_the_shipped_file_has_parameters_that_it_knows(scheme):
     path = config_folder() / f"{scheme.name}.yaml"
     if path.exists():
         values: dict[str, Any] = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
@@ -51,7 +51,7 @@ def test_the_shipped_file_has_parameters_that_it_knows(scheme: SchemeInfo) -> No
         assert (found.base_frame, found.tip_frame) == ("base_link", "tool0")
 
 
-def test_an_arm_at_rest_is_held_by_its_defaults(scheme: SchemeInfo) -> None:
+def test_an_arm_at_rest_is_held_by_its_defaults(scheme):
     parameters = from_mapping(scheme.parameters, FRAMES)
     controller = Controller(parameters.make_scheme(UR5, None), ControllerOptions(), HOME)
     command = controller.step(STEP, HOME, STILL)
@@ -62,7 +62,7 @@ def test_an_arm_at_rest_is_held_by_its_defaults(scheme: SchemeInfo) -> None:
         np.testing.assert_allclose(command.effort, UR5.dynamic_state(HOME, STILL).g)
 
 
-def test_its_parameters_are_described_and_its_defaults_are_possible(scheme: SchemeInfo) -> None:
+def test_its_parameters_are_described_and_its_defaults_are_possible(scheme):
     fields = fields_of(scheme.parameters)
     assert all(field.metadata["description"] for field in fields.values())
     defaults = {name: field.default for name, field in fields.items()}

@@ -229,9 +229,7 @@ def run(sim: Simulator, steps: int) -> SimulatorState:
 @pytest.mark.parametrize("name", [*ROBOTS, "odd"])
 @given(seed=seeds)
 @settings(deadline=None, max_examples=10)
-def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(
-    name: str, tool: dict[str, Any], seed: int
-) -> None:
+def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(name, tool, seed):
     sim = simulator(name, control="torque", enforce_limits=False, **tool)
     model = Model(robot(name), sim.parameters.tool)
     rng = np.random.default_rng(seed)
@@ -253,7 +251,7 @@ def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(
     assert fastest > 0.1  # rad/s: it did move
 
 
-def test_gravity_is_a_vector_of_the_world() -> None:
+def test_gravity_is_a_vector_of_the_world():
     sim = simulator("ur5", control="torque", gravity=(0.0, 3.0, 0.0), tool_mass=2.0)
     model = Model(robot("ur5"), sim.parameters.tool)
     model.model.gravity.linear = np.array([0.0, 3.0, 0.0])
@@ -267,7 +265,7 @@ def test_gravity_is_a_vector_of_the_world() -> None:
 
 @pytest.mark.parametrize("control", ["position", "torque"])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_stands_braked_until_its_first_command(name: str, control: str) -> None:
+def test_a_robot_stands_braked_until_its_first_command(name, control):
     sim = simulator(name, control=control, **TOOL)
     model = Model(robot(name), sim.parameters.tool)
     held = model.gravity(np.array(robot(name).home))
@@ -277,7 +275,7 @@ def test_a_robot_stands_braked_until_its_first_command(name: str, control: str) 
     assert state.tau == pytest.approx(held, abs=HOLDING_TORQUE)
 
 
-def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back() -> None:
+def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back():
     sim, model = simulator("ur5", control="torque"), Model(robot("ur5"))
     sim.command_effort(np.zeros(6))
     assert np.abs(run(sim, 1).dq).max() > 1e-3
@@ -291,7 +289,7 @@ def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back() -> N
     assert np.abs(run(sim, 20).dq).max() > 0.1
 
 
-def test_the_brakes_have_no_more_than_the_effort_limit() -> None:
+def test_the_brakes_have_no_more_than_the_effort_limit():
     sim = simulator("ur5", control="position")
     sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 32.0])  # the wrist has 28 Nm
     state = run(sim, 10)
@@ -305,7 +303,7 @@ def test_the_brakes_have_no_more_than_the_effort_limit() -> None:
 @pytest.mark.parametrize("name", [*ROBOTS, "odd"])
 @given(seed=seeds)
 @settings(deadline=None, max_examples=5)
-def test_a_push_is_read_with_its_sign_its_axes_and_its_moment(name: str, seed: int) -> None:
+def test_a_push_is_read_with_its_sign_its_axes_and_its_moment(name, seed):
     sim, model = simulator(name, enforce_limits=False), Model(robot(name))
     q = random_q(name, np.random.default_rng(seed))
     sim.reset(q)
@@ -324,7 +322,7 @@ def test_a_push_is_read_with_its_sign_its_axes_and_its_moment(name: str, seed: i
 @pytest.mark.parametrize("name", ROBOTS)
 @given(seed=seeds)
 @settings(deadline=None, max_examples=5)
-def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name: str, seed: int) -> None:
+def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name, seed):
     sim, model = simulator(name, **TOOL), Model(robot(name))
     sim.reset(random_q(name, np.random.default_rng(seed)))
     for state, tolerance in ((sim.read(), WEIGHT), (run(sim, 50), STATIC_WRENCH)):
@@ -335,7 +333,7 @@ def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name: str, s
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_moving_tool_is_read_with_its_inertia(name: str) -> None:
+def test_a_moving_tool_is_read_with_its_inertia(name):
     sim = simulator(name, rate=10000.0, enforce_limits=False, **TOOL)
     model, home = Model(robot(name)), np.array(robot(name).home)
     phase = np.arange(model.n)
@@ -354,7 +352,7 @@ def test_a_moving_tool_is_read_with_its_inertia(name: str) -> None:
 
 
 @pytest.mark.parametrize(("frame", "height"), [("panda_link8", 0.0), ("panda_link7", 0.107)])
-def test_the_sensor_carries_all_that_is_distal_to_it(frame: str, height: float) -> None:
+def test_the_sensor_carries_all_that_is_distal_to_it(frame, height):
     flange = dataclasses.replace(robot("panda"), sensor_frame=frame)  # fixed, or on a joint
     sim = Simulator(flange, SimulatorParameters(tool_mass=0.5, tool_com=(0.0, 0.0, 0.2)))
     force = Model(flange).R(np.array(flange.home)).T @ GRAVITY * (0.73 + 2 * 0.015 + 0.5)
@@ -366,7 +364,7 @@ def test_the_sensor_carries_all_that_is_distal_to_it(frame: str, height: float) 
     sim.close()
 
 
-def test_a_sensor_that_the_arm_does_not_move_is_refused() -> None:
+def test_a_sensor_that_the_arm_does_not_move_is_refused():
     early = dataclasses.replace(robot("ur5"), sensor_frame="forearm_link")
     with pytest.raises(RobotError, match="the sensor at 'forearm_link' is not moved by"):
         Simulator(early, SimulatorParameters())
@@ -377,7 +375,7 @@ def test_a_sensor_that_the_arm_does_not_move_is_refused() -> None:
 
 @pytest.mark.parametrize("bandwidth", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_an_error_of_the_servo_decays_with_its_bandwidth(name: str, bandwidth: float) -> None:
+def test_an_error_of_the_servo_decays_with_its_bandwidth(name, bandwidth):
     sim = simulator(name, servo_bandwidth=bandwidth, enforce_limits=False)
     home = np.array(robot(name).home)
     sim.command_position(home + 0.1, np.zeros_like(home))
@@ -388,7 +386,7 @@ def test_an_error_of_the_servo_decays_with_its_bandwidth(name: str, bandwidth: f
         assert home + 0.1 - state.q == pytest.approx(0.1 * decay, abs=DECAY * 0.1)
 
 
-def test_the_servo_follows_a_moving_reference_without_lag() -> None:
+def test_the_servo_follows_a_moving_reference_without_lag():
     sim = simulator("ur5", servo_bandwidth=50.0)
     home = np.array(robot("ur5").home)
     for k in range(500):
@@ -401,7 +399,7 @@ def test_the_servo_follows_a_moving_reference_without_lag() -> None:
 # --- limits --------------------------------------------------------------------------
 
 
-def test_an_effort_is_clipped_to_the_limits_of_the_urdf() -> None:
+def test_an_effort_is_clipped_to_the_limits_of_the_urdf():
     sim = simulator("ur5", control="torque")
     limits = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
     states = []
@@ -415,7 +413,7 @@ def test_an_effort_is_clipped_to_the_limits_of_the_urdf() -> None:
     assert run(sim, 1).tau.tolist() == (-limits).tolist()
 
 
-def test_a_speed_reference_is_clipped_to_the_speed_limits() -> None:
+def test_a_speed_reference_is_clipped_to_the_speed_limits():
     sim = simulator("ur5")
     for k in range(250):
         sim.command_position(sim.read().q, np.full(6, 0.02 * k))
@@ -423,7 +421,7 @@ def test_a_speed_reference_is_clipped_to_the_speed_limits() -> None:
     assert sim.read().dq == pytest.approx([3.15] * 3 + [3.2] * 3, abs=MOTOR_SPEED)
 
 
-def test_a_position_reference_is_clipped_to_the_position_limits() -> None:
+def test_a_position_reference_is_clipped_to_the_position_limits():
     sim = simulator("ur5")
     sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
     sim.command_position([0.0, -1.0, 9.0, 0.0, 0.0, 0.0], np.zeros(6))
@@ -434,13 +432,13 @@ def test_a_position_reference_is_clipped_to_the_position_limits() -> None:
     assert state.tau == pytest.approx(gravity, abs=HOLDING_TORQUE)
 
 
-def test_the_servo_has_no_more_than_the_effort_limit() -> None:
+def test_the_servo_has_no_more_than_the_effort_limit():
     sim = simulator("ur5")
     sim.command_position(np.array(robot("ur5").home) + 1.0, np.zeros(6))
     assert run(sim, 1).tau == pytest.approx([150.0] * 3 + [28.0] * 3)
 
 
-def test_a_joint_stops_at_its_limit_in_torque_control() -> None:
+def test_a_joint_stops_at_its_limit_in_torque_control():
     sim = simulator("ur5", control="torque")
     sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
     highest = -np.inf
@@ -454,7 +452,7 @@ def test_a_joint_stops_at_its_limit_in_torque_control() -> None:
 # --- friction ------------------------------------------------------------------------
 
 
-def test_coulomb_friction_brings_a_joint_to_rest_without_chatter() -> None:
+def test_coulomb_friction_brings_a_joint_to_rest_without_chatter():
     sim = simulator("ur5", control="torque", friction_coulomb=1.0, gravity=(0.0, 0.0, 0.0))
     sim.command_effort([0, 0, 0, 0, 0, 2.0])
     assert run(sim, 20).dq[5] > 10 * COULOMB_SPEED
@@ -475,8 +473,8 @@ GIVEN = [((), ()), (0.0, ()), ((), 0.0), ((1.5,), (0.2,)), ((), 0.3), ("each", "
     ],
 )
 def test_an_effort_that_contains_the_friction_given_or_else_of_the_urdf_cancels_it(
-    name: str, rate: float, viscous: Any, coulomb: Any
-) -> None:
+    name, rate, viscous, coulomb
+):
     model = Model(robot(name))
     each = tuple(0.05 * k for k in range(model.n))
     viscous, coulomb = (each if value == "each" else value for value in (viscous, coulomb))
@@ -503,9 +501,7 @@ def test_an_effort_that_contains_the_friction_given_or_else_of_the_urdf_cancels_
         ("odd", {"rate": 100.0, "friction_viscous": 5.0, "friction_coulomb": (0.5, 1.0, 0.4)}),
     ],
 )
-def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(
-    name: str, parameters: dict[str, Any]
-) -> None:
+def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(name, parameters):
     sim = simulator(name, control="torque", enforce_limits=False, **parameters)
     model, rate = Model(robot(name)), sim.parameters.rate
     given = (parameters.get(f"friction_{kind}") for kind in ("viscous", "coulomb"))
@@ -525,7 +521,7 @@ def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(
     assert np.abs(after.dq).max() > COULOMB_SPEED
 
 
-def test_the_order_of_the_joints_is_that_of_the_robot() -> None:
+def test_the_order_of_the_joints_is_that_of_the_robot():
     turned = dataclasses.replace(
         ODD, joints=("bend", "turn", "slide"), home=tuple(np.array(ODD.home)[[2, 0, 1]])
     )
@@ -543,7 +539,7 @@ def test_the_order_of_the_joints_is_that_of_the_robot() -> None:
         sim.close()
 
 
-def test_the_servo_overcomes_friction_and_its_effort_shows_it() -> None:
+def test_the_servo_overcomes_friction_and_its_effort_shows_it():
     still = {"gravity": (0.0, 0.0, 0.0), "friction_viscous": 2.0, "friction_coulomb": 1.0}
     sim, model = simulator("ur5", **still), Model(robot("ur5"))
     model.model.gravity.linear = np.zeros(3)
@@ -567,7 +563,7 @@ def limits(joints: int, **changed: Any) -> JointLimits:
     return JointLimits(**values)
 
 
-def test_the_worst_of_what_is_clipped_is_told_and_nothing_else() -> None:
+def test_the_worst_of_what_is_clipped_is_told_and_nothing_else():
     sim = simulator("ur5", control="torque")
     sim.command_effort([150.0, -150.0, 0.0, 28.0, -28.0, -0.0])
     assert sim.clipped is None
@@ -579,7 +575,7 @@ def test_the_worst_of_what_is_clipped_is_told_and_nothing_else() -> None:
     assert sim.clipped is None
 
 
-def test_a_position_and_a_speed_beyond_the_limits_are_told_but_not_a_goal_far_away() -> None:
+def test_a_position_and_a_speed_beyond_the_limits_are_told_but_not_a_goal_far_away():
     sim = simulator("odd")
     sim.command_position([1e6, 4.9, 2.9], [1e6, 2.9, 2.9])  # the turning joint has no limits
     assert sim.clipped is None
@@ -591,7 +587,7 @@ def test_a_position_and_a_speed_beyond_the_limits_are_told_but_not_a_goal_far_aw
     assert sim.clipped is None
 
 
-def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation() -> None:
+def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation():
     protection = Protection(("a", "b"), limits(2, velocity=np.array([1.0, 2.0])), 1.5)
     rest, near = [0.0, 0.0], 0.9 * POSITION_MARGIN
     assert protection.violation([1.0 + near, -1.0 - near], [-1.5, 3.0]) == ""
@@ -602,7 +598,7 @@ def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation() -> N
         assert protection.violation([0.0, q], rest) == words
 
 
-def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_further() -> None:
+def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_further():
     protection = Protection(("a",), limits(1), 1.5)
     protection.let_stand([1.2])
     assert protection.violation([1.2], [0.5]) == ""
@@ -614,9 +610,7 @@ def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_f
 
 
 @pytest.mark.parametrize("enforced", [False, True])
-def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(
-    enforced: bool,
-) -> None:
+def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(enforced):
     still = {"control": "torque", "gravity": (0.0, 0.0, 0.0), "enforce_limits": enforced}
     sim = simulator("ur5", **still)
     for joint, effort, words in ((0, 150.0, "moves at"), (2, 20.0, "is at 3.14")):
@@ -645,8 +639,8 @@ def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_wi
 )
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_push_that_no_brakes_could_stop_is_let_go_and_the_arm_locked_where_it_was(
-    name: str, control: str, strength: float, enforced: bool
-) -> None:
+    name, control, strength, enforced
+):
     options = {"control": control} if control != "braked" else {}
     sim = simulator(name, rate=200.0, enforce_limits=enforced, **options)
     arm = robot(name)
@@ -680,7 +674,7 @@ def test_a_push_that_no_brakes_could_stop_is_let_go_and_the_arm_locked_where_it_
 
 
 @pytest.mark.parametrize("wrench", [[0.0] * 6, [1.0, *[0.0] * 5]])
-def test_a_push_that_is_weak_leaves_a_protective_stop_to_the_brakes(wrench: list[float]) -> None:
+def test_a_push_that_is_weak_leaves_a_protective_stop_to_the_brakes(wrench):
     sim = simulator("ur5", control="torque", gravity=(0.0, 0.0, 0.0))
     sim.set_external_wrench(wrench)
     for _ in range(2000):
@@ -697,7 +691,7 @@ def test_a_push_that_is_weak_leaves_a_protective_stop_to_the_brakes(wrench: list
     assert sim.is_standing
 
 
-def test_a_speed_limit_of_0_locks_no_other_joint() -> None:
+def test_a_speed_limit_of_0_locks_no_other_joint():
     arm = robot("ur5")
     stated = r'(<joint name="wrist_3_joint".*?velocity=)"[^"]*"'
     limited = re.sub(stated, r'\1"0"', arm.urdf, flags=re.DOTALL)
@@ -711,7 +705,7 @@ def test_a_speed_limit_of_0_locks_no_other_joint() -> None:
     np.testing.assert_allclose(sim.read().q, goal, rtol=0, atol=1e-3)
 
 
-def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was() -> None:
+def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was():
     sim = simulator("ur10", control="torque", rate=100.0)
     before = sim.read().q
     sim.command_effort([0.0] * 5 + [56.0])  # on a link of 2e-4 kg m^2
@@ -755,7 +749,7 @@ def refuse(sim: Simulator, bad: list[float]) -> None:
 
 @pytest.mark.parametrize("control", ["position", "torque"])
 @pytest.mark.parametrize("bad", BAD.values(), ids=BAD.keys())
-def test_a_bad_command_is_refused_and_changes_nothing(bad: list[float], control: str) -> None:
+def test_a_bad_command_is_refused_and_changes_nothing(bad, control):
     sim = simulator("ur5", control=control)
     trajectories = []
     for refusing in (False, True):
@@ -775,14 +769,14 @@ def test_a_bad_command_is_refused_and_changes_nothing(bad: list[float], control:
     assert np.array_equal(trajectories[0], trajectories[1])
 
 
-def test_a_command_of_the_other_control_is_refused() -> None:
+def test_a_command_of_the_other_control_is_refused():
     with pytest.raises(SimulationError, match="a torque command, but control is 'position'"):
         simulator("ur5").command_effort(np.zeros(6))
     with pytest.raises(SimulationError, match="a position command, but control is 'torque'"):
         simulator("ur5", control="torque").command_position(np.zeros(6), np.zeros(6))
 
 
-def test_a_start_outside_the_limits_is_refused_with_joint_and_limits() -> None:
+def test_a_start_outside_the_limits_is_refused_with_joint_and_limits():
     with pytest.raises(SimulationError, match=r"'elbow_joint', 4\.0, is outside -3\.14.* 3\.14"):
         simulator("ur5").reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
     simulator("ur5", enforce_limits=False).reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
@@ -790,9 +784,7 @@ def test_a_start_outside_the_limits_is_refused_with_joint_and_limits() -> None:
 
 @pytest.mark.parametrize("field", ["q", "dq", "motors", "reaction"])
 @pytest.mark.parametrize("bad", [[np.nan, 0.0], [np.inf, 0.0], [0.0, -np.inf], [np.inf, -np.inf]])
-def test_whatever_is_not_finite_after_a_step_is_refused(
-    monkeypatch: pytest.MonkeyPatch, field: str, bad: list[float]
-) -> None:
+def test_whatever_is_not_finite_after_a_step_is_refused(monkeypatch, field, bad):
     sim = simulator("ur5")
     sample = sim.engine.sample()
     broken = sample._replace(**{field: (*getattr(sample, field)[:4], *bad)})
@@ -801,7 +793,7 @@ def test_whatever_is_not_finite_after_a_step_is_refused(
         sim.step()
 
 
-def test_a_tool_whose_motion_is_not_finite_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tool_whose_motion_is_not_finite_is_refused(monkeypatch):
     sim = simulator("ur5", **TOOL)
     motion = sim.engine.sensor_motion()
     torn = motion._replace(v=motion.v + np.nan)
@@ -819,8 +811,8 @@ RUB = {"friction_coulomb": 1.0}  # implicit for this robot
 @pytest.mark.parametrize("cause", ["effort", "push", "both"])
 @pytest.mark.filterwarnings("error")
 def test_a_robot_that_is_torn_apart_says_so_and_never_reports_what_is_not_finite(
-    cause: str, strength: float, tool: dict[str, Any]
-) -> None:
+    cause, strength, tool
+):
     sim = simulator("kuka_iiwa", control="torque", enforce_limits=False, **tool)
     fresh = run(sim, 3)
     sim.command_effort(np.full(7, strength if cause != "push" else 0.0))
@@ -866,14 +858,12 @@ def test_a_robot_that_is_torn_apart_says_so_and_never_reports_what_is_not_finite
         ),
     ],
 )
-def test_an_impossible_parameter_is_refused_with_the_bound(
-    values: dict[str, Any], reason: str
-) -> None:
+def test_an_impossible_parameter_is_refused_with_the_bound(values, reason):
     with pytest.raises(ConfigurationError, match=re.escape(reason)):
         SimulatorParameters(**values)
 
 
-def test_a_window_without_a_display_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_without_a_display_is_refused(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(SimulationError, match="no display for PyBullet's window"):
@@ -881,7 +871,7 @@ def test_a_window_without_a_display_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("name", ["friction_viscous", "disturbance_effort"])
-def test_another_number_of_joints_is_refused(name: str) -> None:
+def test_another_number_of_joints_is_refused(name):
     parameters = SimulatorParameters(**{name: (1.0, 1.0)})
     with pytest.raises(ConfigurationError, match=f"{name} must be empty, one number or 6, got"):
         Simulator(robot("ur5"), parameters)
@@ -896,9 +886,7 @@ def test_another_number_of_joints_is_refused(name: str) -> None:
         ('rpy="1 0 0"', 'rpy="1 0"', "rpy of a <origin> is '1 0'; expected three numbers"),
     ],
 )
-def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(
-    old: str, new: str, reason: str
-) -> None:
+def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(old, new, reason):
     assert old in ODD_ROBOT
     broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace(old, new))
     with pytest.raises(RobotError, match=re.escape(reason)):
@@ -908,7 +896,7 @@ def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(
 # --- noise and bias ------------------------------------------------------------------
 
 
-def test_noise_has_its_deviation_and_bias_its_value() -> None:
+def test_noise_has_its_deviation_and_bias_its_value():
     bias = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
     parameters = {
         "noise_position": 1e-4,
@@ -953,7 +941,7 @@ def array(states: list[SimulatorState], name: str) -> Any:
 
 @pytest.mark.parametrize("resolution", [1000, 4096, 2**20])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_an_encoder_counts_the_noisy_position_to_the_nearest(noise: float, resolution: int) -> None:
+def test_an_encoder_counts_the_noisy_position_to_the_nearest(noise, resolution):
     exact = moving(noise_position=noise, seed=3)
     counted = moving(noise_position=noise, seed=3, encoder_resolution=resolution)
     grid = 2.0 * np.pi / resolution
@@ -967,9 +955,7 @@ def test_an_encoder_counts_the_noisy_position_to_the_nearest(noise: float, resol
 
 @pytest.mark.parametrize("cutoff", [5.0, 60.0, 499.0])
 @pytest.mark.parametrize("drives", [{}, {"noise_position": 1e-3, "encoder_resolution": 4096}])
-def test_the_velocity_is_the_filtered_difference_quotient_of_the_measured_position(
-    drives: dict[str, Any], cutoff: float
-) -> None:
+def test_the_velocity_is_the_filtered_difference_quotient_of_the_measured_position(drives, cutoff):
     states = moving(velocity_cutoff=cutoff, **drives)
     rates = np.diff(array(states, "q"), axis=0) * 1e3
     decay = np.exp(-2.0 * np.pi * cutoff * 1e-3)
@@ -991,9 +977,7 @@ ENCODERS = {"encoder_resolution": 4096, "velocity_cutoff": 50.0}
         (ENCODERS | {"noise_position": 1e-3}, ("q", "dq")),
     ],
 )
-def test_noise_follows_its_seed_and_leaves_the_motion_alone(
-    noise: dict[str, float], names: tuple[str, ...]
-) -> None:
+def test_noise_follows_its_seed_and_leaves_the_motion_alone(noise, names):
     one, again, other = (moving(seed=seed, **noise) for seed in (1, 1, 2))
     exact = moving()
     for name in names:
@@ -1024,7 +1008,7 @@ def trajectory() -> str:
     return digest.hexdigest()
 
 
-def test_simulators_in_one_process_leave_each_other_alone() -> None:
+def test_simulators_in_one_process_leave_each_other_alone():
     alone = Simulator(robot("ur5"), SimulatorParameters())
     target = np.array(robot("ur5").home) + 0.1
     alone.command_position(target, np.zeros(6))
@@ -1043,7 +1027,7 @@ def test_simulators_in_one_process_leave_each_other_alone() -> None:
 
 
 @pytest.mark.parametrize("drives", [{}, ENCODERS])
-def test_reset_starts_again_and_ends_pushes_and_commands(drives: dict[str, Any]) -> None:
+def test_reset_starts_again_and_ends_pushes_and_commands(drives):
     sim = simulator("panda", control="torque", noise_position=1e-3, **TOOL, **drives)
     first = [sim.read(), *(run(sim, 1) for _ in range(9))]
     assert np.any(first[1].dq)
@@ -1058,14 +1042,14 @@ def test_reset_starts_again_and_ends_pushes_and_commands(drives: dict[str, Any])
             assert getattr(two, name).tolist() == getattr(one, name).tolist(), name
 
 
-def test_reading_twice_gives_the_same_state() -> None:
+def test_reading_twice_gives_the_same_state():
     sim = simulator("ur5", noise_position=1.0)
     assert sim.read() is sim.read()
     with pytest.raises(dataclasses.FrozenInstanceError):
         sim.read().t = 0.0  # type: ignore[misc]
 
 
-def test_a_command_is_copied() -> None:
+def test_a_command_is_copied():
     sim = simulator("ur5", control="torque")
     tau = np.full(6, 1.0)
     sim.command_effort(tau)
@@ -1077,7 +1061,7 @@ def test_a_command_is_copied() -> None:
     assert run(servo, 1).dq == pytest.approx(np.full(6, 0.01), abs=MOTOR_SPEED)
 
 
-def test_the_joints_of_the_arm_come_first_and_the_locked_fingers_after() -> None:
+def test_the_joints_of_the_arm_come_first_and_the_locked_fingers_after():
     sim = simulator("panda")
     fingers = ("panda_finger_joint1", "panda_finger_joint2")
     assert sim.joint_names == (*robot("panda").joints, *fingers)
@@ -1086,7 +1070,7 @@ def test_the_joints_of_the_arm_come_first_and_the_locked_fingers_after() -> None
 # --- loading -------------------------------------------------------------------------
 
 
-def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_file_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     Simulator(robot("ur5"), SimulatorParameters()).close()
     broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"3"', '"x"'))
@@ -1095,7 +1079,7 @@ def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_links_that_matter_are_simulated() -> None:
+def test_only_links_that_matter_are_simulated():
     text = simulation_urdf(robot("ur5"), SimulatorParameters().tool, stops=True, shapes=[]).text
     arm = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
     links = ["base_link", *(f"{name}_link" for name in arm), "world", SENSOR_LINK]
@@ -1103,7 +1087,7 @@ def test_only_links_that_matter_are_simulated() -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_shapes_are_kept_where_they_are_asked_for(name: str) -> None:
+def test_shapes_are_kept_where_they_are_asked_for(name):
     no_tool = SimulatorParameters().tool
     for shapes in ([], ["collision"], ["collision", "visual"]):
         text = simulation_urdf(robot(name), no_tool, stops=True, shapes=shapes).text
@@ -1113,7 +1097,7 @@ def test_shapes_are_kept_where_they_are_asked_for(name: str) -> None:
             assert mesh.endswith(".so") or Path(mesh).is_file()
 
 
-def test_a_mesh_that_is_missing_matters_only_where_it_is_needed() -> None:
+def test_a_mesh_that_is_missing_matters_only_where_it_is_needed():
     mesh = '<collision><geometry><mesh filename="package://no/such.stl"/></geometry></collision>'
     broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace("</link>", f"{mesh}</link>", 1))
     Simulator(broken, SimulatorParameters()).close()

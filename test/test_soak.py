@@ -62,27 +62,27 @@ def why(
     return list(map(str, reasons(np.array(missed), said, waits, QUEUE)))
 
 
-def test_each_count_explains_one_state_of_its_time() -> None:
+def test_each_count_explains_one_state_of_its_time():
     assert why(10.5, 10.51, 10.52, refused=2) == [Unanswered.REFUSED, Unanswered.REFUSED, ""]
     assert why(11.2, refused=1) == [""]  # it was counted before
     assert why(5.9, refused=1) == [""]  # and long after
     assert why(10.5) == [""]
 
 
-def test_an_overrun_queue_is_explained_only_where_a_thread_had_no_processor() -> None:
+def test_an_overrun_queue_is_explained_only_where_a_thread_had_no_processor():
     assert why(10.5, overrun=1, waited=QUEUE / 2 + 0.001) == [Unanswered.OVERRUN]
     assert why(10.5, overrun=1, waited=QUEUE / 2 - 0.001) == [""]
     assert why(10.5, overrun=0, waited=1.0) == [""]
     assert why(10.99, overrun=1, waited=1.0) == [""]  # it waited before, not then
 
 
-def test_of_two_counts_the_one_that_was_reported_first_is_used() -> None:
+def test_of_two_counts_the_one_that_was_reported_first_is_used():
     later = [ModeReport(13.0, Mode.FOLLOWING, "", 6, 6)]
     found = why(10.5, 12.5, overrun=1, waited=1.0, later=later)
     assert found == [Unanswered.OVERRUN, Unanswered.REFUSED]
 
 
-def test_what_is_withheld_from_a_runaway_arm_is_explained_only_on_a_starved_machine() -> None:
+def test_what_is_withheld_from_a_runaway_arm_is_explained_only_on_a_starved_machine():
     for waited, cause in ((1.0, Unanswered.WITHHELD), (0.0, "")):
         later = [
             ModeReport(10.6, Mode.RELEASING, Cause.RUNAWAY, 5, 5),
@@ -92,7 +92,7 @@ def test_what_is_withheld_from_a_runaway_arm_is_explained_only_on_a_starved_mach
         assert why(11.0, 12.1, waited=waited, later=later) == [cause, ""]
 
 
-def test_the_kernel_says_what_this_process_takes() -> None:
+def test_the_kernel_says_what_this_process_takes():
     rss, uss, cpu = usage_of(os.getpid())
     assert 0 < uss <= rss < 1e5
     assert cpu > 0
@@ -152,7 +152,7 @@ def recording(
     return load(folder / "made", urdf=URDF)
 
 
-def test_a_run_without_faults_has_the_numbers_that_it_was_made_of(tmp_path: Path) -> None:
+def test_a_run_without_faults_has_the_numbers_that_it_was_made_of(tmp_path):
     found = recording(tmp_path)
     assert measure("unanswered_states", found) == measure("unexplained_states", found) == 0
     assert measure("round_trip", found) == pytest.approx(1.0, rel=EXACT)
@@ -162,7 +162,7 @@ def test_a_run_without_faults_has_the_numbers_that_it_was_made_of(tmp_path: Path
         assert measure("memory_growth", found, node=node) == 0
 
 
-def test_a_round_trip_is_measured_in_its_quarter_after_the_warm_up(tmp_path: Path) -> None:
+def test_a_round_trip_is_measured_in_its_quarter_after_the_warm_up(tmp_path):
     def latency(t: float) -> float:
         slow = t < WARM_UP or t >= WARM_UP + SECONDS
         return 1.0 if slow else MS * (1 + int((t - WARM_UP) / (SECONDS / 4)))
@@ -178,9 +178,7 @@ def test_a_round_trip_is_measured_in_its_quarter_after_the_warm_up(tmp_path: Pat
         measure("round_trip", found, quarter=5)
 
 
-def test_states_without_a_command_are_counted_and_those_that_nothing_explains(
-    tmp_path: Path,
-) -> None:
+def test_states_without_a_command_are_counted_and_those_that_nothing_explains(tmp_path):
     missed = (2.0, 28.0, 28.5, 55.0)  # the first and the last do not count
 
     def latency(t: float) -> float | None:
@@ -194,7 +192,7 @@ def test_states_without_a_command_are_counted_and_those_that_nothing_explains(
     assert measure("unexplained_states", explained) == 1
 
 
-def test_memory_that_grows_is_found_where_a_process_lived_long_enough(tmp_path: Path) -> None:
+def test_memory_that_grows_is_found_where_a_process_lived_long_enough(tmp_path):
     found = recording(tmp_path, grows=0.001)  # medians of 10 s at each end, 36 s apart
     assert measure("memory_growth", found, node="controller") == pytest.approx(3.7, abs=0.3)
     assert measure("memory_growth", found, node="reference") == 0
@@ -204,7 +202,7 @@ def test_memory_that_grows_is_found_where_a_process_lived_long_enough(tmp_path: 
         measure("memory_growth", found, node="clik")
 
 
-def test_what_is_drawn_is_what_was_measured(tmp_path: Path) -> None:
+def test_what_is_drawn_is_what_was_measured(tmp_path):
     found = recording(tmp_path, grows=0.001)
     curves = {quantity.name: quantity.of(found) for quantity in (*PERCENTILES, *VECTORS)}
     t, percentile = curves["round_trip_p99"]
@@ -216,7 +214,7 @@ def test_what_is_drawn_is_what_was_measured(tmp_path: Path) -> None:
     np.testing.assert_allclose(curves["processor"][1], 10.0, rtol=EXACT)
 
 
-def test_a_run_that_is_not_in_real_time_has_no_such_numbers(tmp_path: Path) -> None:
+def test_a_run_that_is_not_in_real_time_has_no_such_numbers(tmp_path):
     found = load(write_run(tmp_path / "run", [0.0] * 3, [0.0] * 3))
     with pytest.raises(BagError, match=r"has no usage.csv: it is no experiment with real_time"):
         measure("round_trip", found)
@@ -226,7 +224,7 @@ def test_a_run_that_is_not_in_real_time_has_no_such_numbers(tmp_path: Path) -> N
 # --- the command ---------------------------------------------------------------------------------
 
 
-def test_a_soak_of_another_length_has_a_circle_that_outlasts_it() -> None:
+def test_a_soak_of_another_length_has_a_circle_that_outlasts_it():
     for seconds, warm_up in ((25.0, 6.25), (1200.0, 60.0), (36000.0, 60.0)):
         for variant in soak(seconds, 500.0).variants.values():
             found = node_parameters(variant)
@@ -248,15 +246,13 @@ def test_a_soak_of_another_length_has_a_circle_that_outlasts_it() -> None:
         (["--rate", "5000"], "--rate 5000; expected 200 to 1000 Hz"),
     ],
 )
-def test_what_cannot_be_run_is_refused_in_one_line(
-    capsys: pytest.CaptureFixture[str], options: list[str], words: str
-) -> None:
+def test_what_cannot_be_run_is_refused_in_one_line(capsys, options, words):
     assert main(options) == 2
     assert words in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow
-def test_a_short_soak_sees_all_nodes_their_round_trips_and_their_memory(tmp_path: Path) -> None:
+def test_a_short_soak_sees_all_nodes_their_round_trips_and_their_memory(tmp_path):
     command = [sys.executable, "-m", "eulerparams_control.lab.experiments.soak"]
     options = ["--seconds", "25", "--controller", "clik", "--rate", "200", "--out", str(tmp_path)]
     path = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(ROOT)]).lstrip(":")

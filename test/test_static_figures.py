@@ -51,7 +51,7 @@ def texts_of(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_each_quantity_that_was_recorded_has_one_file_a_format(run: Digest, tmp_path: Path) -> None:
+def test_each_quantity_that_was_recorded_has_one_file_a_format(run, tmp_path):
     files = write_figures(tmp_path / "new" / "figures", [run], ("svg", "png", "pdf"))
     expected = {f"{name}.{end}" for name in run.curves for end in ("svg", "png", "pdf")}
     assert {"f.svg", "joint_speeds.pdf", "orientation_error.png"} <= expected
@@ -61,14 +61,14 @@ def test_each_quantity_that_was_recorded_has_one_file_a_format(run: Digest, tmp_
         assert file.read_bytes().startswith(starts[file.suffix])
 
 
-def test_the_curves_of_a_figure_are_those_of_the_digest(run: Digest) -> None:
+def test_the_curves_of_a_figure_are_those_of_the_digest(run):
     (drawn,) = lines_of(quantity_figure([run], ORIENTATION_ERROR))
     (curve,) = run.curves["orientation_error"]
     assert np.allclose(drawn[0], curve.y, atol=1e-4)  # clipped at a decade below the axis
     assert np.abs(drawn[0]).max() == pytest.approx(np.degrees(0.1), rel=1e-2)
 
 
-def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run: Digest) -> None:
+def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run):
     figure = quantity_figure([run], VECTORS[0])
     lines = [axes.lines[0] for axes in figure.axes]
     now = [float(np.interp(1.0, line.get_xdata(), line.get_ydata())) for line in lines]
@@ -82,14 +82,14 @@ def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run: Digest) 
     assert [axes.get_title("left") for axes in joints] == ["hinge", "roll"]
 
 
-def test_a_figure_is_the_same_text_each_time(run: Digest) -> None:
+def test_a_figure_is_the_same_text_each_time(run):
     first, second = (svg(quantity_figure([run], VECTORS[0])) for _ in range(2))
     assert first == second
     assert "<script" not in first
     assert "<metadata" not in first
 
 
-def test_figures_in_one_page_share_no_ids_and_refer_to_their_own(run: Digest) -> None:
+def test_figures_in_one_page_share_no_ids_and_refer_to_their_own(run):
     texts = [svg(quantity_figure([run], quantity)) for quantity in (VECTORS[0], ORIENTATION_ERROR)]
     found = [re.findall(r'\bid="([^"]*)"', text) for text in texts]
     for ids, text in zip(found, texts, strict=True):
@@ -101,14 +101,14 @@ def test_figures_in_one_page_share_no_ids_and_refer_to_their_own(run: Digest) ->
 
 
 @pytest.mark.parametrize("name", ["$a_{x$", r"\frac{", "<b>&amp;", "a\x01b", "日本"])
-def test_the_name_of_a_run_is_text_whatever_it_is(run: Digest, name: str, tmp_path: Path) -> None:
+def test_the_name_of_a_run_is_text_whatever_it_is(run, name, tmp_path):
     named = replace(run, path=tmp_path / name)
     figure = quantity_figure([named], ORIENTATION_ERROR)
     assert texts_of(figure)[0] == plain(name)
     ElementTree.fromstring(svg(figure))
 
 
-def test_a_long_name_is_shortened_in_the_middle() -> None:
+def test_a_long_name_is_shortened_in_the_middle():
     assert plain("a" * 100 + "z", 11) == "aaaa…aaaaz"
     assert plain("short") == "short"
     assert plain("\ud800\n") == "\ufffd\ufffd"
@@ -116,7 +116,7 @@ def test_a_long_name_is_shortened_in_the_middle() -> None:
 
 @pytest.mark.parametrize("quantity", [JOINT_SPEED, VECTORS[0], POSITION_ERROR])
 @pytest.mark.parametrize("value", [1e25, 1e300, np.inf, np.nan, -1e300])
-def test_a_divergence_breaks_no_figure(run: Digest, quantity: Any, value: float) -> None:
+def test_a_divergence_breaks_no_figure(run, quantity, value):
     columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is VECTORS[0] else 1)
     wild = with_curve(run, quantity.name, *columns)
     figure = quantity_figure([run, wild], quantity)
@@ -126,7 +126,7 @@ def test_a_divergence_breaks_no_figure(run: Digest, quantity: Any, value: float)
     assert figure.axes[0].get_ylim()[1] < 1e13
 
 
-def test_a_run_without_the_quantity_does_not_matter(run: Digest) -> None:
+def test_a_run_without_the_quantity_does_not_matter(run):
     bare = replace(run, curves={})
     (drawn,) = lines_of(quantity_figure([bare, run], POSITION_ERROR))
     assert len(drawn) == 1
@@ -134,7 +134,7 @@ def test_a_run_without_the_quantity_does_not_matter(run: Digest) -> None:
         quantity_figure([bare], POSITION_ERROR)
 
 
-def test_what_theory_says_is_dashed_and_named(run: Digest) -> None:
+def test_what_theory_says_is_dashed_and_named(run):
     theory = [
         Prediction("orientation_error", "by (28) $", T, np.full(200, 7.0)),
         Prediction("position_error", "another", T, T),
@@ -153,7 +153,7 @@ def test_what_theory_says_is_dashed_and_named(run: Digest) -> None:
     assert np.array_equal(drawn[1][1], 2 * T)
 
 
-def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run: Digest) -> None:
+def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run):
     near = replace(run, near_pole=[(0.2, 0.4), (0.3, 0.5)], near_singular=[(1.0, 1.5)])
     figure = quantity_figure([near], ORIENTATION_ERROR)
     shades = figure.axes[0].patches
@@ -165,14 +165,14 @@ def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run: Dig
     assert texts_of(figure)[1:] == ["near the pole of XYZ", "near a kinematic singularity"]
 
 
-def test_limits_of_the_joints_are_drawn_where_they_are_near(run: Digest) -> None:
+def test_limits_of_the_joints_are_drawn_where_they_are_near(run):
     fast = quantity_figure([with_curve(run, "joint_speed", np.full(200, 2.0))], JOINT_SPEED)
     assert "limit of the URDF" in texts_of(fast)
     assert float(lines_of(fast)[0][1][0]) == 3.0
     assert "limit of the URDF" not in texts_of(quantity_figure([run], JOINT_SPEED))
 
 
-def test_the_legend_is_outside_the_curves(run: Digest) -> None:
+def test_the_legend_is_outside_the_curves(run):
     figure = quantity_figure([replace(run, path=Path(f"/{i}/run")) for i in range(9)], JOINT_SPEED)
     figure.draw_without_rendering()
     legend = figure.legends[0].get_window_extent()
@@ -181,7 +181,7 @@ def test_the_legend_is_outside_the_curves(run: Digest) -> None:
     assert figure.get_size_inches()[0] == 3.5
 
 
-def test_files_that_cannot_be_written_are_named(run: Digest, tmp_path: Path) -> None:
+def test_files_that_cannot_be_written_are_named(run, tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(ConfigurationError, match="cannot write "):
         write_figures(tmp_path / "taken", [run])

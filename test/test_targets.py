@@ -8,7 +8,6 @@ import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from in_process import World
 from ros_processes import FRAMES, HOME, UR5, Controlled, pose, reference
 from samples import about, generator
 from sensor_msgs.msg import JointState
@@ -49,7 +48,7 @@ MIXED = """
 
 
 @pytest.mark.parametrize("base", ["ground", "mast"])
-def test_a_link_is_where_the_whole_urdf_says(base: str) -> None:
+def test_a_link_is_where_the_whole_urdf_says(base):
     robot = Robot(MIXED, base, "hand")
     model = pin.buildModelFromXML(MIXED)
     data = model.createData()
@@ -86,14 +85,14 @@ def test_a_frame_that_is_not_there_or_not_measured_is_refused(base, frame, words
     assert len(str(refusal.value)) < 2100
 
 
-def test_the_base_frame_needs_no_name() -> None:
+def test_the_base_frame_needs_no_name():
     robot = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
     for name in ("", UR5.base_frame):
         found = robot.link_at(name, HOME)
         assert (found.R.tolist(), found.p.tolist()) == (np.eye(3).tolist(), [0.0, 0.0, 0.0])
 
 
-def test_a_finger_of_a_gripper_cannot_carry_a_target_but_its_hand_can() -> None:
+def test_a_finger_of_a_gripper_cannot_carry_a_target_but_its_hand_can():
     panda = load_robot("panda")
     robot = Robot(panda.urdf, panda.base_frame, panda.tip_frame)
     q = np.array(panda.home)
@@ -127,9 +126,7 @@ def twist(frame: str, linear: tuple[float, ...], stamp: float = 0.0) -> TwistSta
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control", "impedance_control"])
-def test_targets_are_taken_in_the_frame_of_a_link_where_it_is_now(
-    world: World, executable: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_targets_are_taken_in_the_frame_of_a_link_where_it_is_now(world, executable, monkeypatch):
     asked = Asked(monkeypatch)
     node = Controlled(world, executable, FRAMES)
     poses = node.peer.publisher(PoseStamped, "/target_pose")
@@ -150,9 +147,7 @@ def test_targets_are_taken_in_the_frame_of_a_link_where_it_is_now(
     np.testing.assert_allclose(in_base, [0.1, 0, 0, 0, 0, 0], atol=RELATIVE)
 
 
-def test_targets_that_mean_nothing_are_refused_counted_and_said(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_targets_that_mean_nothing_are_refused_counted_and_said(world, monkeypatch):
     asked = Asked(monkeypatch)
     node = Controlled(world, "clik", FRAMES)
     poses = node.peer.publisher(PoseStamped, "/target_pose")
@@ -177,9 +172,7 @@ def told(status: Any) -> dict[str, str]:
     return {pair.key: pair.value for pair in status.values}
 
 
-def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(world, monkeypatch):
     asked = Asked(monkeypatch)
     node = Controlled(world, "clik", FRAMES)
     twists = node.peer.publisher(TwistStamped, "/target_twist")
@@ -195,8 +188,8 @@ def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(
 
 @pytest.mark.parametrize("topic", ["target_pose", "target_twist"])
 def test_two_publishers_of_targets_are_refused_and_both_named_but_not_a_successor(
-    world: World, topic: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    world, topic, monkeypatch
+):
     asked = Asked(monkeypatch)
     node = Controlled(world, "clik", FRAMES)
     kind = {"target_pose": PoseStamped, "target_twist": TwistStamped}[topic]
@@ -223,7 +216,7 @@ def test_two_publishers_of_targets_are_refused_and_both_named_but_not_a_successo
     first.destroy_node()
 
 
-def test_nothing_listens_to_targets_before_a_controller_is_active(world: World) -> None:
+def test_nothing_listens_to_targets_before_a_controller_is_active(world):
     world.start("clik", {**FRAMES, "autostart": False})
     for topic in ("target_pose", "target_twist"):
         assert world.peer.node.count_subscribers(f"/{topic}") == 0
@@ -232,7 +225,7 @@ def test_nothing_listens_to_targets_before_a_controller_is_active(world: World) 
 # --- what becomes of them ----------------------------------------------------------------------
 
 
-def test_a_robot_and_a_controller_together_reach_a_target_pose(world: World) -> None:
+def test_a_robot_and_a_controller_together_reach_a_target_pose(world):
     slow = {"rate": 200.0, "servo_bandwidth": 100.0, "command_timeout": 1.0}
     nodes = [
         world.start("pybullet_bridge", slow, namespace="/left"),
@@ -255,7 +248,7 @@ def test_a_robot_and_a_controller_together_reach_a_target_pose(world: World) -> 
     assert world.peer.node.count_publishers("/joint_reference") == 0  # all names are relative
 
 
-def test_of_reference_target_pose_and_target_twist_the_newest_leads(world: World) -> None:
+def test_of_reference_target_pose_and_target_twist_the_newest_leads(world):
     node = Controlled(world, "clik", FRAMES)
     poses = node.peer.publisher(PoseStamped, "/target_pose")
     twists = node.peer.publisher(TwistStamped, "/target_twist")
@@ -289,9 +282,7 @@ def test_of_reference_target_pose_and_target_twist_the_newest_leads(world: World
 
 
 @pytest.mark.parametrize("executable", ["dynamic_control", "impedance_control"])
-def test_an_arm_that_takes_efforts_goes_to_a_target_pose_and_jogs(
-    world: World, executable: str
-) -> None:
+def test_an_arm_that_takes_efforts_goes_to_a_target_pose_and_jogs(world, executable):
     node = Controlled(world, executable, FRAMES)
     poses = node.peer.publisher(PoseStamped, "/target_pose")
     twists = node.peer.publisher(TwistStamped, "/target_twist")
@@ -309,7 +300,7 @@ def test_an_arm_that_takes_efforts_goes_to_a_target_pose_and_jogs(
     assert np.abs(node.arm.dq).max() < 1e-3
 
 
-def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world: World) -> None:
+def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world):
     node = Controlled(world, "clik", FRAMES)
     twists = node.peer.publisher(TwistStamped, "/target_twist")
     node.peer.call(Trigger, "/clik/halt", Trigger.Request())

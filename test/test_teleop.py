@@ -5,7 +5,6 @@ import os
 import pty
 import termios
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,7 +52,7 @@ def joy(*axes: float, pressed: bool = True) -> Joy:
     return Joy(axes=[*axes, *[0.0] * (6 - len(axes))], buttons=[0, 0, 0, 0, int(pressed)])
 
 
-def test_a_joystick_moves_the_tip_while_its_deadman_button_is_pressed(world: World) -> None:
+def test_a_joystick_moves_the_tip_while_its_deadman_button_is_pressed(world):
     _, sent = start(world, device="joy", frame="tool0", signs=[1.0, -1.0, 1.0, 1.0, 1.0, 0.5])
     stick = world.peer.publisher(Joy, "joy")
     for _ in range(5):
@@ -67,7 +66,7 @@ def test_a_joystick_moves_the_tip_while_its_deadman_button_is_pressed(world: Wor
     sent.assert_ended(world)
 
 
-def test_a_device_that_falls_silent_stops_the_tip(world: World) -> None:
+def test_a_device_that_falls_silent_stops_the_tip(world):
     _, sent = start(world, device="joy", joy_timeout=0.2)
     stick = world.peer.publisher(Joy, "joy")
     stick.publish(joy(1.0))
@@ -85,9 +84,7 @@ def test_a_device_that_falls_silent_stops_the_tip(world: World) -> None:
         (joy(math.nan), "expected finite numbers"),
     ],
 )
-def test_a_joystick_that_does_not_fit_stops_the_tip_and_is_said(
-    world: World, msg: Joy, words: str
-) -> None:
+def test_a_joystick_that_does_not_fit_stops_the_tip_and_is_said(world, msg, words):
     process, sent = start(world, device="joy")
     stick = world.peer.publisher(Joy, "joy")
     stick.publish(joy(1.0))
@@ -99,7 +96,7 @@ def test_a_joystick_that_does_not_fit_stops_the_tip_and_is_said(
     assert values(world.peer.status("teleop"))["joy rejected"] == "1"
 
 
-def test_two_joysticks_are_refused_and_both_named(world: World) -> None:
+def test_two_joysticks_are_refused_and_both_named(world):
     process, sent = start(world, device="joy")
     for name in ("left", "right"):
         another = world.peer.another_node(name).create_publisher(Joy, "joy", 10)
@@ -109,7 +106,7 @@ def test_two_joysticks_are_refused_and_both_named(world: World) -> None:
     sent.assert_ended(world)
 
 
-def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world: World) -> None:
+def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world):
     _, sent = start(world, device="spacenav", deadzone=0.0)
     mouse = world.peer.publisher(Twist, "spacenav/twist")
     msg = Twist()
@@ -122,7 +119,7 @@ def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world: World) ->
     sent.assert_ended(world)
 
 
-def test_the_end_of_the_node_stops_the_tip(world: World) -> None:
+def test_the_end_of_the_node_stops_the_tip(world):
     process, sent = start(world, device="joy")
     world.peer.publisher(Joy, "joy").publish(joy(1.0))
     world.advance(TICK)
@@ -140,9 +137,7 @@ def test_the_end_of_the_node_stops_the_tip(world: World) -> None:
         ({"linear_speed": 2.0}, "linear_speed"),
     ],
 )
-def test_what_cannot_be_used_ends_it_with_one_line(
-    tmp_path: Path, parameters: dict[str, Any], words: str
-) -> None:
+def test_what_cannot_be_used_ends_it_with_one_line(tmp_path, parameters, words):
     process = run_to_its_end("teleop", tmp_path, parameters)
     assert process.exit_code == 1
     assert words in process.stderr
@@ -163,7 +158,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     os.close(reads)
 
 
-def test_a_key_moves_the_tip_until_it_is_released(world: World, terminal: tuple[int, int]) -> None:
+def test_a_key_moves_the_tip_until_it_is_released(world, terminal):
     types, reads = terminal
     before = termios.tcgetattr(reads)
     process, sent = start(world)
@@ -191,9 +186,7 @@ def test_a_key_moves_the_tip_until_it_is_released(world: World, terminal: tuple[
 
 
 @pytest.mark.parametrize("keys", [b" ", b"x", b"\x1b[A", b"\x1bOd", b"\x1b[1;5d", b"\xff"])
-def test_any_other_key_stops_the_tip_also_one_that_sends_letters(
-    world: World, terminal: tuple[int, int], keys: bytes
-) -> None:
+def test_any_other_key_stops_the_tip_also_one_that_sends_letters(world, terminal, keys):
     _, sent = start(world)
     os.write(terminal[0], b"w")
     world.advance(TICK)

@@ -2,7 +2,7 @@
 
 import math
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def measured(truth: Truth, key: int, orientations: list[Array] = MOTION[:6]) -> 
 
 @pytest.mark.parametrize("key", range(20))
 @pytest.mark.parametrize("count", [3, 4, 6, 20])
-def test_without_noise_the_tool_and_the_bias_are_found_exactly(key: int, count: int) -> None:
+def test_without_noise_the_tool_and_the_bias_are_found_exactly(key, count):
     truth, gravity = some(key), 9.81 * unit_vectors(1, key=2000 + key)[0]
     orientations = uniform(count, key=50)
     found = identify(orientations, truth.wrenches(orientations, gravity), gravity)
@@ -93,7 +93,7 @@ def test_without_noise_the_tool_and_the_bias_are_found_exactly(key: int, count: 
     assert max(found.residual_force.max(), found.residual_torque.max()) < 10 * ALGEBRAIC
 
 
-def test_with_the_noise_of_a_sensor_it_is_found_within_the_bars() -> None:
+def test_with_the_noise_of_a_sensor_it_is_found_within_the_bars():
     for key in range(1000):
         truth = some(key)
         found = measured(truth, key)
@@ -105,7 +105,7 @@ def test_with_the_noise_of_a_sensor_it_is_found_within_the_bars() -> None:
 
 
 @pytest.mark.parametrize("count", [6, 7])
-def test_the_standard_deviations_are_those_of_the_errors(count: int) -> None:
+def test_the_standard_deviations_are_those_of_the_errors(count):
     """Each error over its standard deviation has Student's t of the degrees of freedom left."""
     truth = some(0)
     z = []
@@ -119,7 +119,7 @@ def test_the_standard_deviations_are_those_of_the_errors(count: int) -> None:
     assert_close(np.mean(np.square(z), axis=0), freedom / (freedom - 2), Z_SQUARED)
 
 
-def test_the_mass_has_its_share_in_the_standard_deviation_of_the_centre_of_mass() -> None:
+def test_the_mass_has_its_share_in_the_standard_deviation_of_the_centre_of_mass():
     """Far from the sensor, where the error of the mass counts most."""
     truth = Truth(0.5, np.array([0.0, 0.0, 5.0]), np.zeros(6))
     z = []
@@ -129,7 +129,7 @@ def test_the_mass_has_its_share_in_the_standard_deviation_of_the_centre_of_mass(
     assert np.mean(np.square(z)) == pytest.approx(14 / 12, abs=Z_SQUARED)
 
 
-def test_what_does_not_fit_is_left_over_in_its_pose() -> None:
+def test_what_does_not_fit_is_left_over_in_its_pose():
     truth = some(1)
     wrenches = truth.wrenches(MOTION, np.array(GRAVITY))
     wrenches[3] += [4.0, 0.0, 0.0, 0.0, 0.0, 0.5]
@@ -157,7 +157,7 @@ def turned(axis: Array, *degrees: float) -> list[Array]:
         ([about(i % 3, math.radians(2 * i)) for i in range(5)], "5.5"),  # all similar
     ],
 )
-def test_too_similar_poses_are_refused_with_those_that_help(orientations: Any, angle: str) -> None:
+def test_too_similar_poses_are_refused_with_those_that_help(orientations, angle):
     wrenches = some(0).wrenches(orientations, np.array(GRAVITY))
     with pytest.raises(IdentificationError) as refusal:
         identify(orientations, wrenches)
@@ -168,14 +168,14 @@ def test_too_similar_poses_are_refused_with_those_that_help(orientations: Any, a
 
 
 @pytest.mark.parametrize("key", range(10))
-def test_a_negative_mass_is_refused_as_a_wrong_sign(key: int) -> None:
+def test_a_negative_mass_is_refused_as_a_wrong_sign(key):
     wrenches = -some(key).wrenches(MOTION, np.array(GRAVITY))
     with pytest.raises(IdentificationError, match=r"negative, -.*; set wrench_sign: -1"):
         identify(MOTION, wrenches)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_no_mass_is_refused_as_no_tool(noise: float) -> None:
+def test_no_mass_is_refused_as_no_tool(noise):
     wrenches = some(0)._replace(mass=0.0).wrenches(MOTION, np.array(GRAVITY))
     wrenches += noise * generator(52).normal(size=wrenches.shape)
     with pytest.raises(IdentificationError, match="which is no tool"):
@@ -196,7 +196,7 @@ def test_no_mass_is_refused_as_no_tool(noise: float) -> None:
         (lambda R, h, g: (R[:2], list(h[:2]), g), "too few poses, 2; expected at least 3 "),
     ],
 )
-def test_what_is_no_measurement_is_refused(change: Any, words: str) -> None:
+def test_what_is_no_measurement_is_refused(change, words):
     gravity = np.array(GRAVITY)
     with pytest.raises(IdentificationError, match=words):
         identify(*change(MOTION, some(0).wrenches(MOTION, gravity), gravity))
@@ -207,7 +207,7 @@ def test_what_is_no_measurement_is_refused(change: Any, words: str) -> None:
 
 @pytest.mark.parametrize("degrees", [1.0, 10.0, 45.0, 90.0, 119.0])
 @pytest.mark.parametrize("R", uniform(3, key=51))
-def test_three_directions_an_angle_apart_have_this_spread(degrees: float, R: Array) -> None:
+def test_three_directions_an_angle_apart_have_this_spread(degrees, R):
     angle = math.radians(degrees)
     half = math.asin(2 / math.sqrt(3) * math.sin(angle / 2))  # of the cone that they are on
     cone = [about(2, turn) @ about(1, half) @ [0, 0, 1] for turn in np.radians([0, 120, 240])]
@@ -215,14 +215,14 @@ def test_three_directions_an_angle_apart_have_this_spread(degrees: float, R: Arr
     assert spread(3.0 * np.array([*cone, cone[0], cone[2]]) @ R) == pytest.approx(angle, abs=1e-7)
 
 
-def test_the_spread_is_zero_of_two_directions_and_large_of_many() -> None:
+def test_the_spread_is_zero_of_two_directions_and_large_of_many():
     a, b = unit_vectors(2, key=50)
     assert spread([]) == spread([a, b]) == 0.0
     assert spread([a, b, a, a, b]) < 1e-7
     assert math.radians(60) < spread(vectors(100, key=50)) < math.radians(120)
 
 
-def test_the_shipped_motion_has_six_orientations_that_differ_and_more() -> None:
+def test_the_shipped_motion_has_six_orientations_that_differ_and_more():
     down = np.array([R.T @ [0, 0, -1] for R in MOTION])
     assert len(MOTION) == 7
     angles = np.degrees(np.arccos(np.clip(down @ down.T, -1, 1))) + 180 * np.eye(7)

@@ -53,7 +53,7 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_a_pose_is_taken_after_settling_of_the_averages_since_then(bench: Bench) -> None:
+def test_a_pose_is_taken_after_settling_of_the_averages_since_then(bench):
     wrenches = generator(60).normal(size=(31, 6))
     for wrench in wrenches[:-1]:  # 0.1 s and 0.2 s from the first state on
         bench.tick(HOME, wrench=wrench)
@@ -67,7 +67,7 @@ def test_a_pose_is_taken_after_settling_of_the_averages_since_then(bench: Bench)
     assert bench.said == []
 
 
-def test_in_each_new_orientation_one_pose_is_taken(bench: Bench) -> None:
+def test_in_each_new_orientation_one_pose_is_taken(bench):
     for number, q in enumerate([HOME, TILTED, HOME - [0, 0, 0, 0.9, 0, 0]], 1):
         bench.rest(q, 1.5)
         assert len(bench.poses) == number
@@ -79,7 +79,7 @@ def test_in_each_new_orientation_one_pose_is_taken(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("moving", ["position", "velocity", "slowly"])
-def test_while_the_arm_moves_no_pose_is_taken(bench: Bench, moving: str) -> None:
+def test_while_the_arm_moves_no_pose_is_taken(bench, moving):
     for k in range(100):
         step = {"position": 3e-3, "velocity": 0.0, "slowly": 2.2e-4}[moving]  # [rad] in 10 ms
         dq = np.full(6, 0.03) if moving == "velocity" else None
@@ -87,7 +87,7 @@ def test_while_the_arm_moves_no_pose_is_taken(bench: Bench, moving: str) -> None
     assert bench.poses == []
 
 
-def test_noise_of_the_positions_is_no_motion_and_their_mean_is_the_pose(bench: Bench) -> None:
+def test_noise_of_the_positions_is_no_motion_and_their_mean_is_the_pose(bench):
     positions = HOME + generator(61).normal(scale=1e-4, size=(32, 6))  # 0.01 rad/s by differences
     for q in positions:
         bench.tick(q)
@@ -95,7 +95,7 @@ def test_noise_of_the_positions_is_no_motion_and_their_mean_is_the_pose(bench: B
     assert_close(bench.poses[0].R_s, pose(positions[11:31].mean(axis=0))[1], AVERAGE)
 
 
-def test_if_the_arm_moves_meanwhile_the_pose_is_dropped_and_taken_anew(bench: Bench) -> None:
+def test_if_the_arm_moves_meanwhile_the_pose_is_dropped_and_taken_anew(bench):
     bench.rest(HOME, 0.25, wrench=10 * WRENCH)
     bench.tick(TILTED, wrench=10 * WRENCH)
     assert bench.said == ["the arm moved too early, the pose was dropped: let it rest"]
@@ -108,7 +108,7 @@ def test_if_the_arm_moves_meanwhile_the_pose_is_dropped_and_taken_anew(bench: Be
     assert len(bench.said) == 1
 
 
-def test_a_small_turn_or_one_about_the_vertical_is_no_new_pose_and_said_once(bench: Bench) -> None:
+def test_a_small_turn_or_one_about_the_vertical_is_no_new_pose_and_said_once(bench):
     bench.rest(TILTED)
     bench.rest(HOME)
     for offset, words in (([1, 0, 0, 0, 0, 0], "gravity 0 deg"), ([0, 0, 0, 0.3, 0, 0], "17 deg")):
@@ -121,7 +121,7 @@ def test_a_small_turn_or_one_about_the_vertical_is_no_new_pose_and_said_once(ben
         assert "turns about the vertical do not count" in bench.said[0]
 
 
-def test_a_pose_needs_enough_wrenches_or_what_is_missing_is_said(bench: Bench) -> None:
+def test_a_pose_needs_enough_wrenches_or_what_is_missing_is_said(bench):
     bench.rest(HOME, 1.0, wrench=None)
     assert bench.poses == []
     assert "0 wrenches within 0.2 s; expected 10 at least: does the sensor run?" in bench.said[0]
@@ -129,7 +129,7 @@ def test_a_pose_needs_enough_wrenches_or_what_is_missing_is_said(bench: Bench) -
     assert len(bench.poses) == 1
 
 
-def test_a_wrench_from_before_the_standstill_is_refused(bench: Bench) -> None:
+def test_a_wrench_from_before_the_standstill_is_refused(bench):
     came_to_rest = bench.t + 10 * MS
     bench.rest(HOME, 0.15, wrench=None)
     bench.collector.feel(came_to_rest, WRENCH)
@@ -137,7 +137,7 @@ def test_a_wrench_from_before_the_standstill_is_refused(bench: Bench) -> None:
         bench.collector.feel(came_to_rest - MS, WRENCH)
 
 
-def test_a_wrench_that_comes_again_is_refused_and_one_without_stamp_is_taken(bench: Bench) -> None:
+def test_a_wrench_that_comes_again_is_refused_and_one_without_stamp_is_taken(bench):
     bench.rest(HOME, 0.15, wrench=None)
     bench.collector.feel(bench.t, WRENCH)
     with pytest.raises(InvalidMessageError, match="again under the same stamp; it is stale"):
@@ -149,7 +149,7 @@ def test_a_wrench_that_comes_again_is_refused_and_one_without_stamp_is_taken(ben
 
 
 @pytest.mark.parametrize("jump", [-100.0, 0.6])
-def test_after_a_jump_of_the_stamps_the_standstill_begins_anew(bench: Bench, jump: float) -> None:
+def test_after_a_jump_of_the_stamps_the_standstill_begins_anew(bench, jump):
     bench.rest(HOME, 0.25)
     bench.t += round(jump * 1e9)
     bench.rest(HOME, 0.3)
@@ -158,7 +158,7 @@ def test_after_a_jump_of_the_stamps_the_standstill_begins_anew(bench: Bench, jum
     assert len(bench.poses) == 1
 
 
-def test_it_says_what_it_waits_for(bench: Bench) -> None:
+def test_it_says_what_it_waits_for(bench):
     assert bench.collector.doing == "waiting until the arm stands still"
     bench.rest(HOME, 0.2)
     assert bench.collector.doing == "averaging, keep the arm still"

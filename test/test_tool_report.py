@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -55,14 +54,14 @@ def mount(frame: str = "sensor", tip: str = "tip") -> SensorMount:
 # --- the sensor on the arm -------------------------------------------------------------------
 
 
-def test_a_point_of_the_sensor_frame_is_given_in_the_tip_frame() -> None:
+def test_a_point_of_the_sensor_frame_is_given_in_the_tip_frame():
     point = np.array([0.1, 0.2, 0.3])
     expected = RPY.T @ (GRIP.T @ (point - [0, 0, 0.05]) - [0, 0, -0.3])
     assert_close(mount().in_tip(point), expected, KINEMATICS)
     assert_close(mount(tip="sensor").in_tip(point), point, KINEMATICS)
 
 
-def test_the_orientation_of_the_sensor_is_that_in_the_root_link() -> None:
+def test_the_orientation_of_the_sensor_is_that_in_the_root_link():
     q = np.array([0.3, -0.4])
     expected = about(2, 0.3) @ about(1, -0.4) @ about(2, math.pi / 2)
     assert_close(mount().orientation(q), expected, KINEMATICS)
@@ -78,9 +77,7 @@ def test_the_orientation_of_the_sensor_is_that_in_the_root_link() -> None:
         (("finger", "tip"), RobotError, "slide moves between .* the tip_frame 'tip'; expected"),
     ],
 )
-def test_a_sensor_that_is_none_or_not_fixed_to_the_tip_is_refused(
-    frames: tuple[str, str], error: type[Exception], words: str
-) -> None:
+def test_a_sensor_that_is_none_or_not_fixed_to_the_tip_is_refused(frames, error, words):
     with pytest.raises(error, match=words):
         mount(*frames)
 
@@ -88,7 +85,7 @@ def test_a_sensor_that_is_none_or_not_fixed_to_the_tip_is_refused(
 # --- what the URDF says it carries -----------------------------------------------------------
 
 
-def test_what_the_sensor_carries_is_what_the_urdf_has_beyond_it() -> None:
+def test_what_the_sensor_carries_is_what_the_urdf_has_beyond_it():
     assert mount().carried.mass == pytest.approx(KNOWN.mass)
     assert_close(mount().carried.com, KNOWN.com, KINEMATICS)
     assert mount("tip").carried == (0.0, pytest.approx(np.zeros(3)))
@@ -103,7 +100,7 @@ def test_what_the_sensor_carries_is_what_the_urdf_has_beyond_it() -> None:
         ("panda", "panda_link8"), ("panda", "panda_hand"), ("panda", "panda_link7"),
     ],
 )  # fmt: skip
-def test_it_is_what_the_simulated_sensor_feels(robot: str, frame: str) -> None:
+def test_it_is_what_the_simulated_sensor_feels(robot, frame):
     description = replace(load_robot(robot), sensor_frame=frame)
     none = Body(0.0, np.zeros(3), np.zeros((3, 3)))
     felt = simulation_urdf(description, none, stops=True, shapes=()).load
@@ -112,7 +109,7 @@ def test_it_is_what_the_simulated_sensor_feels(robot: str, frame: str) -> None:
     assert_close(found.com, felt.com)
 
 
-def test_a_malformed_inertial_is_refused() -> None:
+def test_a_malformed_inertial_is_refused():
     broken = GRIPPER.replace('<mass value="0.1"/>', '<mass value="light"/>')
     with pytest.raises(RobotError, match=r"link 'finger': could not .* 'light'"):
         carried(UrdfTree(broken), "sensor")
@@ -144,7 +141,7 @@ def numbers(value: object) -> Array:
     return np.array(value)
 
 
-def test_the_parameters_are_yaml_with_the_tool_at_the_tip_and_the_bias_of_the_sensor() -> None:
+def test_the_parameters_are_yaml_with_the_tool_at_the_tip_and_the_bias_of_the_sensor():
     text = report(where=mount("tip"))._replace(wrench_sign=-1).yaml()
     tool, bias = parameters(text, "/**"), parameters(text, "/**/impedance_control")
     assert tool["tool_mass"] == 1.5
@@ -154,7 +151,7 @@ def test_the_parameters_are_yaml_with_the_tool_at_the_tip_and_the_bias_of_the_se
     assert tool.keys() | bias.keys() == {"tool_mass", "tool_com", "wrench_sign", "wrench_bias"}
 
 
-def test_what_the_urdf_has_beyond_the_sensor_is_no_part_of_the_tool() -> None:
+def test_what_the_urdf_has_beyond_the_sensor_is_no_part_of_the_tool():
     added = Carried(0.4, generator(70).normal(size=3))
     mass = KNOWN.mass + added.mass
     com = (KNOWN.mass * KNOWN.com + added.mass * added.com) / mass
@@ -172,7 +169,7 @@ def test_what_the_urdf_has_beyond_the_sensor_is_no_part_of_the_tool() -> None:
 
 
 @pytest.mark.parametrize(("excess", "wrong"), [(0.002, False), (-0.002, False), (-0.1, True)])
-def test_a_tool_that_the_urdf_has_already_is_none(excess: float, wrong: bool) -> None:
+def test_a_tool_that_the_urdf_has_already_is_none(excess, wrong):
     known = report(FOUND._replace(mass=KNOWN.mass + excess, com=KNOWN.com), mount())
     tool = parameters(known.yaml(), "/**")
     assert tool == {"tool_mass": 0.0, "tool_com": [0.0, 0.0, 0.0]}
@@ -189,7 +186,7 @@ def test_a_tool_that_the_urdf_has_already_is_none(excess: float, wrong: bool) ->
         ({"residual_torque": [0.01, 0.01, 0.06]}, "pose 3 leaves 0.06 Nm of torque unexplained"),
     ],
 )
-def test_a_pose_that_does_not_fit_is_warned_of(residual: dict[str, Any], words: str) -> None:
+def test_a_pose_that_does_not_fit_is_warned_of(residual, words):
     found = FOUND._replace(**{name: np.array(values) for name, values in residual.items()})
     (warning,) = report(found).warnings()
     assert words in warning
@@ -198,7 +195,7 @@ def test_a_pose_that_does_not_fit_is_warned_of(residual: dict[str, Any], words: 
     assert report().warnings() == []
 
 
-def test_the_table_fits_a_terminal_and_has_what_was_found() -> None:
+def test_the_table_fits_a_terminal_and_has_what_was_found():
     text = report().table()
     assert "from 3 poses" in text
     assert max(map(len, text.splitlines())) < 80

@@ -52,9 +52,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_the_robot_brakes_when_the_link_is_cut_and_goes_on_by_itself_when_it_is_mended(
-    result: dict[str, Any],
-) -> None:
+def test_the_robot_brakes_when_the_link_is_cut_and_goes_on_by_itself_when_it_is_mended(result):
     cut = [one for one in result["criteria"] if one["phase"] == "cut"]
     assert len(cut) == 9
     assert [one for one in cut if not one["met"]] == []
@@ -64,9 +62,7 @@ def test_the_robot_brakes_when_the_link_is_cut_and_goes_on_by_itself_when_it_is_
 
 
 @pytest.mark.slow
-def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are_braked_in(
-    result: dict[str, Any],
-) -> None:
+def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are_braked_in(result):
     bad = [one for one in result["criteria"] if one["phase"] in ("loss", "delay")]
     assert len(bad) == 6
     assert [one for one in bad if not one["met"]] == []
@@ -74,7 +70,7 @@ def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are
     assert delay > calm + 2 * 15.0  # it was delayed: both ways by 15 ms at least
 
 
-def test_without_root_it_says_so_in_one_line_and_ends_with_2(tmp_path: Path) -> None:
+def test_without_root_it_says_so_in_one_line_and_ends_with_2(tmp_path):
     main = str(TOOLS / "hosts" / "main.py")
     code = (
         "import os, runpy, sys; os.geteuid = lambda: 65534\n"
@@ -121,7 +117,7 @@ def without(line: dict[str, Any]) -> Lines:
     return [other for other in ROBOT if other is not line]
 
 
-def test_the_modes_are_those_of_the_robot() -> None:
+def test_the_modes_are_those_of_the_robot():
     assert {OBEYING, *BRAKED} < set(DriveMode)
     assert SILENCE == DriveCause.SILENCE
 
@@ -145,15 +141,13 @@ def test_the_modes_are_those_of_the_robot() -> None:
         (without(AGAIN), CONTROLLER, {"mended: the arm moves again"}),
     ],
 )
-def test_the_judge_finds_what_is_wrong_with_a_cut(
-    robot: Lines, controller: Lines, texts: set[str]
-) -> None:
+def test_the_judge_finds_what_is_wrong_with_a_cut(robot, controller, texts):
     judge = judge_of(robot, controller)
     assert {verdict.text for verdict in judge.cut(CUT) if not verdict.met} == texts
 
 
 @pytest.mark.parametrize("brakes", [True, False])
-def test_the_judge_finds_a_gap_of_commands_without_brakes(brakes: bool) -> None:
+def test_the_judge_finds_a_gap_of_commands_without_brakes(brakes):
     phase = Phase("loss", 10.0, 15.0, 21.0)
     commands = [{"t": 10 + k / 10, "command": 0.0} for k in range(110) if not 20 < k < 40]
     robot: Lines = [*commands, moves(15.5, 0.5)]

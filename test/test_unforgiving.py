@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
-from in_process import World
 from ros_processes import values
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -123,20 +122,20 @@ def judged(asked: list[Asked], *, turning: bool = True) -> str:
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-def test_smooth_commands_are_taken_however_they_come(name: str) -> None:
+def test_smooth_commands_are_taken_however_they_come(name):
     assert judged(SMOOTH[name]) == ""
 
 
 @pytest.mark.parametrize("name", SUDDEN)
-def test_a_sudden_command_is_found(name: str) -> None:
+def test_a_sudden_command_is_found(name):
     assert "joint 'a' was asked for" in judged(SUDDEN[name])
 
 
-def test_a_turn_is_a_step_for_a_joint_that_does_not_turn_for_ever() -> None:
+def test_a_turn_is_a_step_for_a_joint_that_does_not_turn_for_ever():
     assert "joint 'a' was asked for" in judged(swing(EVERY, turn=True), turning=False)
 
 
-def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own() -> None:
+def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
     watch = CommandAcceleration("ab", np.array([LIMIT, np.inf]), np.zeros(2, bool), [True] * 2, DT)
     zero = np.zeros(2)
     for k, (jump, words) in enumerate([(0.999, ""), (1.001, "10.01 m/s^2; the most is 10 m/s^2")]):
@@ -212,9 +211,7 @@ SUDDENLY = {"max_joint_acceleration": (LIMIT,)}
 
 
 @pytest.mark.parametrize("delay", [0, 5])
-def test_a_sudden_command_stops_the_robot_until_it_is_unlocked(
-    bench: Callable[..., Bench], delay: int
-) -> None:
+def test_a_sudden_command_stops_the_robot_until_it_is_unlocked(bench, delay):
     it = bench(policy={**SUDDENLY, "command_delay": delay})
     it.step(20, lambda: at(HOME))
     it.step(1 + delay, lambda: at(beside(0.05)))
@@ -230,7 +227,7 @@ def test_a_sudden_command_stops_the_robot_until_it_is_unlocked(
     assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
-def test_a_moving_robot_is_not_unlocked(bench: Callable[..., Bench]) -> None:
+def test_a_moving_robot_is_not_unlocked(bench):
     it = bench(policy=SUDDENLY)
     speeds = iter(0.9 * LIMIT * DT * np.arange(1, 101))
 
@@ -246,7 +243,7 @@ def test_a_moving_robot_is_not_unlocked(bench: Callable[..., Bench]) -> None:
     assert it.drive.unlock(it.now)
 
 
-def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench: Callable[..., Bench]) -> None:
+def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench):
     free, pushed = bench(), bench(policy=SUDDENLY, control="torque")
     free.step(20, lambda: at(HOME))
     free.step(1, lambda: at(beside(0.05)))
@@ -255,7 +252,7 @@ def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench: Callable[..
     assert free.status == pushed.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
-def test_of_several_commands_in_a_step_the_last_is_judged(bench: Callable[..., Bench]) -> None:
+def test_of_several_commands_in_a_step_the_last_is_judged(bench):
     it = bench(policy=SUDDENLY)
     it.step(20, lambda: at(HOME))
     it.send(**at(beside(0.05)))
@@ -263,9 +260,7 @@ def test_of_several_commands_in_a_step_the_last_is_judged(bench: Callable[..., B
     assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
-def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(
-    bench: Callable[..., Bench],
-) -> None:
+def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(bench):
     it = bench(policy=SUDDENLY)
     it.step(20, lambda: at(HOME))
     it.step(200)
@@ -275,9 +270,7 @@ def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(
 
 
 @pytest.mark.parametrize("values", [(1.0, 2.0), (1.0,) * 7])
-def test_a_limit_for_the_wrong_number_of_joints_is_refused(
-    bench: Callable[..., Bench], values: tuple[float, ...]
-) -> None:
+def test_a_limit_for_the_wrong_number_of_joints_is_refused(bench, values):
     with pytest.raises(ConfigurationError, match="max_joint_acceleration must be empty, one"):
         bench(policy={"max_joint_acceleration": values})
     with pytest.raises(ConfigurationError, match="rotor_inertia must be empty, one"):
@@ -294,8 +287,8 @@ def test_a_limit_for_the_wrong_number_of_joints_is_refused(
     ],
 )
 def test_in_silence_it_brakes_or_holds_the_last_command_for_ever(
-    bench: Callable[..., Bench], on_silence: OnSilence, control: str, status: Any
-) -> None:
+    bench, on_silence, control, status
+):
     it = bench(policy={"on_silence": on_silence, "command_timeout": 0.01}, control=control,
                gravity=(0.0, 0.0, 0.0), servo_bandwidth=5.0)  # fmt: skip
     it.send(**(at(beside(0.2)) if control == "position" else {"effort": [10.0, *[0.0] * 5]}))
@@ -311,9 +304,7 @@ def test_in_silence_it_brakes_or_holds_the_last_command_for_ever(
 
 
 @pytest.mark.parametrize("lag", [0.02, 0.05])
-def test_the_servo_lags_behind_positions_by_a_first_order(
-    bench: Callable[..., Bench], lag: float
-) -> None:
+def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
     it = bench(servo_lag=lag, servo_bandwidth=1000.0, gravity=(0.0, 0.0, 0.0))
     it.step(round(lag / DT), lambda: at(beside(0.01)))
     assert it.q[0] - HOME[0] == pytest.approx(0.01 * (1 - np.exp(-1)), rel=MOTORS)
@@ -328,16 +319,14 @@ def test_the_servo_lags_behind_positions_by_a_first_order(
     assert behind == pytest.approx(speed * (lag - 0.5 * DT), rel=MOTORS)
 
 
-def test_without_a_lag_the_speed_is_fed_forward(bench: Callable[..., Bench]) -> None:
+def test_without_a_lag_the_speed_is_fed_forward(bench):
     it = bench(gravity=(0.0, 0.0, 0.0))
     it.step(300, lambda: {"position": beside(0.1 * it.now), "velocity": [0.1, *[0.0] * 5]})
     assert it.q[0] - HOME[0] == pytest.approx(0.1 * it.now, rel=MOTORS)
 
 
 @pytest.mark.parametrize(("is_on", "expected"), [(True, -2.9), (False, 2 * np.pi - 2.9)])
-def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(
-    bench: Callable[..., Bench], is_on: bool, expected: float
-) -> None:
+def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(bench, is_on, expected):
     it = bench(TURNING, wrap_continuous=is_on, gravity=(0.0, 0.0, 0.0))
     it.step(1500, lambda: at([*HOME[:5], min(3.0, 2.0 * it.now)]))
     it.step(1000, lambda: at([*HOME[:5], expected]))
@@ -345,7 +334,7 @@ def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(
     assert it.drive._simulator.motion[0][5] == pytest.approx(2 * np.pi - 2.9, abs=1e-3)
 
 
-def test_what_is_wrapped_is_in_the_half_open_interval_and_a_limited_joint_is_not() -> None:
+def test_what_is_wrapped_is_in_the_half_open_interval_and_a_limited_joint_is_not():
     q = np.array([-np.pi, np.pi, 3.2, -9.0, 3.2])
     expected = [np.pi, np.pi, 3.2 - 2 * np.pi, -9.0 + 2 * np.pi, 3.2]
     turning = np.array([True, True, True, True, False])
@@ -355,9 +344,7 @@ def test_what_is_wrapped_is_in_the_half_open_interval_and_a_limited_joint_is_not
     sim.close()
 
 
-def test_a_driver_without_velocities_reports_none_and_the_robot_knows_them(
-    bench: Callable[..., Bench],
-) -> None:
+def test_a_driver_without_velocities_reports_none_and_the_robot_knows_them(bench):
     it = bench(velocities=False)
     it.step(50, lambda: at(beside(0.1)))
     assert np.isnan(it.drive.state.dq).all()
@@ -383,7 +370,7 @@ class Heavy:
         return pin.aba(self.model, self.data, q, dq, tau, pushes)
 
 
-def test_rotors_are_a_part_of_the_inertia_that_efforts_and_pushes_feel() -> None:
+def test_rotors_are_a_part_of_the_inertia_that_efforts_and_pushes_feel():
     sim = Simulator(UR5, SimulatorParameters(control="torque", rotor_inertia=tuple(ROTORS)))
     heavy, q, dq = Heavy(), HOME, np.zeros(6)
     random = np.random.default_rng(2)
@@ -400,7 +387,7 @@ def test_rotors_are_a_part_of_the_inertia_that_efforts_and_pushes_feel() -> None
     sim.close()
 
 
-def test_a_servo_reports_the_effort_that_its_rotors_take() -> None:
+def test_a_servo_reports_the_effort_that_its_rotors_take():
     found = []
     for rotors in ((), tuple(ROTORS)):
         sim = Simulator(UR5, SimulatorParameters(rotor_inertia=rotors))
@@ -415,7 +402,7 @@ def test_a_servo_reports_the_effort_that_its_rotors_take() -> None:
 # --- in the node -----------------------------------------------------------------------------
 
 
-def test_the_node_has_each_option_and_is_unlocked_by_its_service(world: World) -> None:
+def test_the_node_has_each_option_and_is_unlocked_by_its_service(world):
     options = {"velocities": False, "max_joint_acceleration": [LIMIT], "robot": "panda"}
     robot = load_robot("panda")
     states = world.peer.listen(JointState, "joint_states")
@@ -436,7 +423,7 @@ def test_the_node_has_each_option_and_is_unlocked_by_its_service(world: World) -
         assert mode == ("stopping" if step in (2, 3) else "obeying"), step
 
 
-def test_parameters_of_the_node_reach_the_drive_and_the_simulator() -> None:
+def test_parameters_of_the_node_reach_the_drive_and_the_simulator():
     p = BridgeParameters(on_silence="hold_last", max_joint_acceleration=(3.0,), servo_lag=0.1,
                          wrap_continuous=True, velocities=False, rotor_inertia=(0.1,))  # fmt: skip
     assert p.policy().on_silence is OnSilence.HOLD_LAST

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from in_process import World
 from ros_processes import FRAMES, HOME, MODEL, UR5, Array, TorqueArm, values
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -62,7 +61,7 @@ class Plant:
         return float(np.linalg.norm(state.dp_e))
 
 
-def test_efforts_go_on_as_they_are_once_the_arm_is_seen_and_within_its_limits() -> None:
+def test_efforts_go_on_as_they_are_once_the_arm_is_seen_and_within_its_limits():
     watch, tau = Watch(P.robot(UR5.urdf), P), np.arange(6.0)
     assert watch.effort(tau, 1.0) is None  # nobody could brake an arm that is not seen
     assert watch.state(HOME, 0 * HOME, 1.0) is None
@@ -71,7 +70,7 @@ def test_efforts_go_on_as_they_are_once_the_arm_is_seen_and_within_its_limits() 
     assert watch.mode is WatchMode.PASSING
 
 
-def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays() -> None:
+def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays():
     plant = Plant()
     plant.push()
     assert plant.speed() > 0.25
@@ -93,7 +92,7 @@ def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays() -> None
     assert steps <= P.max_effort_rate * 5 * DT + 1e-9  # the first one, after the silence
 
 
-def test_an_arm_that_is_pushed_while_it_is_held_is_braked_again() -> None:
+def test_an_arm_that_is_pushed_while_it_is_held_is_braked_again():
     plant = Plant()
     plant.push()
     while plant.watch.mode is not WatchMode.HOLDING:
@@ -103,7 +102,7 @@ def test_an_arm_that_is_pushed_while_it_is_held_is_braked_again() -> None:
     assert plant.watch.mode is WatchMode.BRAKING
 
 
-def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly() -> None:
+def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly():
     plant = Plant(payload=1.0)
     for _ in range(5):
         plant.step(plant.gravity())
@@ -113,14 +112,14 @@ def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly() -> None:
     assert np.isfinite(plant.q).all()
 
 
-def test_a_short_gap_of_the_efforts_is_no_silence() -> None:
+def test_a_short_gap_of_the_efforts_is_no_silence():
     plant = Plant()
     for step in range(200):
         plant.step(plant.gravity() if step % 20 == 0 else None)  # 40 ms
     assert plant.watch.mode is WatchMode.PASSING
 
 
-def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without_a_jump() -> None:
+def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without_a_jump():
     plant = Plant()
     plant.push()
     with_error = lambda: plant.gravity() + [0.0, 30.0, 0.0, 0.0, 0.0, 0.0]  # noqa: E731
@@ -147,7 +146,7 @@ def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without
     assert plant.watch.mode is WatchMode.PASSING
 
 
-def test_without_states_gravity_where_the_arm_was_last_stays_until_they_are_back() -> None:
+def test_without_states_gravity_where_the_arm_was_last_stays_until_they_are_back():
     plant = Plant()
     plant.push()
     last = None
@@ -166,7 +165,7 @@ def test_without_states_gravity_where_the_arm_was_last_stays_until_they_are_back
     assert plant.watch.mode is WatchMode.HOLDING
 
 
-def test_a_robot_that_compensates_gravity_itself_is_only_damped() -> None:
+def test_a_robot_that_compensates_gravity_itself_is_only_damped():
     itself = WatchdogParameters(
         base_frame=P.base_frame, tip_frame=P.tip_frame, compensate_gravity=False
     )
@@ -181,9 +180,7 @@ def test_a_robot_that_compensates_gravity_itself_is_only_damped() -> None:
 
 
 @pytest.mark.parametrize("kind", ["forward", "joint_state"])
-def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_told(
-    world: World, kind: str
-) -> None:
+def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_told(world, kind):
     type_of = {"forward": Float64MultiArray, "joint_state": JointState}[kind]
     peer, arm = world.peer, TorqueArm(world, UR5)
     watchdog = world.start("watchdog", {**FRAMES, "command_type": kind})
@@ -225,7 +222,7 @@ def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_to
     np.testing.assert_allclose(efforts(driven[-1]), gravity, atol=0.1)
 
 
-def test_a_signal_brakes_the_arm_before_the_watchdog_ends(world: World) -> None:
+def test_a_signal_brakes_the_arm_before_the_watchdog_ends(world):
     arm, peer = TorqueArm(world, UR5), world.peer
     process = world.start("watchdog", FRAMES)
     driven = peer.listen(Float64MultiArray, "driver_effort")
@@ -251,7 +248,7 @@ def test_a_signal_brakes_the_arm_before_the_watchdog_ends(world: World) -> None:
     np.testing.assert_allclose(driven[-1].data, gravity, atol=1.0)
 
 
-def test_two_senders_of_efforts_are_refused_and_both_named(world: World) -> None:
+def test_two_senders_of_efforts_are_refused_and_both_named(world):
     arm, driven = TorqueArm(world, UR5), world.peer.listen(Float64MultiArray, "driver_effort")
     process = world.start("watchdog", FRAMES)
     arm.send_next()
@@ -262,7 +259,7 @@ def test_two_senders_of_efforts_are_refused_and_both_named(world: World) -> None
     assert len(driven) == 1
 
 
-def test_efforts_that_cannot_be_used_are_a_silence(world: World) -> None:
+def test_efforts_that_cannot_be_used_are_a_silence(world):
     arm, peer = TorqueArm(world, UR5), world.peer
     watchdog = world.start("watchdog", FRAMES)
     driven = peer.listen(Float64MultiArray, "driver_effort")
