@@ -11,18 +11,20 @@ import signal
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from ros_processes import MODULES, Peer, ros_arguments
+from ros_processes import MODULES, Controlled, Peer, ros_arguments
 
 from eulerparams_control.control.clock import set_steady
 from eulerparams_control.errors import EulerParamsError
@@ -475,6 +477,21 @@ class World:
     def until_said(self, running: Running, words: str) -> None:
         """Let time pass until a node has said some words."""
         self.until(lambda: words in running.log, f"'{words}' in the log")
+
+
+@contextmanager
+def each_once(
+    folders: pytest.TempPathFactory, parameters: Callable[[str], dict[str, Any]]
+) -> Iterator[Callable[[str], Controlled]]:
+    """Yield what starts controllers by name, each once and in a world of its own."""
+    with ExitStack() as stack:
+
+        @cache
+        def start(executable: str) -> Controlled:
+            world = stack.enter_context(World(folders.mktemp(executable)))
+            return Controlled(world, executable, parameters(executable))
+
+        yield start
 
 
 class WorldPeer(Peer):

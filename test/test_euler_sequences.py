@@ -28,7 +28,6 @@ from eulerparams_control.laws.orientation.sequences import wrap
 from eulerparams_control.laws.rotations import S
 
 COUNT = 50
-X, Y, Z = np.eye(3)
 
 every_sequence = pytest.mark.parametrize("name", SEQUENCES)
 

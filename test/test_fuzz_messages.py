@@ -9,7 +9,6 @@ import math
 import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from functools import cache
 from typing import Any
 
@@ -30,7 +29,7 @@ from geometry_msgs.msg import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from in_process import Running, World
+from in_process import Running, World, each_once
 from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay, pose, reference
 from samples import examples
 from sensor_msgs.msg import JointState
@@ -260,13 +259,7 @@ PARAMETERS = {
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
     """Starts the controllers, each once for all examples."""
-    with ExitStack() as stack:
-
-        @cache
-        def start(executable: str) -> Controlled:
-            world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
-            return Controlled(world, executable, PARAMETERS[executable])
-
+    with each_once(tmp_path_factory, PARAMETERS.__getitem__) as start:
         yield start
 
 

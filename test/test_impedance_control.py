@@ -7,7 +7,6 @@ compliant frame matters it stands still.
 import math
 import re
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -414,25 +413,7 @@ def test_without_a_frame_or_a_wrench_there_is_no_V_3():
 
 # --- a wrench that is lost, and found again -------------------------------------------------------
 
-STOP_TIME = 0.05  # [s] in which a frozen frame comes to rest
 BLEND_TIME = 0.1  # [s] in which a wrench goes, or comes back
-
-
-def test_while_the_wrench_is_lost_the_frame_is_frozen_and_then_goes_on():
-    scheme, w, dt = admittance(), np.array([10.0, 0, 5.0, 0, 1.0, 0]), 0.01
-    begin = lead(scheme, w, 0.2, dt=dt)[-1].command.frame
-    assert np.abs(begin.dp_d).max() > 1e-3
-    assert not scheme.is_frozen
-    for _ in range(60):
-        tick = lose(scheme, dt)
-        assert tick.wrench is None
-    left = math.exp(-60 * dt / STOP_TIME)
-    assert_close(tick.command.frame.dp_d, left * begin.dp_d)
-    assert_close(tick.command.frame.omega_d, left * begin.omega_d)
-    back = lead(scheme, w, 1.5, dt=dt)
-    for before, now in pairwise([tick, *back]):
-        assert np.abs(now.command.frame.p_d - before.command.frame.p_d).max() < 2e-4
-    assert_close(back[-1].wrench, w, 1e-4)
 
 
 @pytest.mark.parametrize("lost", [0.05, 1.0])

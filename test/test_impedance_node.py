@@ -226,16 +226,6 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
     assert paired.peer.counter(paired.name, dropped, before + 2) == before + 2
 
 
-def test_with_pairing_latest_a_state_without_a_wrench_is_answered_at_once(node):
-    arm = node.arm
-    arm.push(10.0, 0.0, 0.0)
-    arm.ticks(20)
-    arm.sensor.on = False
-    frames = felt(arm, 30)  # each tick waits for its command
-    assert_no_jump(frames, DT)
-    assert frames[-1].p_d[0] > frames[0].p_d[0] + 1e-4  # by the last wrench that was felt
-
-
 # --- wrenches that cannot be used ------------------------------------------------------------
 
 
@@ -274,34 +264,6 @@ def test_while_wrenches_cannot_be_used_the_last_good_one_counts_until_it_is_too_
     assert status.level == b"\x01"
     words = "wrench rejected: the wrench has a non-finite value: [nan, "
     node.graph.until_said(node.process, words)
-
-
-def test_a_wrench_in_an_unknown_frame_is_refused_with_the_names(paired):
-    arm = paired.arm
-    words = "wrench rejected: frame: unknown frame 'tool1' (did you mean 'tool0'?); known: base, "
-
-    before = paired.peer.counter(paired.name, "wrench rejected")
-    arm.sensor.wrenches.publish(broken_wrenches(arm)[2])
-    assert words in paired.process.log
-    assert paired.peer.counter(paired.name, "wrench rejected", before + 1) == before + 1
-
-
-@pytest.mark.parametrize(
-    "wrench", [[1e300, -1e300, 1e300], [0.0, 0.0, 0.0, 1e300], [math.nan], [0.0] * 5 + [-math.inf]]
-)
-def test_a_wrench_beyond_all_that_is_felt_is_refused_and_commands_stay_finite(paired, wrench):
-    arm = paired.arm
-    arm.ticks(3)
-    arm.push(*wrench)
-    commands = [arm.tick(HOME) for _ in range(3)]
-    arm.release()
-    commands += [arm.tick(HOME) for _ in range(3)]
-    efforts_of(commands)
-    frames = arm.frames_of(stamps_since(arm, 6))
-    assert np.isfinite([np.concatenate([part.ravel() for part in frame]) for frame in frames]).all()
-    status = paired.status(lambda s: int(values(s).get("wrench rejected", 0)) >= 3)
-    assert "holding still" not in status.message
-    assert "the contact is" not in paired.process.log  # nan N is not a contact that is too large
 
 
 # --- the wrench stops ------------------------------------------------------------------------
@@ -511,19 +473,6 @@ def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world
     assert arm.commands == []
 
 
-def test_a_refused_activation_says_how_much_is_felt(node):
-    assert node.peer.change_state(node.name, "deactivate")
-    try:
-        node.arm.push(8.0, 0.0, 0.0)
-        node.arm.send_next(30)
-        assert not node.peer.change_state(node.name, "activate")
-        status = node.peer.status(node.name, lambda s: "a wrench above" in s.message)
-        assert "8 N" in status.message or values(status).get("contact force [N]") == "8"
-    finally:
-        node.arm.release()
-        activate(node)
-
-
 def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(node):
     words = "states dropped, waiting for what belongs to them"
     assert node.peer.change_state(node.name, "deactivate")
@@ -546,22 +495,6 @@ def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_presse
     assert not response.success
     assert "not tared: 8 N and" in response.message
     assert "are felt while the arm is controlled, more than max_activation_for" in response.message
-
-
-def test_a_tare_while_active_lets_the_compliant_frame_return_without_a_jump(paired):
-    arm, (p, _) = paired.arm, pose(HOME)
-    arm.push(2.0, 0.0, -3.0)
-    last, commands = settled(arm), [arm.tick()]
-    f = pose(arm.q)[1].T @ [2.0, 0.0, -3.0]
-    assert f"force [{f[0]:.3g}, {f[1]:.3g}, {f[2]:.3g}] N, moment [" in tare(paired).message
-    commands += arm.ticks(40)
-    assert_no_jump([last, *arm.frames_of(stamps_since(arm, 41))], DT)
-    assert largest_step(commands) <= EFFORT_RATE * DT + EFFORT_ROUNDING
-    settled(arm)  # the wrench goes over to the tared one
-    np.testing.assert_allclose(settled(arm).p_d, p, rtol=0, atol=TARED)
-    arm.release()
-    settled(arm)
-    assert tare(paired).success  # of nothing, for the tests that follow
 
 
 def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(paired):
@@ -672,17 +605,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
 
 
 # --- joint_states and references -------------------------------------------------------------
-
-
-def test_after_a_gap_of_joint_states_the_measured_pose_is_held_though_the_contact_is_gone(paired):
-    arm = paired.arm
-    arm.push(10.0, 0.0, 0.0)
-    settled(arm)
-    arm.release()
-    arm.tick(arm.q, dt=1.0)
-    begin = arm.frame()
-    end = settled(arm)
-    np.testing.assert_allclose(end.p_d, begin.p_d, rtol=0, atol=AT_FRAME)
 
 
 def test_two_publishers_are_refused_and_both_named(node):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -196,17 +195,6 @@ def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
     assert status.level == b"\x02"
     assert "come every 0.125 s, but state_timeout is 0.1 s" in status.message
     assert "set state_timeout to 0.25 s" in values(status)["remedy"]
-
-
-def test_a_rate_that_the_gain_bears_badly_is_a_warning_with_what_helps(world):
-    node = Controlled(world, "clik", FRAMES)
-    node.arm.ticks(300, dt=0.008)
-    step = partial(node.arm.tick, dt=0.008)
-    shown = told(node, lambda s: "125 times" in s.message, step)
-    assert shown.level == b"\x01"
-    assert "joint_states come 125 times a second, too seldom for k_Pp 100" in shown.message
-    assert "publish 200 times a second or more, or set k_Pp to 62.5" in values(shown)["remedy"]
-    assert values(shown)["cause"] != "rate_too_low"
 
 
 # --- the wrench ---------------------------------------------------------------------------------

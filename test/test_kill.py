@@ -15,7 +15,6 @@ from in_process import Running, World
 from ros_processes import FRAMES, HOME, MODEL, Graph, Process, values
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.bags import Bag
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.keys import BEGAN
 
@@ -67,7 +66,7 @@ CIRCLE = {
 
 
 class Cell:
-    """A robot, its controller, its reference and a recorder; and what they say."""
+    """A robot, its controller and its reference; and what they say."""
 
     def __init__(self, graph: Graph | World, controller: str) -> None:
         self.graph, self.controller = graph, controller
@@ -255,21 +254,3 @@ def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_
     assert any("commanded" in status.message for status in cell.said(BRIDGE))
 
 
-@pytest.mark.parametrize("cell", ["clik"], indirect=True)
-def test_without_the_recorder_all_goes_on_and_the_bag_keeps_all_but_the_last_chunk(cell, tmp_path):
-    """How much is lost, and how it is recovered, is in ``test_bag_recorder.py``."""
-    topics = ["joint_states", cell.topic, "robot_description"]
-    cell.parameters["bag_recorder"] = {"output": str(tmp_path / "bag"), "topics": topics}
-    cell.start("bag_recorder")
-    cell.move()
-    cell.graph.until_said(cell.nodes["bag_recorder"], "recording 3 topics")
-    begun = stamp(cell.states[-1])
-    cell.goes_on(cell.states, count=150)
-    cell.kill("bag_recorder")
-    cell.goes_on(cell.states)
-    cell.goes_on(cell.commands)
-    bag = Bag(tmp_path / "bag")
-    stamps = [stamp(m.message) for m in bag.messages(["/joint_states"])]
-    assert bag.truncated
-    assert stamps[-1] > begun
-    np.testing.assert_allclose(np.diff(stamps), 1 / RATE, rtol=0, atol=1e-9)  # none is missing

@@ -191,18 +191,6 @@ def test_columns_know_arrays_of_types_of_other_packages(tmp_path):
     assert group.numbers["layout.dim[0].stride"].tolist() == [9]
 
 
-def test_each_arm_of_a_bag_is_a_run_of_its_own(tmp_path):
-    angles = {"/left": 0.1, "/right": 0.2}
-    arms = {side: write_run(tmp_path / side[1:], [q] * 5) for side, q in angles.items()}
-    bag = arms_together(tmp_path / "both", arms)
-    with pytest.raises(BagError, match=r"has the arms /left, /right"):
-        load(bag)
-    for side, q in angles.items():
-        run = load(bag, namespace=side)
-        assert run.name == f"both{side}"
-        assert run.leading.orientation_error.tolist() == pytest.approx([q] * 5)
-
-
 def test_topics_may_have_other_names(tmp_path):
     source = Bag(write_run(tmp_path / "source", [0.1] * 5, desired=False))
     topics = {"/arm/measured": "sensor_msgs/msg/JointState", "/chatter": "std_msgs/msg/String"}

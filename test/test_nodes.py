@@ -7,15 +7,13 @@ What the control nodes have in common is tested here for each of them; what
 import math
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from in_process import World, run_to_its_end
+from in_process import each_once, run_to_its_end
 from ros_processes import (
     AT_ONCE,
     FRAMES,
@@ -100,13 +98,7 @@ AT_REST = 0.02
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
     """Starts the controllers that the tests of this module share, with their defaults."""
-    with ExitStack() as stack:
-
-        @cache
-        def start(executable: str) -> Controlled:
-            world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
-            return Controlled(world, executable, AT_ONCE)
-
+    with each_once(tmp_path_factory, lambda _: AT_ONCE) as start:
         yield start
 
 
@@ -131,34 +123,6 @@ def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(node)
     found = [ns_from_ros(command.header.stamp) for command in arm.commands]
     arm.commands.clear()
     assert found == list(range(first, arm.t + 1, 1_000_000))
-
-
-def test_joints_are_matched_by_name_in_any_order_with_others_between(node):
-    arm = node.arm
-    arm.q = q = HOME + np.arange(6) / 100
-    arm.t += 10**10
-    msg = arm.message()
-    order = [5, 2, 0, 4, 1, 3]
-    msg.name = ["finger", *(UR5.joints[i] for i in order), "another"]
-    msg.position = [9.0, *(float(q[i]) for i in order), 9.0]
-    msg.velocity = [0.0] * 8
-    arm.send(msg)
-    command = arm.answer(msg.header.stamp)
-    assert command.name == list(UR5.joints)
-    assert_holds(command, q)
-
-
-@pytest.mark.parametrize("jump", [-5.0, 0.2])  # [s] the simulator restarted, or stood still
-def test_after_a_jump_of_the_stamp_it_holds_where_the_arm_is_then(node, jump):
-    arm = node.arm
-    p, R = pose(arm.q)
-    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(2.0,)))
-    arm.ticks(50)
-    q, arm.dq = HOME + 0.2, np.zeros(6)
-    assert_holds(arm.tick(q, dt=jump), q)
-    assert_holds(arm.ticks(10)[-1], q)
-    words = f"holding the measured pose, after a jump of the stamps by {jump:g} s"
-    node.graph.until_said(node.process, words)
 
 
 def test_a_reference_is_followed_to_its_end(node):
@@ -195,36 +159,6 @@ def test_two_publishers_on_reference_are_refused_and_both_named(node):
         rival.destroy_node()
 
 
-def broken_states(arm: Arm) -> list[Any]:
-    """Return joint_states that cannot be used; test_messages has all kinds of them."""
-    nan, short, missing = (arm.message() for _ in range(3))
-    nan.position[2] = math.nan
-    short.position = short.position[:5]
-    missing.name = [*UR5.joints[:5], "wrist_4_joint"]
-    return [nan, short, missing]
-
-
-def test_joint_states_that_cannot_be_used_are_dropped_counted_and_reported(node):
-    arm = node.arm
-    before = node.peer.counter(node.name, "joint_states rejected")
-    cases = broken_states(arm)
-    for msg in cases:
-        arm.t += 1_000_000
-        msg.header.stamp = Time(sec=arm.t // 10**9, nanosec=arm.t % 10**9)
-        arm.send(msg)
-    words = "joint_states has a non-finite position: {'shoulder_pan_joint': -0.21662, 'should"
-    assert words in node.process.log
-    arm.t += 1_000_000
-    good = arm.message()
-    arm.send(good)
-    (command,) = arm.commands  # none answers a bad one
-    arm.commands.clear()
-    assert command.header.stamp == good.header.stamp
-    assert_holds(command, HOME)
-    after = before + len(cases)
-    assert node.peer.counter(node.name, "joint_states rejected", after) == after
-
-
 @pytest.mark.parametrize(
     ("node", "name", "value", "words"),
     [
@@ -258,9 +192,6 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
     assert_holds(node.arm.tick(), HOME)
 
 
-# --- changes while running -------------------------------------------------------------------
-
-
 # --- limits of the efforts -------------------------------------------------------------------
 
 of_dynamic_control = pytest.mark.parametrize("node", ["dynamic_control"], indirect=True)
@@ -280,32 +211,6 @@ def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(node
     ticks = np.count_nonzero(steps > rate * 1e-3 - EFFORT_ROUNDING)
     assert ticks > 5
     node.status(lambda s: int(values(s)["saturated ticks"]) >= before + ticks)
-
-
-@of_dynamic_control
-def test_no_effort_exceeds_the_limit_of_its_joint(node):
-    node.change(k_Pp=1e4, k_Vp=200.0, max_effort_rate=[1e6], **UNSHAPED)
-    node.arm.tick()
-    p, R = pose(HOME)
-    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.04], R)))  # 400 m/s^2
-    efforts = efforts_of(node.arm.ticks(100))
-    assert (np.abs(efforts).max(axis=0) == MODEL.limits.effort).sum() >= 2
-
-
-@of_dynamic_control
-def test_an_arm_that_is_blocked_is_not_pushed_on_but_held_and_the_reason_said(node):
-    arm = node.arm
-    p, R = pose(HOME)
-    node.references.publish(reference(DesiredFrame(p + [0.0, 0.0, 0.3], R), times=(0.5,)))
-    commands = [arm.tick(HOME) for _ in range(1500)]
-    status = node.status(lambda s: "holding still" in s.message)
-    assert status.level == b"\x02"
-    assert "m from the desired frame; at most 0.1 m is allowed: is the arm braked" in status.message
-    assert np.abs(commands[-1].effort).max() > 0
-    assert_holds(commands[-1], HOME)
-    arm.ticks(500)  # what is sent has to pause
-    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.02], R), times=(0.4,)))
-    assert node.status().message.endswith(": following a reference")
 
 
 # --- reports ---------------------------------------------------------------------------------
@@ -468,18 +373,6 @@ def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
     assert peer.change_state(executable, "configure")
     assert peer.lifecycle_state(executable) == "inactive"
     assert process.stop() == 0
-
-
-def test_after_the_shutdown_transition_no_command_follows_the_hold(world):
-    clik = Controlled(world, "clik", FRAMES)
-    assert clik.peer.change_state("/clik", "active_shutdown")
-    (hold,) = clik.arm.commands
-    assert_may_stay(hold, clik.arm)
-    clik.arm.commands.clear()
-    clik.arm.send_next(5)
-    assert clik.peer.lifecycle_state("/clik") == "finalized"
-    clik.peer.status("clik")
-    assert clik.arm.commands == []
 
 
 def last_of(graph: Graph, commands: list[JointState]) -> JointState:

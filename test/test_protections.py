@@ -8,15 +8,13 @@ import math
 import re
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from in_process import World
+from in_process import each_once
 from ros_processes import (
     FRAMES,
     HOME,
@@ -60,14 +58,12 @@ SPEED_LIMIT = 1e-3
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
     """Starts the controllers that the tests of this module share; they report each tick."""
-    with ExitStack() as stack:
 
-        @cache
-        def start(executable: str) -> Controlled:
-            world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
-            own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
-            return Controlled(world, executable, {**FRAMES, **own, "state_rate": 1000.0})
+    def parameters(executable: str) -> dict[str, Any]:
+        own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
+        return {**FRAMES, **own, "state_rate": 1000.0}
 
+    with each_once(tmp_path_factory, parameters) as start:
         yield start
 
 

@@ -421,13 +421,6 @@ def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
     assert "runs away" in running.fault
 
 
-def test_a_state_that_comes_too_late_is_refused_and_the_next_in_time_is_not():
-    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
-    with pytest.raises(InvalidMessageError, match=r"comes 0\.060 s later than the best one"):
-        running.step(t + MS, q, dq, now + DT + 0.06)
-    assert running.step(t + 60 * MS, q, dq, now + 0.06) is not None
-
-
 def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_then():
     running, t, q, _dq, now = following(clik(limits=UR5.limits), now=50.0)
     taken = []
@@ -593,46 +586,6 @@ def test_an_arm_that_takes_positions_is_never_let_alone_for_its_speed():
     running, t, q, _dq, _ = following(clik(limits=UR5.limits))
     running.halt()
     assert running.step(t + MS, q + 0.003, 1.6 * UR5.limits.velocity) is not None
-
-
-def test_that_set_points_have_stopped_is_told_and_the_last_pose_held_at_rest():
-    running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
-    frame = pose_of(HOME)._replace(dp_d=np.array([0.0, 0.0, 0.05]))
-    q, dq = HOME, STILL
-    running.step(T_0, q, dq)
-    running.follow(SetPoint(frame, 0.1), None)
-    for step in range(1, 90):
-        q, dq = running.step(T_0 + step * MS, q, dq)[:2]
-    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.NONE)
-    assert np.abs(dq).max() > 0.01
-    for step in range(90, 500):
-        q, dq = running.step(T_0 + step * MS, q, dq)[:2]
-    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.STREAM_ENDED)
-    np.testing.assert_allclose(dq, 0, atol=1e-6)
-    running.follow(SetPoint(pose_of(q), 0.1), None)
-    running.step(T_0 + 501 * MS, q, dq)
-    assert (running.mode, running.why.cause) == (Mode.FOLLOWING, Cause.NONE)
-
-
-def test_through_a_singularity_the_motion_slows_down_and_goes_on_to_its_end():
-    """The wrist of the UR5 is led through its singularity: no fault, and the goal is reached."""
-    q_0, q_1 = HOME.copy(), HOME.copy()
-    q_0[4], q_1[4] = -0.5, 0.5
-    start, goal = pose_of(q_0), pose_of(q_1)
-    running = Controller(clik(limits=UR5.limits), ControllerOptions(max_jump_rotation=4.0), q_0)
-    running.step(T_0, q_0, STILL)
-    running.follow(way_points([2.0], [(goal.p_d, goal.R_d)]), None)
-    q, dq, seen, slowest = q_0, STILL, set(), 1.0
-    for step in range(1, 9000):
-        command = running.step(T_0 + step * MS, q, dq)
-        assert running.fault == ""
-        q, dq = command.q, command.dq
-        seen.add(running.guidance.pace.singularity)
-        slowest = min(slowest, running.guidance.scale.now)
-    assert seen == set(Nearness)
-    assert LEAST <= slowest < 0.5
-    assert np.linalg.norm(pose_of(q).p_d - goal.p_d) < 1e-3
-    assert np.linalg.norm(start.p_d - goal.p_d) > 0.01
 
 
 def test_the_steady_clock_can_be_that_of_a_simulation():

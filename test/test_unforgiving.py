@@ -319,12 +319,6 @@ def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
     assert behind == pytest.approx(speed * (lag - 0.5 * DT), rel=MOTORS)
 
 
-def test_without_a_lag_the_speed_is_fed_forward(bench):
-    it = bench(gravity=(0.0, 0.0, 0.0))
-    it.step(300, lambda: {"position": beside(0.1 * it.now), "velocity": [0.1, *[0.0] * 5]})
-    assert it.q[0] - HOME[0] == pytest.approx(0.1 * it.now, rel=MOTORS)
-
-
 @pytest.mark.parametrize(("is_on", "expected"), [(True, -2.9), (False, 2 * np.pi - 2.9)])
 def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(bench, is_on, expected):
     it = bench(TURNING, wrap_continuous=is_on, gravity=(0.0, 0.0, 0.0))

@@ -68,8 +68,6 @@ COMPLIANT_RATES = 2e-5
 UNBOUNDED = 1e10
 # Two velocities that differ by a property differ by more (gains and velocities of order 1).
 DISTINCT = 1e-2
-# Values that a prototype gave and that are known to two or three digits.
-SEEN = 0.02
 # Axes printed with 4 digits are off by half of the last one in each of three components.
 AXES_OF_4_DIGITS = 1e-4
 # (62) is wrong for Euler angles away from phi = 0 by this at least, for 10 to 100 Nm/rad.
@@ -108,8 +106,6 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 E19_FORCE = 1e-3
 # A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
 BY_CONTACT = 0.02
-# Change of the efforts [Nm] in a tick through changes of the law: 0.16 seen; 3 without a blend.
-SMOOTH = 0.3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
 # or to nothing in every tick.
 LAW_IN_A_NODE = 1e-6
