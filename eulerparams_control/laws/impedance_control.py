@@ -10,7 +10,7 @@ wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.dynamic_control import (
+    DynamicControl,
     EffortLimits,
     InverseDynamics,
     ResolvedAcceleration,
@@ -31,52 +32,6 @@ from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
-
-
-class MotionLoop(Protocol):
-    """Motion loop that follows the compliant frame: :class:`DynamicControl`, or the robot's own."""
-
-    robot: Robot
-
-    @property
-    def bounds(self) -> Bounds:
-        """See Scheme."""
-
-    @property
-    def fastest_gain(self) -> LoopGain | None:
-        """See Scheme."""
-
-    @property
-    def hold_rate(self) -> float:
-        """See Scheme."""
-
-    def reset(self, q: Array) -> None:
-        """See Scheme."""
-
-    def resume(self, q: Array) -> None:
-        """See Scheme."""
-
-    def start_from(self, effort: Array | None) -> None:
-        """See Scheme."""
-
-    def skip(self) -> None:
-        """See Scheme."""
-
-    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """See Scheme."""
-
-    def last_command(self, q: Array, dq: Array) -> JointCommand:
-        """See Scheme."""
-
-    def tick_at(
-        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
-    ) -> Tick:
-        """See DynamicControl."""
-
-    def replace_law(
-        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
-    ) -> None:
-        """See DynamicControl."""
 
 
 class NoMotionLoop:
@@ -128,6 +83,10 @@ class NoMotionLoop:
     ) -> None:
         """Take over the limits."""
         self._limits = limits
+
+
+MotionLoop = DynamicControl | NoMotionLoop
+"""What follows the compliant frame: a loop of the scheme, or the robot's own."""
 
 
 @dataclass(frozen=True)
