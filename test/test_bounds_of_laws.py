@@ -18,10 +18,10 @@ from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
-    InverseDynamics,
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS, representation
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand

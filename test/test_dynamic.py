@@ -33,11 +33,11 @@ from eulerparams_control.errors import (
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
-    InverseDynamics,
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between

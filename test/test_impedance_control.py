@@ -43,11 +43,11 @@ from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
-    InverseDynamics,
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.impedance_control import ImpedanceControl, ImpedanceLaw, NoMotionLoop
 from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import DesiredFrame, Placement

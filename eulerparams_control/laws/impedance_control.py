@@ -20,9 +20,9 @@ from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFra
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
-    InverseDynamics,
     ResolvedAcceleration,
 )
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.dynamic_control import (
-    EffortLimits,
-    InverseDynamics,
-    ResolvedAcceleration,
-)
+from eulerparams_control.laws.dynamic_control import EffortLimits, ResolvedAcceleration
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.parameters.common import ControlParameters, each_joint
 from eulerparams_control.parameters.fields import other_default, parameter

@@ -13,7 +13,8 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.laws.clik import ClikLaw
-from eulerparams_control.laws.dynamic_control import InverseDynamics, ResolvedAcceleration
+from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
