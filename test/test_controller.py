@@ -32,6 +32,7 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.rotations import log
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -202,6 +203,26 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
     assert way < speed**2 / a + 0.02
     np.testing.assert_array_equal(command.dq, 0)
     np.testing.assert_array_equal(command.q, before.q)
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
+    limits, dt = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0), 0.05
+    law = ClikLaw(representation("rotation_vector"), 8.0, 8.0)
+    scheme = Clik(UR5, law, feedback, UR5.limits, max_speeds=limits.speeds)
+    running, q, tips = Controller(scheme, ControllerOptions(motion=limits), HOME), HOME, []
+    running.aim(moved(0.25, 0.9))
+    for step in range(60):
+        last, q = q, running.step(T_0 + round(step * dt * 1e9), q, STILL).q
+        way = pose_of(q).p_d - pose_of(last).p_d, log(pose_of(q).R_d @ pose_of(last).R_d.T)
+        tips.append(np.array(way) / dt)
+    assert np.linalg.norm(pose_of(q).p_d - moved(0.25).p_d) < 1e-3
+    speeds = np.linalg.norm(tips, axis=2)
+    assert (speeds <= 1.01 * np.array(limits.speeds)).all()
+    assert (speeds.max(axis=0) > [0.9 * 0.25, 0.7]).all()
+    if feedback == "internal":
+        rates = np.linalg.norm(np.diff(tips, axis=0), axis=2) / dt
+        assert (rates <= 1.05 * np.array(limits.accelerations)).all()
 
 
 def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():

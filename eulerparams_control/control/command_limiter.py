@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.limits import POSITION_RATE, SHORTEST, JointLimits
+from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 
@@ -24,6 +24,9 @@ _SWINGING, _HALTED, _SLOW = 0.5, 0.5, 0.1
 
 # An arm gets a time constant of so much [s] to come to limits that were lowered while it moved.
 _LOWERED = 0.5
+
+# A position that lags behind its command chases it at this rate [1/s].
+_CHASE = 25.0
 
 # A command may be this much [rad, m, rad/s, m/s, Nm] of rounding beyond what it may be.
 _ROUNDING = 5e-13
@@ -52,6 +55,8 @@ class CommandLimiter:
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last = JointCommand()
+        self._lags = np.array(False)  # (n,) the joints that are not where they are to be
+        self._led = np.array(0.0)  # (n,) how far their last step led them
         self.commands_efforts = False
 
     def __call__(
@@ -85,7 +90,7 @@ class CommandLimiter:
         q_c, dq, effort = command.q, command.dq, command.effort
         lasted = dt if dt > 0 else elapsed if elapsed > 0 else SHORTEST
         if q_c is not None:
-            q_c = self._bounded_position(q_c, q, elapsed, lasted, limits)
+            q_c = self._bounded_position(command, q, elapsed, lasted, limits)
         if dq is not None:
             chase = None
             if q_c is not None and command.q is not None and q_c is not command.q:
@@ -98,35 +103,41 @@ class CommandLimiter:
         return command._replace(q=q_c, dq=dq, effort=effort)
 
     def _bounded_position(
-        self, q_c: Array, q: Array, elapsed: float, lasted: float, limits: JointLimits
+        self, command: JointCommand, q: Array, elapsed: float, lasted: float, limits: JointLimits
     ) -> Array:
-        """Return q_c (n,) where the motion until now can lead to; the measured q is there."""
-        last, low, high = self._last, limits.lower, limits.upper
+        """Return q_c (n,) where the motion until now can lead to; the measured q is there.
+
+        A joint that cannot be where it is to be goes on by its velocity, which chases; it gets
+        there where that bends its motion, before and after, by no more than it may.
+        """
+        q_c, last, low, high = command.q, self._last, limits.lower, limits.upper
+        assert q_c is not None
+        if last.q is None:
+            if _is_within(q_c, low, high):
+                return q_c
+            return _same(q_c, _clip(q_c, np.minimum(low, q), np.maximum(high, q)))
         fastest = limits.velocity
         if last.dq is not None:  # its limit may have been lowered since
             fastest = np.maximum(fastest, np.abs(last.dq))
         reach = fastest * elapsed if elapsed > 0 else np.zeros_like(q_c)
-        bend = limits.acceleration * lasted**2
-        if last.q is None:
-            if _is_within(q_c, low, high):
-                return q_c
-            wanted = q_c
-        else:
-            step = limits.difference(q_c, last.q)
-            led = np.zeros_like(q_c) if last.dq is None else lasted * last.dq
-            wanted = last.q + step
-            if (
-                _is_within(q_c, low, high)
-                and _is_within(step, -reach, reach, _ROUNDING)
-                and _is_within(step - led, -bend, bend, _ROUNDING)
-                and (np.abs(q_c - wanted) <= _ROUNDING).all()
-            ):
-                return q_c
-            wanted = last.q + _clip(_clip(step, led - bend, led + bend), -reach, reach)
+        bend = limits.acceleration * lasted**2 + _ROUNDING
+        step = limits.difference(q_c, last.q)
+        led = np.zeros_like(q_c) if last.dq is None else lasted * last.dq
+        fits = (np.abs(step) <= reach + _ROUNDING) & (np.abs(step - led) <= bend)
+        if self._lags.any():
+            leads = 0.0 if command.dq is None else lasted * command.dq
+            for other in (self._led, leads):
+                fits &= ~self._lags | (np.abs(step - other) <= bend)
+        self._lags, self._led = ~fits, led
+        wanted = last.q + step
+        if fits.all() and _is_within(q_c, low, high) and _is_within(q_c - wanted, 0, 0, _ROUNDING):
+            return q_c
+        if last.dq is None:
+            led = _clip(step, -bend, bend)
+        wanted = np.where(fits | np.isinf(bend), wanted, last.q + led)
         low, high = np.minimum(low, q), np.maximum(high, q)  # it may be beyond, and come back
-        if last.q is not None:
-            low = np.maximum(np.minimum(low, last.q), last.q - reach)
-            high = np.minimum(np.maximum(high, last.q), last.q + reach)
+        low = np.maximum(np.minimum(low, last.q), last.q - reach)
+        high = np.minimum(np.maximum(high, last.q), last.q + reach)
         return _same(q_c, _clip(wanted, low, high))
 
     def _bounded_velocity(
@@ -147,7 +158,8 @@ class CommandLimiter:
         most = np.maximum(limits.velocity, slower * speed)
         if chase is not None:
             lag, a = np.abs(chase), np.minimum(limits.acceleration, _STEEP)
-            wanted = dq + np.copysign(np.minimum(POSITION_RATE * lag, np.sqrt(a * lag)), chase)
+            rate = min(_CHASE, 0.5 / lasted)
+            wanted = dq + np.copysign(np.minimum(rate * lag, np.sqrt(a * lag)), chase)
         elif _is_within(dq, -most, most) and _is_within(dq - before, -change, change, _ROUNDING):
             return dq
         return _same(dq, _clip(_clip(wanted, before - change, before + change), -most, most))

@@ -6,8 +6,12 @@ from eulerparams_control.errors import FollowingError, SingularityError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.time_scale import TimeScale
+
+# In a step that is longer than this [s] a jerk is not small.
+_LONG = 0.005
 
 
 class LawError(Exception):
@@ -110,6 +114,8 @@ class Guidance:
         planned = desired = motion.sample(t)
         if not scheme.is_frozen:
             desired = planned.at_pace(scale.now, scale.rate)
+            if dt > _LONG and not motion.is_holding:
+                desired = self._led(desired, dt / 2)
         try:
             tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
@@ -119,6 +125,15 @@ class Guidance:
         self.tick_now = tick
         self.saturated += tick.saturated
         return tick.command
+
+    def _led(self, desired: DesiredFrame, dt: float) -> DesiredFrame:
+        """Return the frame with its mean acceleration over the next dt [s]."""
+        u, du = self.scale.now, self.scale.rate
+        later = self.motion.after(u * dt).at_pace(u + du * dt, du)
+        return desired._replace(
+            ddp_d=(later.dp_d - desired.dp_d) / dt,
+            domega_d=(later.omega_d - desired.omega_d) / dt,
+        )
 
     def _pace(self, dt: float, tick: Tick) -> None:
         """Choose the rate of time for the next tick; end a stop."""

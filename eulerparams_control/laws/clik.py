@@ -70,6 +70,8 @@ class ClikLaw:
         a limit cycle from k dt = 2 on (exact discretization, Franklin, Powell and Workman,
         Digital Control of Dynamic Systems, sec. 4.3).  So does that of the orientation, whose
         angle decays at the rate k_Po times the slope of the representation where it is small.
+        Likewise dp_d, omega_d are their means over dt at constant acceleration: what is held
+        for dt then leads to where the desired frame will be.
 
         Args:
             state: kinematics of the arm.
@@ -85,8 +87,10 @@ class ClikLaw:
         k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, self.orientation.slope * dt)
         v = np.concatenate(
             (
-                desired.dp_d + k_Pp * dp_de,
-                self.orientation.resolved_velocity(x_de, desired.omega_d, k_Po),
+                desired.dp_d + dt / 2 * desired.ddp_d + k_Pp * dp_de,
+                self.orientation.resolved_velocity(
+                    x_de, desired.omega_d + dt / 2 * desired.domega_d, k_Po
+                ),
             )
         )
         J_inverse = self.inverse(state.J)
@@ -125,6 +129,7 @@ class Clik(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
         max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
         max_error: of the tip, while limits are on.
+        max_speeds: [m/s], [rad/s] of the tip that measured feedback may ask for: it overshoots.
 
     Raises:
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
@@ -139,6 +144,7 @@ class Clik(Scheme):
         blend_time: float = 0.1,
         max_deviation: float = 0.1,
         max_error: ErrorBounds = ErrorBounds(),  # noqa: B008  it is frozen
+        max_speeds: tuple[float, float] = (math.inf, math.inf),
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
@@ -147,6 +153,7 @@ class Clik(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self.max_deviation, self.max_error = max_deviation, max_error
+        self.max_speeds = max_speeds
         self._x_de: Any = None
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
@@ -227,12 +234,26 @@ class Clik(Scheme):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
             self.max_error.refuse(desired, state)
+            if self.feedback != "internal":
+                dq_c = dq_c / self._too_fast(q_c + dt / 2 * dq_c, dq_c, desired)
             excess = self.limits.excess(dq_c)
             lasts = dt if dt > 0 else SHORTEST
             dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, lasts, self._dq)
         self._q, self._dq, self._x_de = q_c, dq_c, x_de
         command = JointCommand(q_c, dq_c)
         return Tick(command, state, desired, dp_de, x_de, saturated, excess=excess)
+
+    def _too_fast(self, q: Array, dq: Array, desired: DesiredFrame) -> float:
+        """Return by how much the tip, at q, dq (n,), is beyond its speeds; 1 if it is not."""
+        tip = self.robot.state(q, dq)
+        pairs = (tip.dp_e, desired.dp_d), (tip.omega_e, desired.omega_d)
+        return max(
+            1.0,
+            *(
+                math.sqrt(v @ v) / max(most, math.sqrt(v_d @ v_d))
+                for (v, v_d), most in zip(pairs, self.max_speeds, strict=True)
+            ),
+        )
 
     def _integrate(self, dt: float, dq: Array) -> Array:
         """Return q (n,) after dt [s] of the velocity dq (n,)."""

@@ -194,6 +194,11 @@ class Shaper:
         self._at, self._is_slowed = t, False
         return self.last
 
+    def after(self, dt: float) -> DesiredFrame:
+        """Return the frame dt [s] after the last sample, on the leg that it is on."""
+        since = (self._at or 0) - self._start - self._late
+        return self._leg.sample(since / 1e9 + dt)
+
     # --- references that begin -----------------------------------------------------------
 
     def _begin_due(self, t: int) -> None:

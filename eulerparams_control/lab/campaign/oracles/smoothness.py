@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
 from eulerparams_control.lab.campaign.oracles.commands import follows
 from eulerparams_control.lab.campaign.oracles.standstill import without
@@ -77,6 +78,8 @@ class TipSmooth(Oracle):
     """The tip is asked for no more speed, acceleration and jerk than allowed.
 
     Not while states or commands are lost or mixed: what is commanded then is stepped as they are.
+    Nor when it gives up an arm that does not follow: the commands go back to where that is, joint
+    by joint, and the arm itself goes nowhere.
     """
 
     name: ClassVar[str] = "smooth tip"
@@ -85,17 +88,23 @@ class TipSmooth(Oracle):
         f"the speed, {_ACCELERATION:g} times the acceleration and {_JERK:g} times the jerk that "
         f"max_linear_... and max_angular_... allow, beside steps of {100 * _STEP:g} % of the "
         f"acceleration and {100 * _SPEED_STEP:g} % of the speed; not while a fault shakes the arm "
-        "or its measured state"
+        "or its measured state, or the arm is given up since it does not follow"
     )
 
     def check(self, record: SequenceRecord) -> list[Violation]:
         """Return the worst speed, acceleration and jerk, of those that are too much."""
         if record.asked is None or record.jitter:
             return []
+        given_up = [
+            (said.t, said.t + _SETTLING)
+            for said in record.said
+            if said.cause == Cause.NOT_FOLLOWING
+        ]
         paths = (
             [TipSample(c.t, c.stamp, c.q) for c in run if low <= c.t <= high]
             for run in runs(record)
-            for low, high in _undisturbed(record, run[0].t, run[-1].t)
+            for start, end in _undisturbed(record, run[0].t, run[-1].t)
+            for low, high in without(start, end, given_up)
         )
         return _worst(self, record, paths, (_SPEED, _ACCELERATION, _JERK))
 
