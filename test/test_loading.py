@@ -25,9 +25,10 @@ from synthetic_runs import (
     write_run,
 )
 
+from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.loading import Options, blocks, load
+from eulerparams_control.analysis.loading import blocks, load
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic

@@ -12,8 +12,9 @@ from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
 from synthetic_runs import DISTANCE, PERIOD_NS, arms_together, topics_of, write_messages, write_run
 
+from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.loading import Options, blocks, load
+from eulerparams_control.analysis.loading import blocks, load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag

@@ -1,9 +1,7 @@
 """From a bag to recordings: all at once, or one part after the other in bounded memory."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,39 +9,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.analysis.arm import Arm, Options
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.controllers import options_of, recorded
-from eulerparams_control.analysis.decode import Rows, joined
-from eulerparams_control.analysis.desired import DesiredFrames, RecordedReferences
+from eulerparams_control.analysis.decode import Rows
+from eulerparams_control.analysis.desired import DesiredFrames
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.parsing import Parsers
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
+from eulerparams_control.analysis.sent_references import SentReferences
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.shaping import Departure, ShapedMotion
 from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
-from eulerparams_control.analysis.topics import namespaces, topics
 from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
-from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
+from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.orientation import (
-    EulerSequence,
-    OrientationOptions,
     OrientationRepresentation,
 )
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import sample
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.parameters.common import ControlParameters
-from eulerparams_control.parameters.efforts import require_size
-from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.robot.robot import Robot
 
 _ANSWERED = 500_000_000  # [ns] longest time by which a topic may end before another
-
-LASTING = ControlParameters.reference_timeout
-"""[s] for which a streamed frame goes on."""
 
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
@@ -51,30 +40,6 @@ BLOCK = 20_000
 
 Progress = Callable[[float], None]
 """Is told the part of the bag that was read, 0 to 1."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Which part of a bag is read, and how.
-
-    Attributes:
-        urdf: text of a URDF; "" takes the robot_description in the bag.
-        tip_frame: the link to look at; "" takes that of the reference, or of the parameters.
-        base_frame: what poses refer to; "" as above, else the root of the URDF.
-        namespace: of the arm; None is the only one.
-        names: what topics are called in this bag, by what they are called here.
-        start, end: [s] of the recording that is looked at.
-        euler_sequence: of the Euler angles; "" takes that of the parameters, XYZ if they name none.
-    """
-
-    urdf: str = ""
-    tip_frame: str = ""
-    base_frame: str = ""
-    namespace: str | None = None
-    names: Mapping[str, str] = field(default_factory=dict)
-    start: float = 0.0
-    end: float = math.inf
-    euler_sequence: str = ""
 
 
 def blocks(
@@ -124,23 +89,14 @@ class _Reader:
 
     def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
         self._bag, self._options, self._progress = bag, options, progress
-        arms = namespaces(bag, options.names)
-        self._namespace = _namespace(bag, arms, options.namespace)
-        self._topics = topics(bag, self._namespace, options.names)
-        self._parameters = _parameters(bag, self._namespace)
-        self._flaws: dict[BagWarning, None] = {}  # an ordered set
-        self._orientation = self._options_of_orientation()
-        self._urdf = options.urdf or bag.robot_description(self._topics.get("robot_description"))
-        self._robot = self._make_robot()
-        others = set(arms) - {self._namespace}
-        controller = self._topics.get("desired", "").rpartition("/")[0]
+        self._arm = arm = Arm(bag, options)
+        self._robot, self._topics = arm.robot, arm.topics
+        controller = arm.topics.get("desired", "").rpartition("/")[0]
         self._reports = Reports(options.start, options.end, controller)
         self._rates, self._departure = np.zeros((0, 4)), Departure()
-        self._parsers = Parsers(
-            bag, self._topics, self._robot, self._namespace, others, self._reports
-        )
-        self._desired = DesiredFrames(self._lasting(), self._measured_pose)
-        self._pending: Rows | None = None  # references that have not begun
+        self._parsers = Parsers(bag, arm, self._reports)
+        self._references = SentReferences(self._parsers)
+        self._desired = DesiredFrames(arm.lasting(), self._measured_pose)
         self._end_of_part = -math.inf
         self._jumped = False
         self._latest: dict[str, int] = {}  # stamp of each topic
@@ -148,82 +104,6 @@ class _Reader:
         self._displacements: dict[str, Any] = {}
         self._start: int | None = None
         self._told: list[Report] = []  # what nodes said in this part
-
-    # --- what the bag says of itself ----------------------------------------------------
-
-    def _make_robot(self) -> Robot:
-        options = self._options
-        base, tip = given = self._frames()
-        base, tip = options.base_frame or base, options.tip_frame or tip
-        if "reference" in self._topics and (base, tip) != given:
-            text = f"its reference is for {given[1]} in {given[0]}, not for {tip} in {base}"
-            self._warn(BagFlaw.FRAMES, f"{text}: errors are not known")
-        gravity = ImpedanceParameters.gravity
-        try:
-            if told := recorded(self._parameters, ImpedanceParameters):
-                require_size("gravity", told.gravity, 3)
-                gravity = told.gravity
-        except (BagError, ConfigurationError) as error:
-            self._warn(BagFlaw.PARAMETERS, f"{error}: the gravity is taken for {gravity}")
-        try:
-            return Robot(self._urdf, base, tip, gravity=gravity)
-        except RobotError as error:
-            raise RobotError(f"{self._bag.path}: {error}") from error
-
-    def _options_of_orientation(self) -> OrientationOptions:
-        try:
-            told = options_of(self._parameters)
-            name = self._options.euler_sequence
-            return replace(told, sequence=EulerSequence(name)) if name else told
-        except EulerParamsError as error:
-            text = f"the parameters of the controller are not valid ({error}): the defaults of "
-            self._warn(BagFlaw.PARAMETERS, f"{text}euler_sequence and quaternion_sign are taken")
-            return OrientationOptions()
-
-    def _warn(self, kind: BagFlaw, text: str) -> None:
-        self._flaws[BagWarning(kind, text)] = None
-
-    def _warn_of_delay(self) -> None:
-        """Say from when on a trajectory is later than it was sent to be; set-points are not.
-
-        Where ~/desired was recorded, it is known by how much.
-        """
-        if "desired" in self._topics:
-            return
-        if self._reports.delayed < math.inf and self._desired.knows_trajectories:
-            self._warn(
-                BagFlaw.DELAY,
-                f"a motion that is slowed down or has to wait, first at {self._reports.delayed:.3f}"
-                " s, is compared with what was sent: from then on errors may be too large",
-            )
-
-    def _frames(self) -> tuple[str, str]:
-        """Return base and tip frame: from the references, else from the parameters."""
-        if "reference" in self._topics:
-            for raw in self._bag.read_raw([self._topics["reference"]]):
-                with suppress(BagError):  # a damaged one
-                    found = self._bag.decode(raw)
-                    if len(found.joint_names) == 1:
-                        return str(found.header.frame_id), str(found.joint_names[0])
-        for values in self._parameters.values():
-            if "tip_frame" in values:
-                return str(values.get("base_frame", "")), str(values["tip_frame"])
-        if not self._options.tip_frame:
-            raise BagError(
-                f"{self._bag.path}: nothing in it names the tip frame; give it with --tip-frame, "
-                "and with --base-frame what poses refer to"
-            )
-        return "", ""
-
-    def _lasting(self) -> float:
-        """Return for how long the controller lets a set-point go on [s]."""
-        for values in self._parameters.values():
-            told = values.get("reference_timeout") if "orientation" in values else None
-            if isinstance(told, int | float) and 0 <= told < math.inf:
-                return float(told)
-        return LASTING
-
-    # --- reading ------------------------------------------------------------------------
 
     def blocks(self, size: int) -> Iterator[Recording]:
         """Yield the parts of the run."""
@@ -270,8 +150,6 @@ class _Reader:
             queue.drop_after(jumped)
         self._reports.drop_after(jumped)
 
-    # --- a part -------------------------------------------------------------------------
-
     def _part(self, count: int | None, last: bool) -> Iterator[Recording]:
         """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
         states = self._messages["joint_states"]
@@ -311,6 +189,20 @@ class _Reader:
         if not last:
             self._displacements = self._displacements_at(whole, math.inf)
 
+    def _warn_of_delay(self) -> None:
+        """Say from when on a trajectory is later than it was sent to be; set-points are not.
+
+        Where ~/desired was recorded, it is known by how much.
+        """
+        if "desired" in self._topics:
+            return
+        if self._reports.delayed < math.inf and self._desired.knows_trajectories:
+            self._arm.warn(
+                BagFlaw.DELAY,
+                f"a motion that is slowed down or has to wait, first at {self._reports.delayed:.3f}"
+                " s, is compared with what was sent: from then on errors may be too large",
+            )
+
     def _fill_velocities(self, found: Rows, name: str) -> None:
         """Take differences of the positions for velocities that are not there."""
         q, dq = found.values
@@ -321,7 +213,7 @@ class _Reader:
             dq[missing] = 0.0
         if missing.any():
             text = f"{name} lacks velocities: differences of its positions are taken for them"
-            self._warn(BagFlaw.INCOMPLETE, text)
+            self._arm.warn(BagFlaw.INCOMPLETE, text)
 
     def _check_the_ends(self, measured: Rows) -> None:
         """Warn if a topic ends before joint_states, or does not have its time."""
@@ -329,13 +221,13 @@ class _Reader:
             latest = self._latest.get(name)
             if latest is None and queue.has_any:
                 text = f"{name} has no stamp within those of joint_states"
-                self._warn(BagFlaw.INCOMPLETE, text)
+                self._arm.warn(BagFlaw.INCOMPLETE, text)
             if name == "desired":  # none while a fault lasts
                 continue
             if latest is not None and latest < measured.stamp[-1] - _ANSWERED:
                 end, of = self._times(np.array([latest, measured.stamp[-1]]))
                 text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
-                self._warn(BagFlaw.INCOMPLETE, text)
+                self._arm.warn(BagFlaw.INCOMPLETE, text)
 
     def _given(self) -> Iterator[tuple[str, Queue]]:
         for name, queue in self._messages.items():
@@ -359,10 +251,12 @@ class _Reader:
         if overlap is not None:
             ticks = ticks.take(ticks.stamp > overlap[0][-1])
             at = at[at > overlap[0][-1]]
+        if "reference" in self._messages:
+            self._references.add(self._messages["reference"].everything())
         if "diagnostics" in self._messages:
             self._messages["diagnostics"].everything()
-        frames, done = self._desired.follow(self._references(), ticks.stamp, ticks.sent, at)
-        self._forget(done)
+        frames, done = self._desired.follow(self._references.all(), ticks.stamp, ticks.sent, at)
+        self._references.forget(done)
         own = at
         if overlap is not None:
             own = np.concatenate([overlap[0], own])
@@ -378,35 +272,6 @@ class _Reader:
         q, dq = (values[index] for values in self._measured.values)
         state = self._robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
-
-    def _references(self) -> RecordedReferences:
-        queue = self._messages.get("reference")
-        new = queue.everything() if queue else None
-        parts = [part for part in (self._pending, new) if part is not None]
-        if not parts:
-            nothing = np.zeros(0, dtype=np.int64)
-            return RecordedReferences(nothing, nothing, Frames.nowhere(0), {})
-        found = joined(parts)
-        found = self._pending = found.take(np.argsort(found.sent, kind="stable"))
-        for news, start in self._parsers.began.items():
-            before = int(np.searchsorted(found.sent, news, side="right"))
-            if before:
-                found.stamp[before - 1] = start
-        self._parsers.began.clear()
-        trajectories = {
-            k: self._parsers.trajectories[sent]
-            for k, sent in enumerate(found.sent.tolist())
-            if sent in self._parsers.trajectories
-        }
-        return RecordedReferences(found.sent, found.stamp, Frames(*found.values), trajectories)
-
-    def _forget(self, done: int) -> None:
-        if self._pending is None:
-            return
-        for sent in self._pending.sent[:done].tolist():
-            self._parsers.trajectories.pop(sent, None)
-        left = self._pending.take(np.arange(done, len(self._pending.sent)))
-        self._pending = left if len(left.sent) else None
 
     def _recording(
         self,
@@ -433,14 +298,14 @@ class _Reader:
             motion,
             series(taken.get("joint_reference")),
             Efforts(self._times(efforts.stamp), efforts.values[0]) if efforts else None,
-            self._parameters,
+            self._arm.parameters,
             self._warnings(),
             sensed=self._sensed(sensed),
             compliant=self._compliant(taken.get("compliant_frame"), own, frames),
-            urdf=self._urdf,
-            namespace=self._namespace,
+            urdf=self._arm.urdf,
+            namespace=self._arm.namespace,
             before=self._displacements if before is None else before,
-            options=self._orientation,
+            options=self._arm.orientation,
             began=self._start or 0,
             reports=self._told,
             shaped=shaped,
@@ -507,29 +372,7 @@ class _Reader:
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
         words = self._departure.words
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
-        return *self._bag.warnings, *left_out, *self._flaws, *shaped
-
-
-def _namespace(bag: Bag, arms: Sequence[str], wanted: str | None) -> str:
-    """Return the namespace of the arm that is wanted, or of the only one."""
-    if wanted is not None and wanted in arms:
-        return wanted
-    if wanted is None and len(arms) == 1:
-        return arms[0]
-    raise BagError(
-        f"{bag.path} has the arms {', '.join(name or '(without a namespace)' for name in arms)}; "
-        "choose one of them with --namespace"
-    )
-
-
-def _parameters(bag: Bag, namespace: str) -> dict[str, dict[str, Any]]:
-    """Return the parameters by node and name; what has another form is left out."""
-    found = {}
-    for name, node in bag.parameters().items():
-        values = node.get("ros__parameters") if isinstance(node, dict) else None
-        if isinstance(values, dict) and str(name).startswith(namespace):
-            found[str(name)] = values
-    return found
+        return *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
 
 
 def read_urdf(path: str) -> str:

@@ -10,10 +10,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import FORMATS, Export, file_name
 from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.loading import BLOCK, Options, blocks, read_urdf
+from eulerparams_control.analysis.loading import BLOCK, blocks, read_urdf
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import write_figures

@@ -1,12 +1,13 @@
 """From the messages of an arm to rows of numbers, topic by topic."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis import decode
+from eulerparams_control.analysis.arm import Arm
 from eulerparams_control.analysis.decode import Rows
 from eulerparams_control.analysis.desired import NO_START
 from eulerparams_control.analysis.reports import Reports
@@ -16,7 +17,6 @@ from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.robot.robot import Robot
 
 _MOVING = ("joint_states", "joint_reference")  # of which a velocity may be missing
 
@@ -26,10 +26,7 @@ class Parsers:
 
     Args:
         bag: the bag.
-        topics: of the arm, by what they are called here.
-        robot: the arm.
-        namespace: of its nodes.
-        others: namespaces of other arms in the bag.
+        arm: of which the topics are.
         reports: takes what its nodes say of themselves.
 
     Attributes:
@@ -38,17 +35,9 @@ class Parsers:
             sending of the news.
     """
 
-    def __init__(
-        self,
-        bag: Bag,
-        topics: Mapping[str, str],
-        robot: Robot,
-        namespace: str,
-        others: Collection[str],
-        reports: Reports,
-    ) -> None:
-        self._bag, self._topics, self._robot = bag, topics, robot
-        self._namespace, self._others, self._reports = namespace, others, reports
+    def __init__(self, bag: Bag, arm: Arm, reports: Reports) -> None:
+        self._bag, self._topics, self._robot = bag, arm.topics, arm.robot
+        self._namespace, self._others, self._reports = arm.namespace, arm.others, reports
         self.trajectories: dict[int, Trajectory] = {}
         self.began: dict[int, int] = {}
         self._begins: set[str] = set()
