@@ -11,7 +11,6 @@ sensor frame and about its origin.  The root link stands at the origin of the wo
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +23,6 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.catalogue import RobotDescription
 from eulerparams_control.robot.urdf import MOVING, UrdfTree, joint_friction, joint_limits
 from sim_bridge.contacts import Contacts
-from sim_bridge.encoders import Encoders
 from sim_bridge.engine import Engine, Sample
 from sim_bridge.environment import Force, Solid, read_environment, total_wrench
 from sim_bridge.friction import is_stiff, soften
@@ -32,7 +30,8 @@ from sim_bridge.parameters import NO_SHAPE, SimulatorParameters, each_joint
 from sim_bridge.protection import STANDSTILL, Protection
 from sim_bridge.rotors import with_rotors
 from sim_bridge.saturation import Clipped, are_same, clip, find_clipped
-from sim_bridge.servo import PositionServo, wrapped
+from sim_bridge.sensors import Sensors, SimulatorState
+from sim_bridge.servo import PositionServo
 from sim_bridge.tool_load import Load
 from sim_bridge.urdf import NO_LIMIT
 
@@ -40,27 +39,6 @@ __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
 
 # In so many configurations within the limits the inertia is looked at.
 _CONFIGURATIONS = 100
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatorState:
-    """What the robot's drivers report.
-
-    Attributes:
-        step: number of steps since the reset.
-        t: ``step / rate``, s.
-        q: (n,) measured.
-        dq: (n,) measured; NaN where the drivers report none.
-        tau: (n,) effort of the motors during the last step.
-        wrench: (6,) measured.
-    """
-
-    step: int
-    t: float
-    q: Array
-    dq: Array
-    tau: Array
-    wrench: Array
 
 
 class Simulator:
@@ -103,7 +81,6 @@ class Simulator:
         self.turning = np.array(
             [parameters.wrap_continuous and joint.get("type") == "continuous" for joint in arm]
         )
-        self._wraps = bool(self.turning.any())
         self._protection = Protection(robot.joints, self._limits, parameters.protective_speed)
         self._is_protected = parameters.enforce_limits and parameters.control == "torque"
         self._friction = _friction(arm, parameters)
@@ -117,12 +94,8 @@ class Simulator:
         self._forces = [thing for thing in things.values() if isinstance(thing, Force)]
         self._solids = {name: thing for name, thing in things.items() if isinstance(thing, Solid)}
         self._dt = 1.0 / parameters.rate
-        self._encoders = Encoders(
-            parameters.encoder_resolution, parameters.velocity_cutoff, self._dt
-        )
         self._bias = np.array(parameters.wrench_bias, dtype=float)
-        self._noise = parameters.noise(n)
-        self._is_noisy = bool(np.any(self._noise))
+        self._sensors = Sensors(parameters, self.turning)
         self._servo = PositionServo(
             parameters.servo_bandwidth, parameters.servo_lag, self.turning, self._dt
         )
@@ -155,7 +128,6 @@ class Simulator:
         if self._is_broken or (self._solids and self._is_used):
             self.engine.close()
             self._start_engine()
-        self._random = np.random.default_rng(self.parameters.seed)
         self._external = None
         self.clipped: Clipped | None = None
         self.violation = ""
@@ -171,7 +143,7 @@ class Simulator:
         self._advance()  # the brakes take the weight
         self.engine.place(q)
         self._load.reset()
-        self._encoders.reset()
+        self._sensors.reset()
         self._sense()
 
     def read(self) -> SimulatorState:
@@ -368,17 +340,9 @@ class Simulator:
         if self.engine.load.mass > 0.0:
             wrench += self._load.wrench(self._motion)
             self._check(sample._replace(reaction=wrench.tolist()))
-        q, dq = self._q, self._dq
-        if self._is_noisy:
-            q, dq, wrench = self._disturb(q, dq, wrench)
-        if not self._encoders.are_exact:
-            q, dq = self._encoders.measure(q, dq)
-        if self._wraps:
-            q = wrapped(q, self.turning)
-        if not self.parameters.velocities:
-            dq = np.full_like(dq, np.nan)
-        measured = q, dq, tau, wrench
-        self._state = SimulatorState(self._count, self._count / self.parameters.rate, *measured)
+        q, dq, wrench = self._sensors.measure(self._q, self._dq, wrench)
+        t = self._count / self.parameters.rate
+        self._state = SimulatorState(self._count, t, q, dq, tau, wrench)
 
     def _check(self, sample: Sample) -> None:
         """Refuse what is not finite; a speed of ``NO_LIMIT`` stands for an infinite one."""
@@ -393,11 +357,6 @@ class Simulator:
             f"q {q}, dq {dq} ({NO_LIMIT:g} is infinite), effort {effort}, sensor {sensor}",
             ExitCode.DIVERGED,
         )
-
-    def _disturb(self, q: Array, dq: Array, wrench: Array) -> tuple[Array, Array, Array]:
-        """Add the noise of the sensors."""
-        noise, n = self._noise * self._random.standard_normal(len(self._noise)), len(q)
-        return q + noise[:n], dq + noise[n : 2 * n], wrench + noise[2 * n :]
 
     def _require(self, control: str) -> None:
         if self.parameters.control != control:
