@@ -31,7 +31,7 @@ from eulerparams_control.analysis.quantities import (
     POSITION_ERROR,
     VECTOR_QUANTITIES,
 )
-from eulerparams_control.analysis.quantity import Prediction, Quantity
+from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.bags.format import BagFlaw, BagWarning
@@ -439,10 +439,7 @@ def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path):
 
 
 def test_quantities_with_a_group_have_a_section_and_a_link_to_it(tmp_path, monkeypatch):
-    class Grouped(Quantity):
-        group = "Errors & more"
-
-    grouped = Grouped(*POSITION_ERROR)
+    grouped = replace(POSITION_ERROR, group="Errors & more")
     monkeypatch.setattr(figures, "QUANTITIES", (ORIENTATION_ERROR, JOINT_SPEED, EFFORT, grouped))
     monkeypatch.setattr(figures, "VECTOR_QUANTITIES", ())
     text = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "")

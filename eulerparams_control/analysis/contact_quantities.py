@@ -1,5 +1,7 @@
 """Quantities of contact and compliance: the wrench, the compliant frame, the motion loop."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eulerparams_control.analysis.quantity import Quantity, VectorQuantity
@@ -7,6 +9,8 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.rotations import Array
 
 _GROUP = "Contact and compliance by component"
+Vectors = Callable[[Recording], tuple[Array, Array]]
+
 _NOTHING = np.zeros(0), np.zeros((0, 3))
 
 
@@ -30,20 +34,15 @@ def _rho_cd_d(recording: Recording) -> tuple[Array, Array]:
     return _NOTHING if compliant is None else _known(compliant.t, np.degrees(compliant.rho_cd_d))
 
 
-def _force(recording: Recording) -> tuple[Array, Array]:
-    return _norm(*_f(recording))
+def _length(of: Vectors) -> Vectors:
+    """Return what gives the lengths of vectors over time."""
 
+    def lengths(recording: Recording) -> tuple[Array, Array]:
+        t, v = of(recording)
+        with np.errstate(over="ignore"):  # a run that diverged
+            return t, np.linalg.norm(v, axis=1)
 
-def _moment(recording: Recording) -> tuple[Array, Array]:
-    return _norm(*_mu(recording))
-
-
-def _displacement(recording: Recording) -> tuple[Array, Array]:
-    return _norm(*_p_cd_d(recording))
-
-
-def _turn(recording: Recording) -> tuple[Array, Array]:
-    return _norm(*_rho_cd_d(recording))
+    return lengths
 
 
 def _loop_position(recording: Recording) -> tuple[Array, Array]:
@@ -54,11 +53,6 @@ def _loop_position(recording: Recording) -> tuple[Array, Array]:
 def _loop_orientation(recording: Recording) -> tuple[Array, Array]:
     leading, frames = recording.leading, recording.compliant_frames(recording.leading)
     return _known(leading.t, np.degrees(leading.angle_to(frames)))
-
-
-def _norm(t: Array, v: Array) -> tuple[Array, Array]:
-    with np.errstate(over="ignore"):  # a run that diverged
-        return t, np.linalg.norm(v, axis=1)
 
 
 def _known(t: Array, values: Array) -> tuple[Array, Array]:
@@ -72,9 +66,11 @@ _WRENCH = (
     "(52), (55), (59), from the sensor, without the weight of the tool that the controller knows"
 )
 
-FORCE = Quantity("force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, _force)
+FORCE = Quantity(
+    "force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, _length(_f)
+)
 MOMENT = Quantity(
-    "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _moment
+    "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _length(_mu)
 )
 COMPLIANT_DISPLACEMENT = Quantity(
     "displacement",
@@ -84,7 +80,7 @@ COMPLIANT_DISPLACEMENT = Quantity(
     "translational impedance (52).",
     "mm",
     1e-6,
-    _displacement,
+    _length(_p_cd_d),
 )
 COMPLIANT_TURN = Quantity(
     "turn",
@@ -94,7 +90,7 @@ COMPLIANT_TURN = Quantity(
     "the rotational impedance (55), (59).",
     "deg",
     1e-6,
-    _turn,
+    _length(_rho_cd_d),
 )
 MOTION_LOOP_POSITION = Quantity(
     "motion_loop_position",

@@ -37,12 +37,7 @@ from eulerparams_control.analysis.quantities import (
     QUANTITIES,
     VECTOR_QUANTITIES,
 )
-from eulerparams_control.analysis.quantity import (
-    JointQuantity,
-    Prediction,
-    Quantity,
-    VectorQuantity,
-)
+from eulerparams_control.analysis.quantity import AnyQuantity, JointQuantity, Prediction, Quantity
 from eulerparams_control.analysis.scale import axis, signed_axis
 from eulerparams_control.analysis.shaping_quantities import DASHED
 from eulerparams_control.errors import UnknownNameError
@@ -50,8 +45,6 @@ from eulerparams_control.laws.rotations import Array
 
 _POINTS = 600_000  # of the whole page, which keeps them below 7 MB
 _MOST_BINS = 700  # of a line: more than a screen has pixels for
-
-type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 
 
 class Panels(NamedTuple):
@@ -129,14 +122,11 @@ def _drawn(
     for quantity in quantities:
         panel: Panel | None
         if isinstance(quantity, Quantity):
-            group = getattr(quantity, "group", "") or "Over time"
-            panel = _panel(quantity, drawing, group, quantity is first)
+            panel = _panel(quantity, drawing, quantity is first)
         elif isinstance(quantity, JointQuantity):
-            group = getattr(quantity, "group", "") or "Each joint"
-            panel = joint_panel(quantity, drawing, group)
+            panel = joint_panel(quantity, drawing)
         else:
-            group = getattr(quantity, "group", "") or "Components"
-            panel = vector_panel(quantity, drawing, group)
+            panel = vector_panel(quantity, drawing)
         if panel is not None:
             yield panel
 
@@ -147,7 +137,7 @@ def _by_group(drawn: Sequence[Panel]) -> dict[str, list[Panel]]:
     return {group: list(some) for group, some in groupby(ordered, key=lambda p: p.group)}
 
 
-def _panel(quantity: Quantity, drawing: Drawing, group: str, is_first: bool) -> Panel | None:
+def _panel(quantity: Quantity, drawing: Drawing, is_first: bool) -> Panel | None:
     digests, name = drawing.digests, quantity.name
     lines = {i: d.curves[name][0] for i, d in enumerate(digests) if name in d.curves}
     if not lines:
@@ -169,7 +159,7 @@ def _panel(quantity: Quantity, drawing: Drawing, group: str, is_first: bool) -> 
         look["margin"]["t"] = top_margin(approaches)
     texts = [f"{prediction.name}: {prediction.text}" for prediction in drawing.of(name)]
     figure = Figure("", data, look, 420 if is_first else 300)
-    return Panel(name, group, quantity.title, quantity.caption, [figure], texts)
+    return Panel(name, quantity.group, quantity.title, quantity.caption, [figure], texts)
 
 
 def _enlarged(panel: Panel) -> Panel:

@@ -37,7 +37,6 @@ KINEMATIC_EDGE = "rgba(190, 130, 0, 0.8)"
 _LINE = 14  # [px] height of a line of text
 
 _HEIGHT = 220  # [px]
-_AXES = ("x", "y", "z")
 
 
 def bands(digests: Sequence[Digest]) -> list[dict[str, Any]]:
@@ -106,7 +105,7 @@ def _words(approach: Approach) -> str:
     return f"{degrees} deg from the pole of {approach.sequence}, at {approach.t:.3f} s"
 
 
-def joint_panel(quantity: JointQuantity, drawing: Drawing, group: str) -> Panel | None:
+def joint_panel(quantity: JointQuantity, drawing: Drawing) -> Panel | None:
     """Return a quantity of each joint, one plot a joint; None if there is none."""
     columns = _columns(quantity.name, drawing.digests)
     if not columns:
@@ -116,21 +115,21 @@ def joint_panel(quantity: JointQuantity, drawing: Drawing, group: str) -> Panel 
     limits = limits_of(quantity.limits, drawing.digests, shown)
     figures = []
     for joint, (title, lines) in enumerate(
-        zip(_joint_titles([drawing.digests[i] for i in shown]), columns, strict=False)
+        zip(joint_titles([drawing.digests[i] for i in shown]), columns, strict=False)
     ):
         own = [limit[joint : joint + 1] for limit in limits]
         y_axis = _equal_axis(columns, reached(own, values), quantity.floor)
         figures.append(_figure(title, joint, lines, quantity, drawing, y_axis, limit_lines(own)))
-    return _panel(quantity, drawing, group, figures)
+    return _panel(quantity, drawing, figures)
 
 
-def vector_panel(quantity: VectorQuantity, drawing: Drawing, group: str) -> Panel | None:
+def vector_panel(quantity: VectorQuantity, drawing: Drawing) -> Panel | None:
     """Return the components of a vector, one plot each; None if there is none but rounding."""
     columns = _columns(quantity.name, drawing.digests)
     values = [curve.y for lines in columns for curve in lines.values()]
     if not any((np.abs(y[np.isfinite(y)]) > quantity.floor).any() for y in values):
         return None
-    titles = [*getattr(quantity, "components", _AXES), *[""] * len(columns)]
+    titles = [*quantity.components, *[""] * len(columns)]
     centred = spans([[c.y for c in lines.values()] for lines in columns], quantity.floor)
     y_axes = centred or [symmetric_axis(values, quantity.floor)] * len(columns)
     figures = [
@@ -139,7 +138,7 @@ def vector_panel(quantity: VectorQuantity, drawing: Drawing, group: str) -> Pane
             zip(titles, columns, y_axes, strict=False)
         )
     ]
-    return _panel(quantity, drawing, group, figures)
+    return _panel(quantity, drawing, figures)
 
 
 def _columns(name: str, digests: Sequence[Digest]) -> list[Lines]:
@@ -168,10 +167,10 @@ def _figure(
 
 
 def _panel(
-    quantity: JointQuantity | VectorQuantity, drawing: Drawing, group: str, figures: list[Figure]
+    quantity: JointQuantity | VectorQuantity, drawing: Drawing, figures: list[Figure]
 ) -> Panel:
     texts = [f"{one.name}: {one.text}" for one in drawing.of(quantity.name)]
-    return Panel(quantity.name, group, quantity.title, quantity.caption, figures, texts)
+    return Panel(quantity.name, quantity.group, quantity.title, quantity.caption, figures, texts)
 
 
 def _equal_axis(columns: Sequence[Lines], reached: list[Array], floor: float) -> dict[str, Any]:
@@ -192,7 +191,7 @@ def _largest(columns: Sequence[Lines], run: int) -> Array:
     return max(values, key=lambda y: float(y[np.isfinite(y)].max(initial=0.0)))
 
 
-def _joint_titles(digests: Sequence[Digest]) -> list[str]:
+def joint_titles(digests: Sequence[Digest]) -> list[str]:
     """Return a title for each joint: its name, or its names where the robots differ."""
     names = zip_longest(*(digest.robot.joints for digest in digests), fillvalue="")
     return [" / ".join(filter(None, dict.fromkeys(joint))) for joint in names]

@@ -1,6 +1,7 @@
 """A quantity over time: its unit, its meaning, its equation."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from eulerparams_control.analysis.recording import Recording
@@ -8,8 +9,9 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
 
 
-class Quantity(NamedTuple):
-    """A quantity of a run over time.
+@dataclass(frozen=True)
+class Curves:
+    """What all quantities over time have.
 
     Attributes:
         name: by which an experiment can name it.
@@ -18,72 +20,57 @@ class Quantity(NamedTuple):
         caption: what it means, and the equation it belongs to.
         unit: for single values.
         floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
-        of: returns instants [s] and values; both empty if nothing was recorded.
+        of: returns instants (N,) [s] and values; both empty if nothing was recorded.
+    """
+
+    name: str
+    title: str
+    label: str
+    caption: str
+    unit: str
+    floor: float
+    of: Callable[[Recording], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Quantity(Curves):
+    """A quantity of a run over time, values (N,).
+
+    Attributes:
         limits: returns (n,) limits of the URDF to draw; None has none.
         logarithmic: whether the axis is logarithmic in any case.
-        group: its heading in the page; "" is the default.
+        group: its heading in the page.
     """
 
-    name: str
-    title: str
-    label: str
-    caption: str
-    unit: str
-    floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
     limits: Callable[[Robot], Array] | None = None
     logarithmic: bool = False
-    group: str = ""
+    group: str = "Over time"
 
 
-class JointQuantity(NamedTuple):
-    """A quantity of each joint over time.
+@dataclass(frozen=True)
+class JointQuantity(Curves):
+    """A quantity of each joint over time, values (N, n).
 
     Attributes:
-        name: by which it is known.
-        title: of the plots.
-        label: of their axes, with the unit.
-        caption: what it means.
-        unit: for single values.
-        floor: values below are rounding, not motion.
-        of: returns instants (N,) [s] and values (N, n); both empty if nothing was recorded.
         limits: returns (n,) limits of the URDF to draw.
+        group: its heading in the page.
     """
 
-    name: str
-    title: str
-    label: str
-    caption: str
-    unit: str
-    floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
     limits: Callable[[Robot], Array]
+    group: str = "Each joint"
 
 
-class VectorQuantity(NamedTuple):
-    """The components of a quantity over time.
+@dataclass(frozen=True)
+class VectorQuantity(Curves):
+    """The components of a quantity over time, values (N, m).
 
     Attributes:
-        name: by which it is known.
-        title: of the plots.
-        label: of their axes, with the unit.
-        caption: what it means, and the equation it belongs to.
-        unit: for single values.
-        floor: values below are rounding.
-        of: returns instants (N,) [s] and values (N, m); both empty if nothing was recorded.
         components: the names of the m components.
-        group: its heading in the page; "" is the default.
+        group: its heading in the page.
     """
 
-    name: str
-    title: str
-    label: str
-    caption: str
-    unit: str
-    floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
     components: tuple[str, ...] = ("x", "y", "z")
-    group: str = ""
+    group: str = "Components"
 
 
 type AnyQuantity = Quantity | VectorQuantity | JointQuantity

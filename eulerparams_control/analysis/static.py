@@ -6,7 +6,6 @@ write_figures("figures", digests, formats=("pdf",))
 
 import math
 from collections.abc import Sequence
-from itertools import zip_longest
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,15 +16,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.grids import joint_titles
 from eulerparams_control.analysis.labels import labels, sequences
 from eulerparams_control.analysis.plots import limits_of
 from eulerparams_control.analysis.quantities import EVERYTHING
-from eulerparams_control.analysis.quantity import JointQuantity, Prediction, VectorQuantity
+from eulerparams_control.analysis.quantity import (
+    AnyQuantity,
+    JointQuantity,
+    Prediction,
+    VectorQuantity,
+)
 from eulerparams_control.analysis.static_axes import (
     LIMIT,
     POLE,
     SINGULAR,
-    AnyQuantity,
     column,
     draw,
     draw_limits,
@@ -154,17 +158,11 @@ def _name_axes(
         return
     figure.supylabel(label, fontsize=8, parse_math=False)
     figure.supxlabel("time [s]", fontsize=8)
-    names = _joints(digests)
+    names: Sequence[str] = joint_titles(digests)
     if isinstance(quantity, VectorQuantity):
-        names = list(getattr(quantity, "components", "xyz"))
+        names = quantity.components
     for one, name in zip(axes, names, strict=False):
         one.set_title(plain(name, 30), loc="left", fontsize=7, pad=2, parse_math=False)
-
-
-def _joints(digests: Sequence[Digest]) -> list[str]:
-    """Return a name for each joint: its names where the robots differ."""
-    names = zip_longest(*(digest.robot.joints for digest in digests), fillvalue="")
-    return [" / ".join(filter(None, dict.fromkeys(joint))) for joint in names]
 
 
 def _columns(

@@ -12,6 +12,7 @@ from eulerparams_control.analysis.labels import line
 from eulerparams_control.analysis.plots import reached
 from eulerparams_control.analysis.poles import merged
 from eulerparams_control.analysis.quantity import (
+    AnyQuantity,
     JointQuantity,
     Prediction,
     Quantity,
@@ -19,8 +20,6 @@ from eulerparams_control.analysis.quantity import (
 )
 from eulerparams_control.analysis.scale import axis, signed_axis, spans, symmetric_axis
 from eulerparams_control.laws.rotations import Array
-
-type AnyQuantity = Quantity | VectorQuantity | JointQuantity
 
 POLE: dict[str, Any] = {"facecolor": "#cc79a7", "alpha": 0.25, "linewidth": 0, "zorder": 0}
 """Look of the time near a pole of the Euler angles."""
