@@ -269,6 +269,17 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
     assert running.fault == ""
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e3])
+def test_a_target_that_no_arm_reaches_is_refused(value):
+    running = controller()
+    with pytest.raises(InvalidMessageError, match="target"):
+        running.aim(moved(value))
+    if not math.isfinite(value):
+        with pytest.raises(InvalidMessageError, match="target"):
+            running.jog(np.full(6, value))
+    assert running.mode is Mode.HOLDING
+
+
 def test_while_the_speed_override_is_0_a_reference_moves_nothing():
     limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
     running, goal = controller(ControllerOptions(motion=limits, speed_override=0.0)), moved(0.1)

@@ -51,6 +51,7 @@ from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import DesiredFrame, Placement
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
@@ -507,6 +508,25 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
     for k in range(400, 501):
         controller.step(k * MS, at_the_middle(), STILL)  # the next one waits no more
     assert controller.guidance.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("silence", [0.01, 0.2, 1.0])
+def test_when_the_wrench_is_back_the_motion_goes_on_within_the_acceleration(silence):
+    most = MotionLimits(0.2, 1.0, 1.0, 4.0, 20.0, 80.0)
+    scheme, R = admittance(), MIDDLE.R_d
+    controller = Controller(scheme, ControllerOptions(motion=most), at_the_middle())
+    speeds = []
+    for k in range(2000):
+        if k % 20 == 0:
+            controller.jog(np.array([0.0, 0.15, 0.0, 0.0, 0.0, 0.0]))
+        lost = 0 <= k - 400 < silence / DT
+        scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
+        frame = controller.step(k * MS, at_the_middle(), STILL).frame
+        if k >= 400 + silence / DT:
+            speeds.append(frame.dp_d)
+    steps = np.linalg.norm(np.diff(speeds, axis=0), axis=1)
+    assert steps.max() <= 1.05 * most.linear_acceleration * DT
+    assert speeds[-1][1] == pytest.approx(0.15, abs=1e-3)
 
 
 def largest_step(efforts):

@@ -1,8 +1,11 @@
 """The law on its motion: what a reference becomes, at the rate of time that the arm bears."""
 
+import math
+
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.speed_scaling import LEAST, SpeedScaling
 from eulerparams_control.errors import FollowingError, SingularityError
+from eulerparams_control.laws.compliant_frame import STOP_TIME
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
@@ -108,11 +111,14 @@ class Guidance:
             LawError: if the law has no finite answer, or the arm does not follow.
         """
         scheme, motion, scale = self.scheme, self.motion, self.scale
-        u = 0.0 if scheme.is_frozen else scale.now
+        is_shaped = self._options.motion is not None
+        if scheme.is_frozen and is_shaped:  # it comes to rest as the compliant frame does
+            scale.forget(scale.now * math.exp(-dt / STOP_TIME))
+        u = 0.0 if scheme.is_frozen and not is_shaped else scale.now
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))
         planned = desired = motion.sample(t)
-        if not scheme.is_frozen:
+        if not scheme.is_frozen or is_shaped:
             desired = planned.at_pace(scale.now, scale.rate)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
@@ -144,6 +150,8 @@ class Guidance:
             if scale.now == 0 or self.motion.is_at_rest:
                 self.motion.hold(planned)
                 self._rest()
+        elif self.scheme.is_frozen and self._options.motion is not None:
+            return  # it has to start again from rest
         elif tick.excess > 1 and self._options.motion is not None:
             # the arm is behind already: time waits for it at once
             scale.forget(max(scale.now / tick.excess, min(LEAST, scale.now)))

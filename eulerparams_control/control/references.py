@@ -9,11 +9,14 @@ from eulerparams_control.control.mode import Latch
 from eulerparams_control.control.modes import ControlMode
 from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.motion.frames import DesiredFrame, distance
-from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
 # A reference may start this far ahead [s]: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
+
+# No arm reaches so far [m].
+_FARTHEST = 100.0
 
 # After a fault references are followed again when they have paused this long [s].
 _PAUSE = 0.5
@@ -53,6 +56,19 @@ class References:
         if min(since, t - why.at) < _PAUSE:
             raise InvalidMessageError(
                 f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
+            )
+
+    @staticmethod
+    def refuse_target(target: Goal | Jog) -> None:
+        """Raise InvalidMessageError for a target that is not finite, or that no arm reaches."""
+        if isinstance(target, Jog):
+            values, way = target.twist, 0.0
+        else:
+            p_d, R_d = target.frames[0].p_d, target.frames[0].R_d
+            values, way = np.append(p_d, R_d), float(np.abs(p_d).max())
+        if not np.isfinite(values).all() or way > _FARTHEST:
+            raise InvalidMessageError(
+                f"the target is {values.tolist()}; expected finite values, and a position in metres"
             )
 
     def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:

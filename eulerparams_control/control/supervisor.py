@@ -93,7 +93,9 @@ class Supervisor:
         here = self._scheme.frame_at(q) if was_halted else desired.expected
         if self._guidance.is_braking:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
-        if not isinstance(motion, (Goal, Jog)):
+        if isinstance(motion, (Goal, Jog)):
+            self._references.refuse_target(motion)
+        else:
             self._references.refuse_jump(motion, clock.late(start), here)
         if was_halted:  # only now: what is refused does not move what is held
             self._scheme.resume(q)

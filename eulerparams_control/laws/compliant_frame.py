@@ -31,8 +31,8 @@ MAX_RATE = 1000.0
 # Product of rate and step that Runge-Kutta's method integrates well.
 _STEP = 0.5
 
-# A frozen compliant frame comes to rest with this time constant [s].
-_STOP_TIME = 0.05
+STOP_TIME = 0.05
+"""A frozen compliant frame comes to rest with this time constant [s]."""
 
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
@@ -147,16 +147,16 @@ class CompliantFrame:
             actual: its first pose, if it has none yet.
         """
         before = self.now or actual.at_rest()
-        left = math.exp(-dt / _STOP_TIME)
-        gone = _STOP_TIME * (1 - left)  # the way [s] of a velocity that decays
+        left = math.exp(-dt / STOP_TIME)
+        gone = STOP_TIME * (1 - left)  # the way [s] of a velocity that decays
         dp, omega = left * before.dp_d, left * before.omega_d
         self.now = DesiredFrame(
             before.p_d + gone * before.dp_d,
             exp(gone * before.omega_d) @ before.R_d,
             dp,
             omega,
-            -dp / _STOP_TIME,
-            -omega / _STOP_TIME,
+            -dp / STOP_TIME,
+            -omega / STOP_TIME,
         )
         self._desired = self._wrench = self._input = None  # the next step begins from here
         return self.now

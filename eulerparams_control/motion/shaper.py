@@ -45,6 +45,9 @@ _GOES_ON, _LONGEST = 1.5, 0.4
 # A pose of a stream is waited for so long [s] at most after it was to come.
 _LATE = 0.05
 
+# Time of which this part is waited stands still.
+_STILL = 0.999
+
 # A set-point between two plans of its stream waits so long [s].
 _BETWEEN = 0.008
 
@@ -115,7 +118,7 @@ class Shaper:
         self.last = self._before = rest = frame.at_rest()
         self._leg = _rest(rest)
         self._start = self._late = 0
-        self._is_slowed = False  # whether time was not to run at its full rate
+        self._waited = 0  # how much of the time to the next sample does not count [ns]
         self._at: int | None = None  # when it was sampled last [ns]
         self._ends: int | None = None  # when the stream that moves has ended, if nothing comes
         self._kind: type[Reference] = Trajectory  # of what began last
@@ -161,7 +164,7 @@ class Shaper:
     def wait(self, dt: int) -> None:
         """Let the present motion be later by dt [ns] than it was to be."""
         self._late += dt
-        self._is_slowed = True
+        self._waited += dt
 
     def forget_waiting(self) -> None:
         """Forget the references whose time has not come."""
@@ -188,16 +191,22 @@ class Shaper:
             whole = round(leg.duration * 1e9)
             self._leg = leg = leg.then(leg.sample(leg.duration))
             self._start, since = self._start + whole, since - whole
+        if leg.then is _rest and self._stands(t):  # it was to stop: it does not go on later
+            self._leg = leg = _rest(leg.sample(since / 1e9))
         self._before, self.last = self.last, leg.sample(since / 1e9)
         if self._waiting:
             self._begin_due(t)
-        self._at, self._is_slowed = t, False
+        self._at, self._waited = t, 0
         return self.last
 
     def after(self, dt: float) -> DesiredFrame:
         """Return the frame dt [s] after the last sample, on the leg that it is on."""
         since = (self._at or 0) - self._start - self._late
         return self._leg.sample(since / 1e9 + dt)
+
+    def _stands(self, t: int) -> bool:
+        """Whether the time of the motion has not gone on since the last sample, t [ns] now."""
+        return self._at is not None and 0 < _STILL * (t - self._at) <= self._waited
 
     # --- references that begin -----------------------------------------------------------
 
@@ -286,7 +295,7 @@ class Shaper:
             tau = min(tau, point.lasting)  # one that comes late leads on by its twist, so far
             lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
             self._ends = t + round(lasting * 1e9)
-            dt = 0.0 if before is None or self._is_slowed else (t - before) / 1e9
+            dt = 0.0 if before is None or self._waited else (t - before) / 1e9
             if self._passes(point.sample(tau), dt):
                 return self._goes_on(point.frames[0], tau, lasting, t), tau
         elif not stream.interval:
