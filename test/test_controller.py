@@ -209,7 +209,7 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
 def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
     limits, dt = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0), 0.05
     law = ClikLaw(representation("rotation_vector"), 8.0, 8.0)
-    scheme = Clik(UR5, law, feedback, UR5.limits, max_speeds=limits.speeds)
+    scheme = Clik(UR5, law, feedback, UR5.limits, tip=limits)
     running, q, tips = Controller(scheme, ControllerOptions(motion=limits), HOME), HOME, []
     running.aim(moved(0.25, 0.9))
     for step in range(60):
@@ -223,6 +223,24 @@ def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
     if feedback == "internal":
         rates = np.linalg.norm(np.diff(tips, axis=0), axis=2) / dt
         assert (rates <= 1.05 * np.array(limits.accelerations)).all()
+
+
+@pytest.mark.parametrize("way", [(0.5, 0.5, 0.5), (0.0, 0.0, 0.8)])
+def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
+    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    joints = replace(UR5.limits, acceleration=np.full(6, 10.0))
+    law = ClikLaw(representation("euler_parameters"), 100.0, 200.0)
+    scheme = Clik(UR5, law, limits=joints, tip=limits)
+    running, home = Controller(scheme, ControllerOptions(motion=limits), HOME), pose_of(HOME)
+    running.aim(home._replace(p_d=home.p_d + way))
+    command = JointCommand(HOME, STILL)
+    for step in range(1500):
+        command = running.step(T_0 + 4 * step * MS, command.q, command.dq)
+        speed = np.linalg.norm((UR5.state(command.q, command.dq).J @ command.dq)[:3])
+        assert speed <= 1.05 * limits.linear_speed
+    assert np.linalg.norm(pose_of(command.q).p_d - home.p_d) > 0.3
+    assert speed < 0.02
+    assert running.fault == ""
 
 
 def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():

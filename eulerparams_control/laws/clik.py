@@ -27,9 +27,13 @@ from eulerparams_control.laws.scheme import (
     check_gains,
 )
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.robot.robot import Robot, RobotState
 
 FEEDBACKS = ("internal", "measured")
+
+# An error [m, rad] that is none.
+_TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,12 @@ class ClikLaw:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
 
     def velocity(
-        self, state: RobotState, desired: DesiredFrame, previous: Any, dt: float = 0.0
+        self,
+        state: RobotState,
+        desired: DesiredFrame,
+        previous: Any,
+        dt: float = 0.0,
+        most: tuple[float, float] = (math.inf, math.inf),
     ) -> tuple[Any, ...]:
         """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.
 
@@ -73,18 +82,28 @@ class ClikLaw:
         Likewise dp_d, omega_d are their means over dt at constant acceleration: what is held
         for dt then leads to where the desired frame will be.
 
+        Where accelerations are bounded by a, a gain is sqrt(2 a / |e|) at most: beyond that the
+        arm could not stop where the error is none, and would swing about it.
+
         Args:
             state: kinematics of the arm.
             desired: the desired frame.
             previous: x_de of the tick before, or None.
             dt: for how long dq will act [s]; 0: in continuous time.
+            most: [m/s^2], [rad/s^2] by which the tip may brake.
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
         dp_de = desired.p_d - state.p_e  # eq. (21)
         x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
-        k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, self.orientation.slope * dt)
+        slope = self.orientation.slope
+        k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, slope * dt)
+        if math.isfinite(most[0]):
+            k_Pp = min(k_Pp, math.sqrt(2 * most[0] / (math.sqrt(dp_de @ dp_de) + _TINY)))
+        if math.isfinite(most[1]):
+            chord = math.sqrt(max(3.0 - float(np.vdot(desired.R_d, state.R_e)), 0.0))
+            k_Po = min(k_Po, math.sqrt(2 * most[1] / (chord + _TINY)) / slope)
         v = np.concatenate(
             (
                 desired.dp_d + dt / 2 * desired.ddp_d + k_Pp * dp_de,
@@ -129,7 +148,8 @@ class Clik(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
         max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
         max_error: of the tip, while limits are on.
-        max_speeds: [m/s], [rad/s] of the tip that measured feedback may ask for: it overshoots.
+        tip: its limits, which bound how fast an error is undone, and what measured feedback may
+            ask for, which overshoots.
 
     Raises:
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
@@ -144,7 +164,7 @@ class Clik(Scheme):
         blend_time: float = 0.1,
         max_deviation: float = 0.1,
         max_error: ErrorBounds = ErrorBounds(),  # noqa: B008  it is frozen
-        max_speeds: tuple[float, float] = (math.inf, math.inf),
+        tip: MotionLimits = MotionLimits(),  # noqa: B008  it is frozen
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
@@ -153,7 +173,7 @@ class Clik(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self.max_deviation, self.max_error = max_deviation, max_error
-        self.max_speeds = max_speeds
+        self.tip = tip
         self._x_de: Any = None
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
@@ -227,7 +247,8 @@ class Clik(Scheme):
             state = self.robot.state(q_c, self._dq)
         else:
             state = self.robot.state(q, dq)
-        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt)
+        most = (math.inf, math.inf) if self.limits is None else self.tip.accelerations
+        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, most)
         dq_c = dq_c + self._blend.offset(dt, dq_c)
         saturated, excess = False, 1.0
         if not np.all(np.isfinite(dq_c)):
@@ -251,7 +272,7 @@ class Clik(Scheme):
             1.0,
             *(
                 math.sqrt(v @ v) / max(most, math.sqrt(v_d @ v_d))
-                for (v, v_d), most in zip(pairs, self.max_speeds, strict=True)
+                for (v, v_d), most in zip(pairs, self.tip.speeds, strict=True)
             ),
         )
 

@@ -49,15 +49,11 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
         """Return CLIK for a robot."""
         deviation, error = self.max_deviation, self.max_error()
-        return Clik(
-            robot, self.law(), self.feedback, limits, 0.1, deviation, error, self._max_speeds()
-        )
+        tip = self.motion_limits() or MotionLimits()
+        return Clik(robot, self.law(), self.feedback, limits, 0.1, deviation, error, tip)
 
     def change_scheme(self, scheme: Clik, limits: JointLimits | None) -> None:
         """Let a running CLIK go over to these parameters."""
         scheme.replace_law(self.law())
         scheme.limits, scheme.max_error = limits, self.max_error()
-        scheme.max_speeds = self._max_speeds()
-
-    def _max_speeds(self) -> tuple[float, float]:
-        return (self.motion_limits() or MotionLimits()).speeds
+        scheme.tip = self.motion_limits() or MotionLimits()
