@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -29,20 +28,6 @@ _POLL_SECONDS = 0.05
 _STOP_SECONDS = 3.0
 
 
-class Runnable(Protocol):
-    """What :func:`run` asks of a node besides being a node."""
-
-    done: bool  # ends the loop when true
-
-    error: EulerParamsError | None  # optional: why it is done, if it failed
-
-    def at_rest(self) -> bool:
-        """Optional: bring what moves to rest; called again and again until it returns true."""
-
-    def close(self) -> None:
-        """Send the last safe command, finish files; called once, context still valid."""
-
-
 def run(make_node: Callable[[], Node], args: list[str] | None = None, *, tells: bool = True) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
 
@@ -51,7 +36,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None, *, tells: 
     process with one line on stderr and their exit code.
 
     Args:
-        make_node: makes the node.
+        make_node: makes the node.  ``done`` of it ends the loop; ``error``, if it has one, is why.
+            ``at_rest()``, if it has one, brings what moves to rest, and is called until it
+            returns true; ``close()`` sends the last safe command and finishes files.
         args: of the command line; None is those of the process.
         tells: whether its events go to stdout; not where that is for people.
     """

@@ -11,7 +11,7 @@ frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacem
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
@@ -19,14 +19,6 @@ from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.orientation.sign import SignRule
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.rotations_batch import stack
-
-
-class Displacement(Protocol):
-    """An orientation displacement in the terms of its representation."""
-
-    @property
-    def error(self) -> Array:
-        """The orientation error (3,) that the gains act on; zero where aligned."""
 
 
 class Lyapunov(NamedTuple):
@@ -103,6 +95,8 @@ class OrientationRepresentation(ABC):
     @abstractmethod
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
+
+        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.
 
         Args:
             R_d: desired orientation (3, 3).

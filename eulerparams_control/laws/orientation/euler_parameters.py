@@ -1,4 +1,4 @@
-"""Euler parameters: the vector part of the mutual unit quaternion, eqs. (27)-(29)."""
+"""Euler parameters: the vector part of the mutual unit quaternion, eqs. (27), (30), (42), (66)."""
 
 import math
 from typing import NamedTuple
@@ -50,22 +50,6 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         """Return {eta_de (N,), eps_de_e (N, 3)} and eps_de (N, 3), eq. (27)."""
         Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, turn(R_e, Q_de.eps))
-
-    def resolved_velocity(self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float) -> Array:
-        """Return omega_d + k_Po eps_de, eq. (28)."""
-        return omega_d + k_Po * x_de.eps_de
-
-    def resolved_acceleration(
-        self,
-        x_de: QuaternionDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
-    ) -> Array:
-        """Return domega_d + k_Vo Delta omega_de + k_Po eps_de, eq. (40)."""
-        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.eps_de
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""

@@ -1,12 +1,13 @@
-"""The rotational impedance in Euler parameters and relative angular velocity, eq. (59).
+"""What the representations with a vector of the mutual quaternion share: (28), (40) and (59).
 
-What the representations with a vector of the mutual quaternion share: their impedance differs
+Their rotational impedance, in Euler parameters and relative angular velocity, eq. (59), differs
 in the elastic moment only.  State: y = (eta_cd, eps_cd_d, x) (7,), the mutual quaternion of
 R_cd = R_d' R_c and x = R_d' (omega_c - omega_d) [rad/s], all in the desired frame.  Its motion
 depends on the absolute orientation in no way.
 """
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,18 @@ _ANGLES = 181
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):
     """A representation whose impedance is (59) with an elastic moment of its own."""
+
+    def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
+        """Return omega_d + k_Po e, eq. (28): e is eps_de, or another vector along the same axis."""
+        e: Array = x_de.error
+        return omega_d + k_Po * e
+
+    def resolved_acceleration(
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
+    ) -> Array:
+        """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40), e as in (28)."""
+        e: Array = x_de.error
+        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * e
 
     @abstractmethod
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:

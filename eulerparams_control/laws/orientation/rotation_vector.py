@@ -56,24 +56,6 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
         Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
         return RotationVectorDisplacement(Q_de, turn(R_e, rotation_vectors(Q_de)))
 
-    def resolved_velocity(
-        self, x_de: RotationVectorDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
-        """Return omega_d + k_Po theta r, which gives dtheta = -k_Po theta about a fixed axis."""
-        return omega_d + k_Po * x_de.rho_de
-
-    def resolved_acceleration(
-        self,
-        x_de: RotationVectorDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
-    ) -> Array:
-        """Return domega_d + k_Vo Delta omega_de + k_Po theta r: eq. (40) with theta r for eps."""
-        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.rho_de
-
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
         """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
         o = rotation_vector(_short(Q_cd))
