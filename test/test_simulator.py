@@ -870,7 +870,7 @@ def test_a_window_without_a_display_is_refused(monkeypatch):
         Simulator(robot("ur5"), SimulatorParameters(gui=True))
 
 
-@pytest.mark.parametrize("name", ["friction_viscous", "disturbance_effort"])
+@pytest.mark.parametrize("name", ["friction_viscous", "disturbance_effort", "rotor_inertia"])
 def test_another_number_of_joints_is_refused(name):
     parameters = SimulatorParameters(**{name: (1.0, 1.0)})
     with pytest.raises(ConfigurationError, match=f"{name} must be empty, one number or 6, got"):

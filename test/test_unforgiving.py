@@ -273,31 +273,18 @@ def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(bench):
 def test_a_limit_for_the_wrong_number_of_joints_is_refused(bench, values):
     with pytest.raises(ConfigurationError, match="max_joint_acceleration must be empty, one"):
         bench(policy={"max_joint_acceleration": values})
-    with pytest.raises(ConfigurationError, match="rotor_inertia must be empty, one"):
-        bench(rotor_inertia=values)
 
 
-@pytest.mark.parametrize(
-    ("on_silence", "control", "status"),
-    [
-        (OnSilence.BRAKE, "position", (DriveMode.BRAKED, DriveCause.SILENCE)),
-        (OnSilence.BRAKE, "torque", (DriveMode.BRAKED, DriveCause.SILENCE)),
-        (OnSilence.HOLD_LAST, "position", (DriveMode.OBEYING, DriveCause.NONE)),
-        (OnSilence.HOLD_LAST, "torque", (DriveMode.OBEYING, DriveCause.NONE)),
-    ],
-)
-def test_in_silence_it_brakes_or_holds_the_last_command_for_ever(
-    bench, on_silence, control, status
-):
-    it = bench(policy={"on_silence": on_silence, "command_timeout": 0.01}, control=control,
-               gravity=(0.0, 0.0, 0.0), servo_bandwidth=5.0)  # fmt: skip
+@pytest.mark.parametrize("control", ["position", "torque"])
+def test_in_silence_it_can_hold_the_last_command_for_ever(bench, control):
+    it = bench(policy={"on_silence": OnSilence.HOLD_LAST, "command_timeout": 0.01},
+               control=control, gravity=(0.0, 0.0, 0.0), servo_bandwidth=5.0)  # fmt: skip
     it.send(**(at(beside(0.2)) if control == "position" else {"effort": [10.0, *[0.0] * 5]}))
     it.step(60)
     before = it.q
     it.step(300)
-    assert it.status == status
-    moved = abs(it.q[0] - before[0])
-    assert moved > 0.05 if on_silence is OnSilence.HOLD_LAST else moved < 1e-6
+    assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
+    assert abs(it.q[0] - before[0]) > 0.05
 
 
 # --- its servo, its sensors, its motors ------------------------------------------------------
