@@ -10,6 +10,7 @@ time.
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
@@ -106,6 +107,45 @@ def _begin(start: DesiredFrame) -> tuple[tuple[Array, Array], tuple[Array, Array
     return (start.dp_d, start.ddp_d), (R @ start.omega_d, R @ start.domega_d)
 
 
+class _Half(NamedTuple):
+    """Half of a problem, of p or of x.
+
+    Attributes:
+        axes: (3, 3) as columns.
+        known: (3,) each on them: velocity and acceleration now; position, velocity and
+            acceleration at the end; largest speed, acceleration and jerk.
+        is_straight: whether all of it is along the first axis.
+    """
+
+    axes: Array
+    known: tuple[Array, ...]
+    is_straight: bool
+
+
+def _half(
+    begin: tuple[Array, Array],
+    end: tuple[Array, Array, Array],
+    most: tuple[float, float, float],
+    by_velocity: bool,
+) -> _Half:
+    (v_0, a_0), (x_1, v_1, a_1) = begin, end
+    A = _axes(v_1 - v_0 if by_velocity else x_1, v_0 if (v_0 @ v_0) else v_1)
+    now_v, now_a, x, v, a = (A.T @ part for part in (v_0, a_0, x_1, v_1, a_1))
+    speed, acceleration, jerk = (min(one, _MOST) for one in most)
+    acceleration *= _OF_ACCELERATION
+    across = max(
+        np.abs(np.concatenate((now_v[1:], v[1:]))).max() / speed,
+        np.abs(np.concatenate((now_a[1:], a[1:]))).max() / acceleration,
+    )
+    straight = bool(across < _STRAIGHT)
+    bounds = (
+        _shared(np.maximum(np.abs(now_v), np.abs(v)), speed, straight),
+        _shared(np.maximum(np.abs(now_a), np.abs(a)), acceleration, straight),
+        _shared(np.zeros(3), jerk, straight),
+    )
+    return _Half(A, (now_v, now_a, x, v, a, *bounds), straight)
+
+
 def _planned(
     start: DesiredFrame,
     begins: tuple[tuple[Array, Array], tuple[Array, Array]],
@@ -114,33 +154,10 @@ def _planned(
     least: float,
     interface: ControlInterface,
 ) -> Plan:
-    problem, axes, is_straight = InputParameter(6), [], True
-    rows: list[list[Array]] = [[] for _ in range(8)]
     by_velocity = interface is ControlInterface.Velocity
-    for (v_0, a_0), (x_1, v_1, a_1), most in zip(
-        begins,
-        ends,
-        zip(limits.speeds, limits.accelerations, limits.jerks, strict=True),
-        strict=True,
-    ):
-        A = _axes(v_1 - v_0 if by_velocity else x_1, v_0 if (v_0 @ v_0) else v_1)
-        axes.append(A)
-        now_v, now_a, x, v, a = (A.T @ part for part in (v_0, a_0, x_1, v_1, a_1))
-        speed, acceleration, jerk = (min(one, _MOST) for one in most)
-        acceleration *= _OF_ACCELERATION
-        across = max(
-            np.abs(np.concatenate((now_v[1:], v[1:]))).max() / speed,
-            np.abs(np.concatenate((now_a[1:], a[1:]))).max() / acceleration,
-        )
-        straight = bool(across < _STRAIGHT)
-        is_straight &= straight
-        bounds = (
-            _shared(np.maximum(np.abs(now_v), np.abs(v)), speed, straight),
-            _shared(np.maximum(np.abs(now_a), np.abs(a)), acceleration, straight),
-            _shared(np.zeros(3), jerk, straight),
-        )
-        for row, part in zip(rows, (now_v, now_a, x, v, a, *bounds), strict=True):
-            row.append(part)
+    most = zip(limits.speeds, limits.accelerations, limits.jerks, strict=True)
+    p, x = (_half(*half, by_velocity) for half in zip(begins, ends, most, strict=True))
+    problem = InputParameter(6)
     (
         problem.current_velocity,
         problem.current_acceleration,
@@ -150,7 +167,7 @@ def _planned(
         problem.max_velocity,
         problem.max_acceleration,
         problem.max_jerk,
-    ) = (np.concatenate(row).tolist() for row in rows)
+    ) = (np.concatenate(both).tolist() for both in zip(p.known, x.known, strict=True))
     problem.current_position = [0.0] * 6
     problem.control_interface = interface
     profile, T = Profile(6), least
@@ -158,10 +175,12 @@ def _planned(
         if T > 0:
             problem.minimum_duration = T
         _solve(problem, profile)
-        if is_straight or (excess := _excess(profile, axes[1], limits)) <= 1 + _TOLERANCE:
+        if p.is_straight and x.is_straight:
+            break
+        if (excess := _excess(profile, x.axes, limits)) <= 1 + _TOLERANCE:
             break
         T = profile.duration * max(_LONGER, min(excess, 2.0))
-    return Plan(start, (axes[0], axes[1]), profile)
+    return Plan(start, (p.axes, x.axes), profile)
 
 
 def _solve(problem: InputParameter, profile: Profile) -> None:
