@@ -22,9 +22,6 @@ _RUNAWAY = 1.5
 # is slower than this [rad/s or m/s] does not.
 _SWINGING, _HALTED, _SLOW = 0.5, 0.5, 0.1
 
-# An arm gets a time constant of so much [s] to come to limits that were lowered while it moved.
-_LOWERED = 0.5
-
 # A position that lags behind its command chases it at this rate [1/s].
 _CHASE = 25.0
 
@@ -153,9 +150,7 @@ class CommandLimiter:
         """
         before = np.zeros_like(dq) if self._last.dq is None else self._last.dq
         change, wanted = limits.acceleration * lasted, dq
-        speed = np.abs(before)  # beyond its limit where that was lowered: then all brake together
-        slower = max(0.0, 1 - float((change / np.maximum(speed, _TINY)).min()))
-        most = np.maximum(limits.velocity, slower * speed)
+        most = limits.velocity
         if chase is not None:
             lag, a = np.abs(chase), np.minimum(limits.acceleration, _STEEP)
             rate = min(_CHASE, 0.5 / lasted)
@@ -211,7 +206,6 @@ class Runaway:
 
     def __init__(self) -> None:
         self._halted = 0.0  # for how long [s] it was to stop
-        self._limits: Array | None = None  # (n,) of the speeds, as the arm can have come to them
 
     def update(self, dt: float, dq: Array, limits: Array, is_stopped: bool) -> int | None:
         """Take measured speeds; return the joint that begins to run away, None if none does.
@@ -223,9 +217,6 @@ class Runaway:
             is_stopped: whether the efforts are to hold the arm.
         """
         self._halted = self._halted + dt if is_stopped else 0.0
-        if self._limits is not None:
-            limits = np.maximum(limits, math.exp(-dt / _LOWERED) * self._limits)
-        self._limits = limits
         most = _SWINGING if self._halted > _HALTED else _RUNAWAY
         excess = np.abs(dq) - np.maximum(most * limits, _SLOW)
         joint = int(excess.argmax())

@@ -57,6 +57,7 @@ class Controller:
     ) -> None:
         self.scheme, self.options = scheme, options
         self.limiter = CommandLimiter(*scheme.bounds)
+        self._wanted = self.limiter.limits  # of the joints; those in force come to them
         self.guidance = Guidance(scheme, self.limiter.limits, options)
         self._admission = Admission(
             scheme.robot, options.state_timeout, options.max_latency, options.check_states, q
@@ -113,8 +114,19 @@ class Controller:
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
         self.options = options
-        self.limiter.limits, self.limiter.effort_rate = self.scheme.bounds
-        self.guidance.change(self.limiter.limits, options)
+        joints, self.limiter.effort_rate = self.scheme.bounds
+        if joints is not self.limiter.limits:
+            self._wanted = joints
+        self.guidance.change(self._wanted, options)
+        self._lower(0.0)
+
+    def _lower(self, dt: float) -> None:
+        """Let the joint speed limits in force come to those wanted in dt [s], as the arm can."""
+        before, limits = self.limiter.limits, self._wanted
+        if before is not None and limits is not None:
+            limits = limits.fallen(before, self.guidance.most_fall(dt, before))
+            self.scheme.bound(limits)
+        self.limiter.limits = limits
 
     def follow(
         self, motion: Trajectory | SetPoint, start: int | None, now: float | None = None
@@ -202,6 +214,8 @@ class Controller:
         if state.lost and not self.limiter.commands_efforts:  # the arm has stayed where it was told
             self.guidance.wait(state.lost)
             dt -= state.lost
+        if self.limiter.limits is not self._wanted:
+            self._lower(dt)
         self._command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)
         if self._command is not None:
             supervisor.left = at

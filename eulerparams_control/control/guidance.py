@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
+
 from eulerparams_control.control.options import ControllerOptions
-from eulerparams_control.control.speed_scaling import LEAST, SpeedScaling
+from eulerparams_control.control.speed_scaling import CREEP, SpeedScaling
 from eulerparams_control.errors import FollowingError, SingularityError
 from eulerparams_control.laws.compliant_frame import STOP_TIME
 from eulerparams_control.laws.limits import JointLimits
@@ -15,6 +17,12 @@ from eulerparams_control.motion.time_scale import TimeScale
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
+
+# Limits that are lowered slow the tip by this part of its acceleration, since a motion may have its
+# own across that, and the joints by the other.
+_OF_THE_TIP, _OF_THE_JOINTS = 0.3, 0.9
+
+_TINY = 1e-300
 
 
 class LawError(Exception):
@@ -104,6 +112,21 @@ class Guidance:
         self.scheme.skip()
         self.forget()
 
+    def most_fall(self, dt: float, joints: JointLimits) -> Array:
+        """Return by how much (n,) limits of the speeds may be lowered within dt [s].
+
+        Where the motion is at them it is slowed by as much, and so are tip and joints.
+        """
+        rate, motion = math.inf, self._options.motion
+        if self.tick_now is not None and motion is not None:
+            arm = self.tick_now.state
+            for v, a in zip((arm.dp_e, arm.omega_e), motion.accelerations, strict=True):
+                rate = min(rate, a / max(math.sqrt(v @ v), _TINY))
+        fall: Array = np.minimum(
+            _OF_THE_TIP * rate * joints.velocity, _OF_THE_JOINTS * joints.acceleration
+        )
+        return dt * fall if dt > 0 else np.zeros_like(fall)
+
     def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
 
@@ -154,7 +177,7 @@ class Guidance:
             return  # it has to start again from rest
         elif tick.excess > 1 and self._options.motion is not None:
             # the arm is behind already: time waits for it at once
-            scale.forget(max(scale.now / tick.excess, min(LEAST, scale.now)))
+            scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
         else:
             wanted = min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
             scale.update(dt, wanted, planned)

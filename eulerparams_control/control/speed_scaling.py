@@ -7,6 +7,7 @@ how fast it may run; how it gets there is up to :class:`TimeScale`.
     towards a singularity    s = sigma_min / threshold, where sigma_min of J is below it
     away from one            twice that
     towards a limit          the joint is to be no faster than POSITION_RATE times its distance
+    at its speed limit       it is to be no faster than that, which may have been lowered
 
 Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 """
@@ -21,6 +22,9 @@ from eulerparams_control.laws.rotations import Array
 
 LEAST = 0.1
 """The slowest pace: a motion that comes to a halt would never lead out again."""
+
+CREEP = 1e-3
+"""The slowest pace for limits of joint speeds: it is fast enough again as soon as they allow it."""
 
 # The arm is looked at again after this time [s]: it goes not far meanwhile.
 _LOOK = 0.005
@@ -52,7 +56,7 @@ class SpeedScaling:
         length: characteristic length of the arm [m], by which J is without units.
 
     Attributes:
-        wanted: s, from ``LEAST`` to 1.
+        wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
         singularity: how near the arm is to a kinematic singularity.
         limit: how near it is to a limit of a joint, and ``joint``: the index of which.
     """
@@ -126,6 +130,8 @@ class SpeedScaling:
             leaves = distance[nearest] > least[nearest] and speed[nearest] > _SLOW
             self.limit = Nearness.LEAVING if leaves else Nearness.CLEAR
             self.joint = nearest
-        if speed[joint] <= _SLOW:
+        if speed.max() <= _SLOW:
             return 1.0
-        return min(1.0, max(LEAST, now * float(ratio[joint])))
+        by_speed = float((self.limits.velocity / np.maximum(speed, _SLOW)).min())
+        by_position = max(LEAST, now * float(ratio[joint])) if speed[joint] > _SLOW else 1.0
+        return min(1.0, by_position, max(CREEP, now * by_speed))

@@ -195,6 +195,10 @@ class Clik(Scheme):
         """The limits of the joints."""
         return Bounds(self.limits)
 
+    def bound(self, joints: JointLimits) -> None:
+        """Keep to limits of the joints from the next tick on."""
+        self.limits = joints
+
     @property
     def fastest_gain(self) -> LoopGain:
         """That of the law."""

@@ -193,6 +193,10 @@ class DynamicControl(Scheme):
         """The limits of the joints, and the rate of the efforts."""
         return Bounds(self.limits.joints, self.limits.rate)
 
+    def bound(self, joints: JointLimits) -> None:
+        """Keep to limits of the joints from the next tick on."""
+        self.limits = replace(self.limits, joints=joints)
+
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does; else at its weight.
 

@@ -23,6 +23,7 @@ from eulerparams_control.laws.dynamic_control import (
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
@@ -51,6 +52,9 @@ class NoMotionLoop:
     def bounds(self) -> Bounds:
         """The limits of the joints."""
         return Bounds(self._limits.joints)
+
+    def bound(self, joints: JointLimits) -> None:
+        """Go on: no joint is commanded."""
 
     def reset(self, q: Array) -> None:
         """Begin: there is nothing to forget."""
@@ -172,6 +176,10 @@ class ImpedanceControl(Scheme):
     def bounds(self) -> Bounds:
         """Bounds on the commands of the motion loop."""
         return self.motion.bounds
+
+    def bound(self, joints: JointLimits) -> None:
+        """Let the motion loop keep to limits of the joints from the next tick on."""
+        self.motion.bound(joints)
 
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""

@@ -61,6 +61,11 @@ class JointLimits:
         """Return the limits with the speeds times ``velocity_scale``."""
         return replace(self, velocity=velocity_scale * self.velocity)
 
+    def fallen(self, before: "JointLimits", fall: Array) -> "JointLimits":
+        """Return these limits, of the speeds no less than ``fall`` (n,) below those before."""
+        velocity = np.fmax(self.velocity, before.velocity - fall)
+        return self if (velocity == self.velocity).all() else replace(self, velocity=velocity)
+
     def difference(self, q_c: Array, q: Array) -> Array:
         """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
         difference = q_c - q

@@ -155,6 +155,9 @@ class Scheme(ABC):
         """Bounds on the commands: the limits of the robot, unless the scheme has others."""
         return Bounds(self.robot.limits)
 
+    def bound(self, joints: JointLimits) -> None:  # noqa: B027  not all have limits
+        """Keep to limits of the joints from the next tick on."""
+
     def start_from(self, effort: Array | None) -> None:  # noqa: B027  not all command efforts
         """Take the efforts (n,) that act until the first command; None: they are not known."""
 
