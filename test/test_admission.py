@@ -20,6 +20,7 @@ from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.orientation import representation
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.robot.catalogue import find_urdf
@@ -146,6 +147,52 @@ def test_joints_with_limits_are_never_taken_a_turn_away():
     turns = Turns(np.array([True, False]), np.zeros(2))
     found = turns.unwound(np.array([6.2, 6.2]), None, is_lost=False)
     np.testing.assert_allclose(found, [6.2 - 2 * np.pi, 6.2])
+
+
+# --- clocks that are set ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("jump", [0.3, -20.0])
+@pytest.mark.parametrize("event", ["", "halt", "aim"])
+def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_limits(jump, event):
+    limits = replace(UR5.limits, acceleration=np.full(6, ACCELERATION))
+    options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    arm, goal = Driver(clik(limits=limits), HOME, options=options), moved(0.2)
+    arm.run(0.1)
+    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.run(0.75)
+    if event == "halt":
+        arm.controller.halt()
+        arm.run(0.05)
+    arm.step(stamps=jump)
+    arm.run(0.05)
+    if event == "aim":  # it goes on from where it is
+        arm.controller.aim(goal, arm.now)
+    else:
+        stopped, jumped = (Mode.STOPPED, Cause.HALT), (Mode.HOLDING, Cause.STAMP_JUMP)
+        expected = stopped if event == "halt" else jumped
+        assert (arm.controller.mode, arm.controller.why.cause) == expected
+    assert np.abs(arm.dq).max() > 0.05
+    arm.run(2.0)
+    q = np.array(arm.commands)
+    p = UR5.states(q, np.zeros_like(q)).p_e
+    assert np.linalg.norm(np.diff(p, 2, axis=0), axis=1).max() <= 1.05 * DT**2
+    assert np.abs(p - p[0])[:, 1:].max() < 1e-6
+    assert np.abs(arm.dq).max() < 1e-6
+    assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
+
+
+def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little():
+    arm = Driver(clik(limits=UR5.limits), HOME)
+    goal = moved(0.2)
+    arm.run(0.1)
+    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.run(0.75)
+    arm.step(stamps=0.05)
+    arm.run(1.0)
+    assert np.abs(np.diff(arm.commands, 2, axis=0)).max() <= ACCELERATION * DT**2
+    last = arm.controller.guidance.tick_now.desired
+    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)
 
 
 # --- gaps -----------------------------------------------------------------------------------

@@ -63,12 +63,16 @@ class Restart(NamedTuple):
         is_silence: whether no state came for long.
         is_same_arm: whether the arm is where it was.
         acts: whether the last command still acts.
+        step: [s] that the arm has gone on since, if it does: the usual period; 0: not known.
+        jump: [ns] of the stamps beyond that.
     """
 
     why: Why
     is_silence: bool
     is_same_arm: bool
     acts: bool
+    step: float
+    jump: int
 
 
 class Accept(NamedTuple):
@@ -278,7 +282,8 @@ class Admission:
             if not is_same:
                 self.conflicts.append(at.seconds)
             return Repeat(is_same, silence)
-        longest = _LONGEST_STEP * self.period.seconds or np.inf
+        usual = self.period.seconds
+        longest = _LONGEST_STEP * usual or np.inf
         self.period.take(dt)
         if not self._goes_on(dt, silence):
             moved = self._robot.limits.deviation(q, self._q)
@@ -288,13 +293,16 @@ class Admission:
             why = restarted(dt, silence, not 0 <= dt <= timeout)
             if not is_same and silence <= timeout:
                 self.conflicts.append(at.seconds)
-            restart = Restart(why, silence > timeout, is_same, is_heard and is_same)
+            jump, acts = round((dt - usual) * 1e9), is_heard and is_same
+            restart = Restart(why, silence > timeout, is_same, acts, usual, jump)
             dt = 0.0
         is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
         acted = dt
         if at.receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
         lost, acted = max(dt - longest, 0.0), min(acted, longest)
+        if lost > 0 and at.receipt is not None:  # the stamps may have gone on alone
+            lost = dt - min(longest, max(silence, usual))
         return Accept(dt, lost, acted, last is None, restart, is_frozen)
 
     def take(self, at: Instant, q: Array, dq: Array) -> None:

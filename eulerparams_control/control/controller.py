@@ -64,7 +64,7 @@ class Controller:
         )
         self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
-        self._q, self._dq, self._dt = q, np.zeros_like(q), 0.0
+        self._q, self._dq = q, np.zeros_like(q)
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
@@ -184,8 +184,8 @@ class Controller:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.
 
         A state seen before gets the same command again.  After a stamp that jumps back or
-        too far ahead, or after a silence, nothing is integrated: the controller holds the pose
-        measured then.
+        too far ahead, or after a silence, nothing is integrated over it: the controller holds the
+        pose measured then, after it has braked along its path if only the stamps jumped.
 
         Args:
             t: stamp [ns].
@@ -206,9 +206,9 @@ class Controller:
         state = self._admission.admit(at, q, dq)
         if isinstance(state, Repeat):
             return self._answer_again(at, state)
-        supervisor.begin_again(at, state, q)
+        state = supervisor.begin_again(at, state, q)
         self._admission.take(at, q, dq)  # only now: a restart that fails is one again
-        self._q, self._dq, self._dt = q, dq, state.dt
+        self._q, self._dq = q, dq
         supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
         dt = state.dt
         if state.lost and not self.limiter.commands_efforts:  # the arm has stayed where it was told

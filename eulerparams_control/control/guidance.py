@@ -59,7 +59,7 @@ class Guidance:
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.saturated, self.dt = 0, 0.0
-        self.is_braking = False
+        self.is_braking, self._jump = False, 0  # [ns] that the stamps are ahead of the motion
         self._options = options
         self._ticks: tuple[Tick | None, Tick | None] = None, None  # the last one, the one before
 
@@ -90,7 +90,7 @@ class Guidance:
         self._ticks = None, None
 
     def _rest(self) -> None:
-        self.is_braking = False
+        self.is_braking, self._jump = False, 0
         self.scale.forget(self._options.speed_override)
 
     def halt(self) -> None:
@@ -99,12 +99,24 @@ class Guidance:
         self._rest()
         self._ticks = None, self._ticks[1]
 
-    def brake(self) -> None:
-        """Come to rest along the path, from the next tick on; then hold."""
+    def brake(self, jump: int = 0) -> None:
+        """Come to rest along the path, from the next tick on; then hold.
+
+        Args:
+            jump: [ns] of the stamps, which the motion does not follow.
+        """
+        if jump:
+            self._jump += jump
+            self.scheme.skip()
         self.motion.forget_waiting()
         self.is_braking = not self.motion.is_at_rest
         if not self.is_braking:
             self.halt()
+
+    def release(self, t: int) -> None:
+        """Let another motion follow, t [ns], before the arm has come to rest on its path."""
+        self.motion.stop(t)
+        self.is_braking, self._jump = False, 0
 
     def wait(self, seconds: float) -> None:
         """Let the motion be later by a time [s] in which the arm has not gone on."""
@@ -140,7 +152,7 @@ class Guidance:
         u = 0.0 if scheme.is_frozen and not is_shaped else scale.now
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))
-        planned = desired = motion.sample(t)
+        planned = desired = motion.sample(t - self._jump)
         if not scheme.is_frozen or is_shaped:
             desired = planned.at_pace(scale.now, scale.rate)
             if dt > _LONG and not motion.is_holding:

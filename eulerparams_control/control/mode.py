@@ -157,7 +157,9 @@ CALL_RESUME = "call ~/resume"
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
 DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to begin anew", note="deactivation")
 
-ON_THE_PATH = frozenset((Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS))
+ON_THE_PATH = frozenset(
+    (Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS, Cause.STAMP_JUMP)
+)
 """Causes for which the tip brakes along its path: the law still holds."""
 
 NEVER_BEGINS = Why(

@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 
-from eulerparams_control.control.admission import Accept, Admission, RateCheck, Restart
+from eulerparams_control.control.admission import Accept, Admission, RateCheck
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter, Runaway
 from eulerparams_control.control.guidance import Guidance, LawError
@@ -91,7 +91,7 @@ class Supervisor:
             raise InvalidMessageError(f"{self.rate.why.fault}; {self.rate.why.remedy}")
         was_halted = self.mode.is_halted
         here = self._scheme.frame_at(q) if was_halted else desired.expected
-        if self._guidance.is_braking:
+        if self._guidance.is_braking and was_halted:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
         if isinstance(motion, (Goal, Jog)):
             self._references.refuse_target(motion)
@@ -100,6 +100,8 @@ class Supervisor:
         if was_halted:  # only now: what is refused does not move what is held
             self._scheme.resume(q)
             desired.hold(here)
+        elif self._guidance.is_braking and clock.last is not None:
+            self._guidance.release(clock.last.stamp)
         desired.follow(motion, start)
         self.change(ModeEvent.REFERENCE)
 
@@ -117,12 +119,27 @@ class Supervisor:
             self._guidance.begin(q, acts=True)
         self.change(ModeEvent.RESUME)
 
-    def begin_again(self, at: Instant, state: Accept, q: Array) -> None:
-        """Begin at q (n,) where the state is the first, or follows a gap."""
+    def begin_again(self, at: Instant, state: Accept, q: Array) -> Accept:
+        """Begin at q (n,) where the state is the first, or follows a gap.
+
+        An arm that moves brakes along its path where only the stamps jumped: the state that is
+        returned has then the usual dt.
+        """
         if state.is_first:
             self._see_first(at, q)
-        if state.restart is not None:
-            self._restart(at, state.restart, q)
+        restart, guidance = state.restart, self._guidance
+        if restart is None:
+            return state
+        self.resets += 1
+        self.change(ModeEvent.RESTART, restart.why)
+        moves = restart.acts and not guidance.motion.is_at_rest
+        if moves and restart.step > 0 and at.receipt is not None:  # else a simulation restarted
+            guidance.brake(restart.jump)
+            return state._replace(dt=restart.step, acted=min(state.acted, restart.step))
+        if at.receipt is not None and not restart.is_same_arm and not restart.is_silence:
+            self.change(ModeEvent.DISTRUST, Why(at=at.receipt + self._timeout))
+        self.begin(q, acts=restart.acts)
+        return state
 
     def observe(self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool) -> None:
         """Change the mode as the new state q, dq (n,) tells to.
@@ -172,13 +189,6 @@ class Supervisor:
         elif self._references.jumps(motion.last, self._scheme.frame_at(q)):
             self.begin(q)
             self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
-
-    def _restart(self, at: Instant, restart: Restart, q: Array) -> None:
-        self.resets += 1
-        self.change(ModeEvent.RESTART, restart.why)
-        if at.receipt is not None and not restart.is_same_arm and not restart.is_silence:
-            self.change(ModeEvent.DISTRUST, Why(at=at.receipt + self._timeout))
-        self.begin(q, acts=restart.acts)
 
     def _watch(self, dt: float, q: Array, dq: Array) -> None:
         """Let go of an arm that is out of control; take it back when it is at rest."""

@@ -129,6 +129,14 @@ class Shaper:
         self.began: int | None = None
         self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
 
+    def stop(self, t: int) -> None:
+        """Come to rest from the last frame, at t [ns]; what was to follow is forgotten."""
+        here = self.last
+        self.hold(here)
+        if self.limits is not None:
+            self.last = self._before = here
+            self._leg, self._start = self._brake(here), t
+
     def has_stopped(self, t: int) -> bool:
         """Whether set-points that moved have stopped coming, t [ns]."""
         return self._ends is not None and t > self._ends
