@@ -19,9 +19,9 @@ from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
-    InverseDynamics,
     ResolvedAcceleration,
 )
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
