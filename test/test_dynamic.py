@@ -42,6 +42,7 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.robot.robot import Robot, Tool
 from eulerparams_control.robot.urdf import COULOMB_SPEED
@@ -384,6 +385,23 @@ def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion
         assert_close(tick.command.effort, unlimited_effort(scheme, tick), NULL_SPACE)
         assert not tick.saturated
     assert np.any(np.abs(tick.command.effort) > UR5.limits.effort)
+
+
+@pytest.mark.parametrize("key", range(3))
+def test_an_arm_that_was_thrown_off_its_path_comes_back_without_swinging(key):
+    random, joints = generator(990, key), replace(UR5.limits, acceleration=np.full(6, 10.0))
+    limits = EffortLimits(joints, RATE, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    scheme = dynamic(limits, k_Pp=3600.0, k_Vp=120.0, k_Po=7200.0, k_Vo=120.0)
+    goal, plant = pose_of(UR5, HOME), Plant()
+    plant.q, plant.dq = HOME + 0.1 * random.uniform(-1, 1, 6), 2 * random.uniform(-1, 1, 6)
+    errors = []
+    for _ in range(800):
+        tick = scheme.tick(DT, plant.q, plant.dq, goal)
+        plant.step(tick.command.effort)
+        errors.append((np.linalg.norm(tick.dp_de), angle_between(goal.R_d, tick.state.R_e)))
+    assert np.max(errors) > 0.1
+    assert (np.diff(errors[300:], axis=0) <= 1e-4).all()
+    assert np.max(errors[-1]) < 1e-3
 
 
 # --- the rate of the efforts ---------------------------------------------------------------

@@ -17,7 +17,7 @@ from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics, check_model, fitted
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -28,6 +28,7 @@ from eulerparams_control.laws.scheme import (
     check_gains,
 )
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
@@ -35,6 +36,7 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 
 # Time constant [s] of the acceleration that disturbances cause.
 _DRIFT_TIME = 0.005
+_NO_DRIFT = np.zeros(6)
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,12 @@ class ResolvedAcceleration:
         check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
 
     def acceleration(
-        self, arm: RobotState, desired: DesiredFrame, previous: Any
+        self,
+        arm: RobotState,
+        desired: DesiredFrame,
+        previous: Any,
+        motion: MotionLimits | None = None,
+        drift: Array = _NO_DRIFT,
     ) -> tuple[Any, ...]:
         """Return a (6,), dp_de (3,) [m] and x_de.
 
@@ -69,17 +76,44 @@ class ResolvedAcceleration:
             arm: kinematics of the arm.
             desired: the desired frame.
             previous: x_de of the tick before, or None.
+            motion: limits of the tip; errors are corrected by no more than what it can brake.
+            drift: (6,) by which the tip accelerates more than asked for: that is resisted, too.
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
         dp_de = desired.p_d - arm.p_e  # eq. (21)
         x_de = self.orientation.displacement(desired.R_d, arm.R_e, previous)  # eqs. (22), (27)
-        a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + self.k_Pp * dp_de  # (36)
+        k_Pp, k_Po = self.k_Pp, self.k_Po
+        if motion is not None:
+            k_Pp, k_Po = self._braked(dp_de, angle_between(desired.R_d, arm.R_e), motion, drift)
+        a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + k_Pp * dp_de  # (36)
         a_o = self.orientation.resolved_acceleration(  # eqs. (38), (40)
-            x_de, desired.omega_d, desired.domega_d, arm.omega_e, self.k_Po, self.k_Vo
+            x_de, desired.omega_d, desired.domega_d, arm.omega_e, k_Po, self.k_Vo
         )
         return np.concatenate((a_p, a_o)), dp_de, x_de
+
+    def _braked(
+        self, dp_de: Array, angle: float, motion: MotionLimits, drift: Array
+    ) -> tuple[float, float]:
+        """Return k_Pp, k_Po, smaller where errors are so large that the tip would overshoot.
+
+        An error e asks for the speed k_P e / k_V: within the limit, and no more than sqrt(2 a e),
+        from which the acceleration a stops in time.  Bounded accelerations would swing else.
+        """
+        slope, gains = self.orientation.slope, []
+        for e, k_P, k_V, speed, a, resisted in zip(
+            (math.sqrt(dp_de @ dp_de), angle),
+            (self.k_Pp, slope * self.k_Po),
+            (self.k_Vp, self.k_Vo),
+            motion.speeds,
+            motion.accelerations,
+            (drift[:3], drift[3:]),
+            strict=True,
+        ):
+            pull = k_V * min(speed, math.sqrt(2 * a * e)) + math.sqrt(resisted @ resisted)
+            gains.append(k_P if k_P * e <= pull else pull / e)
+        return gains[0], gains[1] / slope
 
     @cached_property
     def fastest_gain(self) -> LoopGain:
@@ -107,6 +141,7 @@ class EffortLimits:
         rate: [Nm/s] of each effort, or (n,).
         error_position: [m] between the desired and the actual frame.
         error_rotation: [rad] between them.
+        motion: limits of the tip, within which errors are corrected; None: at any speed.
 
     Raises:
         ConfigurationError: if one is not positive.
@@ -116,6 +151,7 @@ class EffortLimits:
     rate: Array | float = math.inf
     error_position: float = math.inf
     error_rotation: float = math.inf
+    motion: MotionLimits | None = None
 
     def __post_init__(self) -> None:
         if not np.all(np.asarray(self.rate) > 0):
@@ -288,7 +324,10 @@ class DynamicControl(Scheme):
             FollowingError: if the tip is too far from the desired frame.
         """
         self._q, self._held = state.arm.q, None
-        a, dp_de, x_de = self.law.acceleration(state.arm, desired, self._x_de)
+        drift = _NO_DRIFT if self._drift is None else state.arm.J @ self._drift
+        a, dp_de, x_de = self.law.acceleration(
+            state.arm, desired, self._x_de, self.limits.motion, drift
+        )
         self.limits.refuse_error(desired, state.arm)
         if not math.isfinite(a @ a):
             raise SingularityError("the law asks for an infinite acceleration of the tip")

@@ -112,7 +112,9 @@ class EffortParameters(ControlParameters):
     def effort_limits(self, robot: Robot, limits: JointLimits | None) -> EffortLimits:
         """Return what bounds the efforts; raises ConfigurationError."""
         rate = each_joint("max_effort_rate", self.max_effort_rate, robot)
-        return EffortLimits(limits, rate, self.max_error_position, self.max_error_rotation)
+        return EffortLimits(
+            limits, rate, self.max_error_position, self.max_error_rotation, self.motion_limits()
+        )
 
     def tool(self) -> Tool | None:
         """Return the tool; None if it has no mass.
