@@ -347,7 +347,7 @@ class Shaper:
             and _norm(v - v_0) <= _MARGIN * most * dt
             and _norm(a - a_0) <= _MARGIN * jerk * dt
             and _norm(v - v_0 - dt / 2 * (a + a_0)) <= _MARGIN * jerk * dt**2
-            and _norm(way - dt / 2 * (v + v_0)) <= _MARGIN * most * dt**2
+            and _norm(way - dt / 2 * (v + v_0)) <= _MARGIN * most * dt**2 / 2
             for way, v, v_0, a, a_0, speed, most, jerk in zip(
                 ways,
                 (frame.dp_d, frame.omega_d),
