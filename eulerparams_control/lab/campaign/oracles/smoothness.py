@@ -161,7 +161,10 @@ def _first(found: list[Violation]) -> list[Violation]:
 
 
 def runs(record: SequenceRecord) -> Iterator[list[Command]]:
-    """Yield the positions that follow on each other: the last of those at a time, or of a stamp."""
+    """Yield the positions that follow on each other: the last of those at a time, or of a stamp.
+
+    The first at rest stays, also where others come with it.
+    """
     run: list[Command] = []
     n = len(record.joints)
     for command in record.commands:
@@ -170,7 +173,7 @@ def runs(record: SequenceRecord) -> Iterator[list[Command]]:
         if run and not follows(record, run[-1], command):
             yield run
             run = []
-        if run and (command.t == run[-1].t or command.stamp == run[-1].stamp):
+        if run and (command.stamp == run[-1].stamp or (len(run) > 1 and command.t == run[-1].t)):
             run.pop()
         run.append(command)
     if run:
