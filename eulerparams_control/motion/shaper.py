@@ -13,27 +13,20 @@ scaled by it (:class:`TimeScale`).
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array, log
 from eulerparams_control.motion.dilation import Dilated, within
 from eulerparams_control.motion.frames import DesiredFrame, distance
+from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.plan import Plan, Sample, attain, join, reach
+from eulerparams_control.motion.plan import Plan, attain, join, reach
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.stream import PAUSE, StreamFilter
 from eulerparams_control.motion.trajectories import Trajectory
 
 Reference = Trajectory | SetPoint | Jog
-
-# A motion within so much [m, rad; m/s, rad/s] of the state is there; [m/s^2, rad/s^2] it begins.
-_SAME, _SAME_ACCELERATION = ((1e-6, 1e-5), (1e-4, 1e-3)), (1e-2, 4e-2)
-
-# A set-point may be this much beyond what the limits allow from tick to tick: its own rounding.
-_MARGIN = 1.05
 
 # So many references may wait for their time; a stream of which none begins so long [ns] stalls.
 _WAITING, _STALLED = 1000, 1_000_000_000
@@ -50,27 +43,6 @@ _STILL = 0.999
 
 # A set-point between two plans of its stream waits so long [s].
 _BETWEEN = 0.008
-
-
-@dataclass
-class _Leg:
-    """A part of a motion.
-
-    Attributes:
-        sample: the frame at a time [s] from its start.
-        duration: [s].
-        then: the leg that follows the frame at the end.
-        is_held: whether it rests for good.
-        expires: when it ends [ns], whatever became of its own time: who sends it is silent.
-        end: the leg that follows the frame where it expires.
-    """
-
-    sample: Sample
-    duration: float = math.inf
-    then: Callable[[DesiredFrame], "_Leg"] | None = None
-    is_held: bool = False
-    expires: float = math.inf
-    end: Callable[[DesiredFrame], "_Leg"] | None = None
 
 
 class _Waiting(NamedTuple):
@@ -115,8 +87,8 @@ class Shaper:
 
     def hold(self, frame: DesiredFrame) -> None:
         """Hold the pose of ``frame`` from now on."""
-        self.last = self._before = rest = frame.at_rest()
-        self._leg = _rest(rest)
+        self.last = self._before = frame.at_rest()
+        self._leg = resting(frame)
         self._start = self._late = 0
         self._waited = 0  # how much of the time to the next sample does not count [ns]
         self._at: int | None = None  # when it was sampled last [ns]
@@ -199,8 +171,8 @@ class Shaper:
             whole = round(leg.duration * 1e9)
             self._leg = leg = leg.then(leg.sample(leg.duration))
             self._start, since = self._start + whole, since - whole
-        if leg.then is _rest and self._stands(t):  # it was to stop: it does not go on later
-            self._leg = leg = _rest(leg.sample(since / 1e9))
+        if leg.then is resting and self._stands(t):  # it was to stop: it does not go on later
+            self._leg = leg = resting(leg.sample(since / 1e9))
         self._before, self.last = self.last, leg.sample(since / 1e9)
         if self._waiting:
             self._begin_due(t)
@@ -262,49 +234,49 @@ class Shaper:
         self.leap = way
         return True
 
-    def _trajectory(self, trajectory: Trajectory, tau: float) -> tuple[_Leg, float]:
+    def _trajectory(self, trajectory: Trajectory, tau: float) -> tuple[Leg, float]:
         """Return the leg along a trajectory, and how far [s] it has come."""
         limits = self.limits
         if limits is None:
-            return _Leg(trajectory.sample), tau
+            return Leg(trajectory.sample), tau
         motion = within(trajectory, limits)
         if isinstance(motion, Dilated):
             self.slowed, tau = motion.slowest, motion.time_at(tau)
         leg = self._along(motion, 0.0)
         if tau >= motion.duration:
             return self._to_rest(self.last, motion.sample(motion.duration).at_rest()), 0.0
-        if _is_alike(self.last, motion.sample(tau)):
+        if is_alike(self.last, motion.sample(tau)):
             return leg, tau
         plan = join(self.last, motion.sample, tau, limits, 0.0)
         return self._then(plan, self._along(motion, tau + plan.duration), self._brake), 0.0
 
-    def _along(self, motion: Trajectory | Dilated, offset: float) -> _Leg:
+    def _along(self, motion: Trajectory | Dilated, offset: float) -> Leg:
         """Return the leg along a motion from the time ``offset`` [s] on."""
         sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
         end = motion.sample(motion.duration)
         if not (end.dp_d.any() or end.omega_d.any()):
-            return _Leg(sample)
+            return Leg(sample)
         left = max(motion.duration - offset, 0.0)
-        return _Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
+        return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
 
     def _set_point(
         self, point: SetPoint, begin: int, tau: float, t: int
-    ) -> tuple[_Leg, float] | None:
+    ) -> tuple[Leg, float] | None:
         """Return the leg to a set-point and on, and how far [s] it has come; None: as it was."""
         limits, stream, before = self.limits, self._stream, self._at
         if limits is None:
             self._ends = begin + round(point.lasting * 1e9) if point.moves else None
-            return _Leg(point.sample), tau
+            return Leg(point.sample), tau
         stream.take(point.frames[0], begin / 1e9, limits)
         self._taken = t
         assert stream.frame is not None
-        line, late = _bounded(stream.frame, limits), 0.0
+        line, late = bounded(stream.frame, limits), 0.0
         if stream.has_twists:
             tau = min(tau, point.lasting)  # one that comes late leads on by its twist, so far
             lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
             self._ends = t + round(lasting * 1e9)
             dt = 0.0 if before is None or self._waited else (t - before) / 1e9
-            if self._passes(point.sample(tau), dt):
+            if passes(self._before, point.sample(tau), dt, limits):
                 return self._goes_on(point.frames[0], tau, lasting, t), tau
         elif not stream.interval:
             return self._to_rest(self.last, line), 0.0
@@ -318,130 +290,65 @@ class Shaper:
         end = self._brake if stream.has_twists else self._to_the_last
         expires = t + round(lasting * 1e9)
         if plan.duration >= lasting:
-            return _Leg(plan.sample, lasting, end, expires=expires, end=end), 0.0
+            return Leg(plan.sample, lasting, end, expires=expires, end=end), 0.0
         met, left = tau + plan.duration - late, lasting - plan.duration
-        on = _Leg(lambda s: line.moved(met + s), left, end, expires=expires, end=end)
+        on = Leg(lambda s: line.moved(met + s), left, end, expires=expires, end=end)
         leg = self._then(plan, on, self._brake)
         leg.expires, leg.end = expires, end
         return leg, 0.0
 
-    def _goes_on(self, frame: DesiredFrame, tau: float, lasting: float, t: int) -> _Leg:
+    def _goes_on(self, frame: DesiredFrame, tau: float, lasting: float, t: int) -> Leg:
         """Return the leg that leads on from a set-point: soon without its acceleration."""
         assert self.limits is not None
         soon = tau + min(max(1.5 * self._stream.interval, 1e-3), lasting)
-        line = _bounded(frame.moved(soon), self.limits)
+        line = bounded(frame.moved(soon), self.limits)
         expires = t + round(lasting * 1e9)
         left, end = max(tau + lasting - soon, 0.0), self._brake
-        on = _Leg(line.moved, left, end, expires=expires, end=end)
-        return _Leg(frame.moved, soon, lambda _: on, expires=expires, end=end)
+        on = Leg(line.moved, left, end, expires=expires, end=end)
+        return Leg(frame.moved, soon, lambda _: on, expires=expires, end=end)
 
-    def _passes(self, frame: DesiredFrame, dt: float) -> bool:
-        """Return whether the limits allow a frame dt [s] after the one before."""
-        limits, before = self.limits, self._before
-        if limits is None or not dt > 0:
-            return False
-        ways = frame.p_d - before.p_d, log(frame.R_d @ before.R_d.T)
-        return all(
-            _norm(v) <= speed
-            and _norm(a) <= _MARGIN * most
-            and _norm(v - v_0) <= _MARGIN * most * dt
-            and _norm(a - a_0) <= _MARGIN * jerk * dt
-            and _norm(v - v_0 - dt / 2 * (a + a_0)) <= _MARGIN * jerk * dt**2
-            and _norm(way - dt / 2 * (v + v_0)) <= _MARGIN * most * dt**2 / 2
-            for way, v, v_0, a, a_0, speed, most, jerk in zip(
-                ways,
-                (frame.dp_d, frame.omega_d),
-                (before.dp_d, before.omega_d),
-                (frame.ddp_d, frame.domega_d),
-                (before.ddp_d, before.domega_d),
-                limits.speeds,
-                limits.accelerations,
-                limits.jerks,
-                strict=True,
-            )
-        )
-
-    def _jog(self, jog: Jog, t: int) -> _Leg:
+    def _jog(self, jog: Jog, t: int) -> Leg:
         """Return the leg that attains a twist, and ends."""
         if self.limits is None:
             line = self.last._replace(dp_d=jog.twist[:3], omega_d=jog.twist[3:]).moved
-            return _Leg(line, jog.lasting, lambda here: _rest(here))
+            return Leg(line, jog.lasting, lambda here: resting(here))
         plan = attain(self.last, jog.twist, self.limits)
         expires = t + round(jog.lasting * 1e9)
         end = self._brake
-        return _Leg(plan.sample, jog.lasting, end, expires=expires, end=end)
+        return Leg(plan.sample, jog.lasting, end, expires=expires, end=end)
 
     # --- ends ----------------------------------------------------------------------------
 
-    def _then(self, plan: Plan, leg: _Leg, otherwise: Callable[[DesiredFrame], _Leg]) -> _Leg:
+    def _then(self, plan: Plan, leg: Leg, otherwise: Callable[[DesiredFrame], Leg]) -> Leg:
         """Return the leg of a plan that a leg follows, if the plan ends where that begins."""
 
-        def then(here: DesiredFrame) -> _Leg:
-            return leg if _is_there(here, leg.sample(0.0)) else otherwise(here)
+        def then(here: DesiredFrame) -> Leg:
+            return leg if is_there(here, leg.sample(0.0)) else otherwise(here)
 
-        return _Leg(plan.sample, plan.duration, then)
+        return Leg(plan.sample, plan.duration, then)
 
-    def _to_rest(self, here: DesiredFrame, goal: DesiredFrame) -> _Leg:
+    def _to_rest(self, here: DesiredFrame, goal: DesiredFrame) -> Leg:
         """Return the leg that ends at rest at a goal; where no plan leads there, after a stop."""
         assert self.limits is not None
         plan = reach(here, goal, self.limits)
         moves = here.dp_d.any() or here.omega_d.any()
         return self._then(
-            plan, _rest(goal), lambda end: self._again(end, goal) if moves else _rest(end)
+            plan, resting(goal), lambda end: self._again(end, goal) if moves else resting(end)
         )
 
-    def _again(self, here: DesiredFrame, goal: DesiredFrame) -> _Leg:
+    def _again(self, here: DesiredFrame, goal: DesiredFrame) -> Leg:
         """Return the leg that stops, and goes to a goal from there."""
         leg = self._brake(here)
         leg.then = lambda end: self._to_rest(end.at_rest(), goal)
         return leg
 
-    def _to_the_last(self, here: DesiredFrame) -> _Leg:
+    def _to_the_last(self, here: DesiredFrame) -> Leg:
         """Return the leg that ends at rest at the set-point that came last."""
         assert self._stream.last is not None
         return self._to_rest(here, self._stream.last.at_rest())
 
-    def _brake(self, here: DesiredFrame) -> _Leg:
+    def _brake(self, here: DesiredFrame) -> Leg:
         """Return the leg that comes to rest as soon as it can."""
         assert self.limits is not None
         plan = attain(here, np.zeros(6), self.limits)
-        return _Leg(plan.sample, plan.duration, _rest)
-
-
-def _rest(frame: DesiredFrame) -> _Leg:
-    held = frame.at_rest()
-    return _Leg(lambda _: held, is_held=True)
-
-
-def _norm(v: Array) -> float:
-    return math.sqrt(v @ v)
-
-
-def _is_there(here: DesiredFrame, there: DesiredFrame) -> bool:
-    """Return whether two frames are the same, and as fast."""
-    ways = (
-        distance(here, there),
-        (_norm(here.dp_d - there.dp_d), _norm(here.omega_d - there.omega_d)),
-    )
-    return all(
-        way <= most
-        for pair, bounds in zip(ways, _SAME, strict=True)
-        for way, most in zip(pair, bounds, strict=True)
-    )
-
-
-def _is_alike(here: DesiredFrame, there: DesiredFrame) -> bool:
-    """Return whether two frames are the same, as fast, and as accelerated."""
-    ways = _norm(here.ddp_d - there.ddp_d), _norm(here.domega_d - there.domega_d)
-    return _is_there(here, there) and all(
-        way <= most for way, most in zip(ways, _SAME_ACCELERATION, strict=True)
-    )
-
-
-def _bounded(frame: DesiredFrame, limits: MotionLimits) -> DesiredFrame:
-    """Return the frame with a twist, and no acceleration, within the limits."""
-    dp_d, omega_d = (
-        v if _norm(v) <= most else most / _norm(v) * v
-        for v, most in zip((frame.dp_d, frame.omega_d), limits.speeds, strict=True)
-    )
-    return DesiredFrame(frame.p_d, frame.R_d, dp_d, omega_d)
+        return Leg(plan.sample, plan.duration, resting)
