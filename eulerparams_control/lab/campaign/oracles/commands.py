@@ -164,6 +164,5 @@ class NoJump(Oracle):
 
 def follows(record: SequenceRecord, before: Command, after: Command) -> bool:
     """Whether a command acts while the one before still does."""
-    silence = after.t - before.t  # the robot looks at it once a period
-    timeout = COMMAND_TIMEOUT - record.period / 2 + record.jitter
-    return before.life == after.life and silence <= timeout
+    silence = after.t - before.t
+    return before.life == after.life and silence <= COMMAND_TIMEOUT + record.jitter
