@@ -67,7 +67,10 @@ class SingularityError(EulerParamsError):
 class FollowingError(EulerParamsError):
     """The arm does not follow its commands."""
 
-    remedy = "find what blocks, brakes or delays the arm, then send the reference again"
+    remedy = (
+        "find what blocks, brakes or delays the arm, then send the reference again; one out of "
+        "reach, nearer"
+    )
 
 
 class UnsafeCommandError(EulerParamsError):

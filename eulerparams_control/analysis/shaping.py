@@ -61,5 +61,6 @@ class Departure:
             f"with time at {100 * self.slowest:.3g} % at the slowest": self.slowest < _AS_ASKED,
         }
         words = ", ".join(text for text, differs in found.items() if differs)
-        errors = "errors here are those against what was asked"
-        return f"the motion was made to differ from what was asked, {words}: {errors}" * bool(words)
+        if self.distance or self.angle:  # else nothing is known of what was asked
+            words += ": errors here are those against what was asked" * bool(words)
+        return f"the motion was made to differ from what was asked, {words}" * bool(words)

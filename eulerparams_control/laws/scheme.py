@@ -70,7 +70,8 @@ class ErrorBounds:
         if distance > self.position:
             raise FollowingError(
                 f"the tip is {distance:.3f} m from the desired frame; at most {self.position} m is "
-                "allowed: is the arm braked or blocked, or at a limit of its joints? then send the "
+                "allowed: is the pose out of reach, or across a singularity? then send a nearer "
+                "one; is the arm braked or blocked, or at a limit of its joints? then send the "
                 "reference again; is the computer late? then lower the gains k_P and k_V; else "
                 "raise max_error_position"
             )
