@@ -25,6 +25,7 @@ from eulerparams_control.laws.rotations import (
     R_axis,
     S,
     angle_between,
+    chord,
     body_rates,
     cross,
     exp,
@@ -264,3 +265,4 @@ def test_angle_between_two_frames_is_the_angle_of_their_mutual_rotation(theta):
     for R_2, R_1 in pairs_apart(theta, 20):
         assert angle_between(R_1, R_2) == pytest.approx(theta, abs=ALGEBRAIC)
         assert angle_between(R_2, R_1) == pytest.approx(theta, abs=ALGEBRAIC)
+        assert chord(R_1, R_2) == pytest.approx(2 * math.sin(theta / 2), abs=1e-7)

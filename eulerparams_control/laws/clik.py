@@ -16,7 +16,7 @@ from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import SHORTEST, Difference, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, chord
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -102,8 +102,8 @@ class ClikLaw:
         if math.isfinite(most[0]):
             k_Pp = min(k_Pp, math.sqrt(2 * most[0] / (math.sqrt(dp_de @ dp_de) + _TINY)))
         if math.isfinite(most[1]):
-            chord = math.sqrt(max(3.0 - float(np.vdot(desired.R_d, state.R_e)), 0.0))
-            k_Po = min(k_Po, math.sqrt(2 * most[1] / (chord + _TINY)) / slope)
+            away = chord(desired.R_d, state.R_e)
+            k_Po = min(k_Po, math.sqrt(2 * most[1] / (away + _TINY)) / slope)
         v = np.concatenate(
             (
                 desired.dp_d + dt / 2 * desired.ddp_d + k_Pp * dp_de,

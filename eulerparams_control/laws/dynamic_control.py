@@ -17,7 +17,7 @@ from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics, check_model, fitted
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.laws.rotations import Array, chord
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -86,7 +86,7 @@ class ResolvedAcceleration:
         x_de = self.orientation.displacement(desired.R_d, arm.R_e, previous)  # eqs. (22), (27)
         k_Pp, k_Po = self.k_Pp, self.k_Po
         if motion is not None:
-            k_Pp, k_Po = self._braked(dp_de, angle_between(desired.R_d, arm.R_e), motion, drift)
+            k_Pp, k_Po = self._braked(dp_de, chord(desired.R_d, arm.R_e), motion, drift)
         a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + k_Pp * dp_de  # (36)
         a_o = self.orientation.resolved_acceleration(  # eqs. (38), (40)
             x_de, desired.omega_d, desired.domega_d, arm.omega_e, k_Po, self.k_Vo

@@ -224,6 +224,11 @@ def _jacobian_coefficients(theta: float) -> tuple[float, float, float, float]:
     return a, b, (sin / theta - 2 * a) / t2, ((1 - cos) / t2 - 3 * b) / t2
 
 
+def chord(R_1: Array, R_2: Array) -> float:
+    """Return 2 sin(theta / 2) of the rotation from R_1 to R_2: its angle, where that is small."""
+    return math.sqrt(max(3.0 - float(np.vdot(R_1, R_2)), 0.0))
+
+
 def angle_between(R_1: Array, R_2: Array) -> float:
     """Return the angle [rad] in [0, pi] of the rotation from R_1 to R_2."""
     return mutual_R(R_1, R_2).theta
