@@ -243,12 +243,12 @@ def test_pose_error_and_diagnostics_report_the_loop(node):
 def test_the_error_and_the_lyapunov_function_are_those_of_the_state(node, k_Po):
     errors = node.peer.listen(TwistStamped, f"{node.name}/error")
     functions = node.peer.listen(Float64MultiArray, f"{node.name}/lyapunov")
-    node.change(k_Po=k_Po, **UNSHAPED)
+    node.change(k_Po=k_Po, **UNSHAPED | {"max_joint_acceleration": [20.0]})
     p, R = pose(HOME)
     desired = DesiredFrame(p + [0.0, 0.02, 0.0], rodrigues(0.15, np.array([0.0, 0.6, 0.8])) @ R)
     node.follow(reference(desired))
     states = {}
-    for _ in range(120):  # the joints are too slow for it at first: so time is
+    for _ in range(120):  # the joints are too slow for it at first
         node.arm.tick()
         states[node.arm.t] = MODEL.state(node.arm.q, node.arm.dq)
 
