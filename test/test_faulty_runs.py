@@ -381,11 +381,12 @@ def test_the_bag_has_commands_as_they_were_made_and_as_the_robot_got_them(killed
     assert broken("/faulty/joint_reference") > 0
     assert "command rejected: joint_reference has a non-finite" in log(killed[0], "pybullet_bridge")
     said = log(killed[0], "fault_injector")
-    for words in ("begins", "ends"):
-        assert said.count(f"{words}: {{fault: nan, topic: joint_reference") == 1
+    fault = "{fault: nan, topic: joint_reference"
+    for words in (f"begins: {fault}", f"ends: {fault}", "at work: nan on joint_reference"):
+        assert said.count(words) == 1
     statuses = (s for found in bag.messages(["/diagnostics"]) for s in found.message.status)
     told = {status.message for status in statuses if status.name == "fault_injector"}
-    assert {"at work: nan on joint_reference", "no fault at work, 0 to come"} <= told
+    assert "no fault at work, 0 to come" in told
 
 
 @pytest.mark.slow
