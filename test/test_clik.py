@@ -23,6 +23,7 @@ from eulerparams_control.laws.orientation import (
 )
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import way_points
 
 DT = 1e-3  # [s]
@@ -154,6 +155,25 @@ def run_and_replace(laws, blend_time=0.1, steps=30, goal=None):
     for other in laws[1:]:
         schemes[1].replace_law(other)
     return schemes, goal, last[-1].command.dq
+
+
+@every_orientation
+@pytest.mark.parametrize(("x", "angle"), [(0.02, 0.05), (0.2, 0.8), (1e-5, 1e-5)])
+def test_an_error_is_undone_no_faster_than_the_tip_may_be_and_can_stop(orientation, x, angle):
+    motion, state = MotionLimits(0.25, 1.0, 1.0, 4.0), UR5.state(HOME, STILL)
+    goal = DesiredFrame(state.p_e + [x, 0.0, 0.0], about(2, angle) @ state.R_e)
+    bounded, free = (
+        state.J @ law(orientation, 100.0).velocity(state, goal, None, 0.0, one)[0]
+        for one in (motion, None)
+    )
+    v = np.linalg.norm(bounded[:3])
+    assert v <= min(0.25, math.sqrt(2 * 1.0 * x)) * (1 + RELATIVE)
+    most = min(1.0, math.sqrt(2 * 4.0 * angle))
+    assert np.linalg.norm(bounded[3:]) <= most * (1 + RELATIVE)
+    if x == 1e-5:  # small errors are undone as ever
+        np.testing.assert_allclose(bounded, free, rtol=RELATIVE)
+    else:
+        assert v >= 0.99 * min(0.25, math.sqrt(2 * 1.0 * x))
 
 
 def law_differs(before, after, state, goal):

@@ -209,7 +209,7 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
 def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
     limits, dt = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0), 0.05
     law = ClikLaw(representation("rotation_vector"), 8.0, 8.0)
-    scheme = Clik(UR5, law, feedback, UR5.limits, tip=limits)
+    scheme = Clik(UR5, law, feedback, UR5.limits, motion=limits)
     running, q, tips = Controller(scheme, ControllerOptions(motion=limits), HOME), HOME, []
     running.aim(moved(0.25, 0.9))
     for step in range(60):
@@ -230,7 +230,7 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
     joints = replace(UR5.limits, acceleration=np.full(6, 10.0))
     law = ClikLaw(representation("euler_parameters"), 100.0, 200.0)
-    scheme = Clik(UR5, law, limits=joints, tip=limits)
+    scheme = Clik(UR5, law, limits=joints, motion=limits)
     running, home = Controller(scheme, ControllerOptions(motion=limits), HOME), pose_of(HOME)
     running.aim(home._replace(p_d=home.p_d + way))
     command = JointCommand(HOME, STILL)

@@ -32,9 +32,6 @@ from eulerparams_control.robot.robot import Robot, RobotState
 
 FEEDBACKS = ("internal", "measured")
 
-# An error [m, rad] that is none.
-_TINY = 1e-12
-
 
 @dataclass(frozen=True)
 class ClikLaw:
@@ -67,7 +64,7 @@ class ClikLaw:
         desired: DesiredFrame,
         previous: Any,
         dt: float = 0.0,
-        most: tuple[float, float] = (math.inf, math.inf),
+        motion: MotionLimits | None = None,
     ) -> tuple[Any, ...]:
         """Return dq (n,) [rad/s], dp_de (3,) [m] and x_de.
 
@@ -82,15 +79,12 @@ class ClikLaw:
         Likewise dp_d, omega_d are their means over dt at constant acceleration: what is held
         for dt then leads to where the desired frame will be.
 
-        Where accelerations are bounded by a, a gain is sqrt(2 a / |e|) at most: beyond that the
-        arm could not stop where the error is none, and would swing about it.
-
         Args:
             state: kinematics of the arm.
             desired: the desired frame.
             previous: x_de of the tick before, or None.
             dt: for how long dq will act [s]; 0: in continuous time.
-            most: [m/s^2], [rad/s^2] by which the tip may brake.
+            motion: limits of the tip, within which errors are undone; None: at any speed.
 
         Raises:
             SingularityError: if the representation has no finite answer.
@@ -99,11 +93,9 @@ class ClikLaw:
         x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
         slope = self.orientation.slope
         k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, slope * dt)
-        if math.isfinite(most[0]):
-            k_Pp = min(k_Pp, math.sqrt(2 * most[0] / (math.sqrt(dp_de @ dp_de) + _TINY)))
-        if math.isfinite(most[1]):
-            away = chord(desired.R_d, state.R_e)
-            k_Po = min(k_Po, math.sqrt(2 * most[1] / (away + _TINY)) / slope)
+        if motion is not None:
+            angle = chord(desired.R_d, state.R_e)
+            k_Pp, k_Po = self._braked(k_Pp, k_Po, dp_de, x_de, angle, motion)
         v = np.concatenate(
             (
                 desired.dp_d + dt / 2 * desired.ddp_d + k_Pp * dp_de,
@@ -118,6 +110,28 @@ class ClikLaw:
             dq_0 = _over(self.k_posture, dt) * self.difference(self.posture, state.q)
             dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
         return dq, dp_de, x_de
+
+    def _braked(
+        self,
+        k_Pp: float,
+        k_Po: float,
+        dp_de: Array,
+        x_de: Any,
+        angle: float,
+        motion: MotionLimits,
+    ) -> tuple[float, float]:
+        """Return the gains, smaller where errors are so large that the tip would overshoot.
+
+        An error e asks for the speed k e: no more than that from which the tip stops where e is 0.
+        """
+        distance, slope = math.sqrt(dp_de @ dp_de), self.orientation.slope
+        v, omega = motion.approach(distance, angle)
+        if k_Pp * distance > v:
+            k_Pp = v / distance
+        if 2 * k_Po * slope * angle > omega:  # where x_de is large it is not slope times the angle
+            asked = self.orientation.resolved_velocity(x_de, np.zeros(3), k_Po)
+            k_Po *= omega / max(math.sqrt(asked @ asked), omega)
+        return k_Pp, k_Po
 
     @cached_property
     def fastest_gain(self) -> LoopGain:
@@ -148,8 +162,8 @@ class Clik(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
         max_deviation: [rad or m] of the measured from the integrated q, while limits are on.
         max_error: of the tip, while limits are on.
-        tip: its limits, which bound how fast an error is undone, and what measured feedback may
-            ask for, which overshoots.
+        motion: limits of the tip, which bound how fast an error is undone, and what measured
+            feedback may ask for, which overshoots; None if there are none.
 
     Raises:
         ConfigurationError: if the feedback is unknown or the posture has the wrong size.
@@ -164,7 +178,7 @@ class Clik(Scheme):
         blend_time: float = 0.1,
         max_deviation: float = 0.1,
         max_error: ErrorBounds = ErrorBounds(),  # noqa: B008  it is frozen
-        tip: MotionLimits = MotionLimits(),  # noqa: B008  it is frozen
+        motion: MotionLimits | None = None,
     ) -> None:
         if feedback not in FEEDBACKS:
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
@@ -173,7 +187,7 @@ class Clik(Scheme):
         self.limits = limits
         self._blend = Blend(blend_time)
         self.max_deviation, self.max_error = max_deviation, max_error
-        self.tip = tip
+        self.motion = motion
         self._x_de: Any = None
         self.law = _checked(law, robot)
         self.reset(np.zeros(robot.n))
@@ -251,16 +265,16 @@ class Clik(Scheme):
             state = self.robot.state(q_c, self._dq)
         else:
             state = self.robot.state(q, dq)
-        most = (math.inf, math.inf) if self.limits is None else self.tip.accelerations
-        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, most)
+        motion = None if self.limits is None else self.motion
+        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
         dq_c = dq_c + self._blend.offset(dt, dq_c)
         saturated, excess = False, 1.0
         if not np.all(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
             self.max_error.refuse(desired, state)
-            if self.feedback != "internal":
-                dq_c = dq_c / self._too_fast(q_c + dt / 2 * dq_c, dq_c, desired)
+            if self.feedback != "internal" and motion is not None:
+                dq_c = dq_c / self._too_fast(q_c + dt / 2 * dq_c, dq_c, desired, motion)
             excess = self.limits.excess(dq_c)
             lasts = dt if dt > 0 else SHORTEST
             dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, lasts, self._dq)
@@ -268,7 +282,7 @@ class Clik(Scheme):
         command = JointCommand(q_c, dq_c)
         return Tick(command, state, desired, dp_de, x_de, saturated, excess=excess)
 
-    def _too_fast(self, q: Array, dq: Array, desired: DesiredFrame) -> float:
+    def _too_fast(self, q: Array, dq: Array, desired: DesiredFrame, motion: MotionLimits) -> float:
         """Return by how much the tip, at q, dq (n,), is beyond its speeds; 1 if it is not."""
         tip = self.robot.state(q, dq)
         pairs = (tip.dp_e, desired.dp_d), (tip.omega_e, desired.omega_d)
@@ -276,7 +290,7 @@ class Clik(Scheme):
             1.0,
             *(
                 math.sqrt(v @ v) / max(most, math.sqrt(v_d @ v_d))
-                for (v, v_d), most in zip(pairs, self.tip.speeds, strict=True)
+                for (v, v_d), most in zip(pairs, motion.speeds, strict=True)
             ),
         )
 

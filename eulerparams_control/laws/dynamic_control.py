@@ -98,20 +98,19 @@ class ResolvedAcceleration:
     ) -> tuple[float, float]:
         """Return k_Pp, k_Po, smaller where errors are so large that the tip would overshoot.
 
-        An error e asks for the speed k_P e / k_V: within the limit, and no more than sqrt(2 a e),
-        from which the acceleration a stops in time.  Bounded accelerations would swing else.
+        An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
+        e is 0.  Bounded accelerations would swing else.
         """
-        slope, gains = self.orientation.slope, []
-        for e, k_P, k_V, speed, a, resisted in zip(
-            (math.sqrt(dp_de @ dp_de), angle),
+        slope, gains, errors = self.orientation.slope, [], (math.sqrt(dp_de @ dp_de), angle)
+        for e, k_P, k_V, speed, resisted in zip(
+            errors,
             (self.k_Pp, slope * self.k_Po),
             (self.k_Vp, self.k_Vo),
-            motion.speeds,
-            motion.accelerations,
+            motion.approach(*errors),
             (drift[:3], drift[3:]),
             strict=True,
         ):
-            pull = k_V * min(speed, math.sqrt(2 * a * e)) + math.sqrt(resisted @ resisted)
+            pull = k_V * speed + math.sqrt(resisted @ resisted)
             gains.append(k_P if k_P * e <= pull else pull / e)
         return gains[0], gains[1] / slope
 

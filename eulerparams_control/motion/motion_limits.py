@@ -32,6 +32,14 @@ class MotionLimits:
         ]
         return min(ratios, default=1.0)
 
+    def approach(self, distance: float, angle: float) -> tuple[float, float]:
+        """Return how fast [m/s], [rad/s] the tip may go to what is so far away, and stop there."""
+        linear, angular = (
+            min(speed, math.sqrt(2 * a * e) if e > 0 else 0.0)
+            for e, speed, a in zip((distance, angle), self.speeds, self.accelerations, strict=True)
+        )
+        return linear, angular
+
     @property
     def speeds(self) -> tuple[float, float]:
         """Of the point and of the turning."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import ErrorBounds
-from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.parameters.schemes import POSITION
@@ -49,11 +48,11 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Clik:
         """Return CLIK for a robot."""
         deviation, error = self.max_deviation, self.max_error()
-        tip = self.motion_limits() or MotionLimits()
-        return Clik(robot, self.law(), self.feedback, limits, 0.1, deviation, error, tip)
+        motion = self.motion_limits()
+        return Clik(robot, self.law(), self.feedback, limits, 0.1, deviation, error, motion)
 
     def change_scheme(self, scheme: Clik, limits: JointLimits | None) -> None:
         """Let a running CLIK go over to these parameters."""
         scheme.replace_law(self.law())
         scheme.limits, scheme.max_error = limits, self.max_error()
-        scheme.tip = self.motion_limits() or MotionLimits()
+        scheme.motion = self.motion_limits()
