@@ -136,8 +136,8 @@ def test_an_arm_that_does_not_come_to_rest_is_let_alone_in_the_end(world, execut
         node.arm.t += 1_000_000
         node.arm.send(node.arm.message())  # it goes on as it did, whatever it is told
         world.advance(0.01)
-        assert world.now < start + LONGEST + 0.1
-    assert world.now > start + LONGEST - 0.1
+        assert world.now < start + LONGEST + 0.6
+    assert world.now > start + LONGEST + 0.3  # twice v / a more
     if executable == "dynamic_control":  # its brakes have to act, not an effort of a moment ago
         assert_may_stay(node.sent[-1], node.arm)
 

@@ -105,6 +105,12 @@ class Controller:
             self.supervisor.change(ModeEvent.FAULT, contested(names))
 
     @property
+    def stop_time(self) -> float:
+        """The time [s] in which the motion can come to rest from its present speed."""
+        limits, now = self.options.motion, self.guidance.motion.last
+        return 0.0 if limits is None else limits.stop_time(now.dp_d, now.omega_d)
+
+    @property
     def is_at_rest(self) -> bool:
         """Whether the arm was measured to be at rest, and is not told to move."""
         command = self._command

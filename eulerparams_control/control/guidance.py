@@ -7,7 +7,6 @@ import numpy as np
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.speed_scaling import CREEP, SpeedScaling
 from eulerparams_control.errors import FollowingError, SingularityError
-from eulerparams_control.laws.compliant_frame import STOP_TIME
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
@@ -148,7 +147,7 @@ class Guidance:
         scheme, motion, scale = self.scheme, self.motion, self.scale
         is_shaped = self._options.motion is not None
         if scheme.is_frozen and is_shaped:  # it comes to rest as the compliant frame does
-            scale.forget(scale.now * math.exp(-dt / STOP_TIME))
+            scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
         u = 0.0 if scheme.is_frozen and not is_shaped else scale.now
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))

@@ -22,6 +22,7 @@ from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, cross, exp
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
 
@@ -32,7 +33,7 @@ MAX_RATE = 1000.0
 _STEP = 0.5
 
 STOP_TIME = 0.05
-"""A frozen compliant frame comes to rest with this time constant [s]."""
+"""A frozen compliant frame comes to rest with this time constant [s], a fast one later."""
 
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
@@ -139,24 +140,31 @@ class CompliantFrame:
         )
         self.now, self._desired, self._input = frame, desired, None
 
-    def freeze(self, dt: float, actual: DesiredFrame) -> DesiredFrame:
+    def stop_time(self, motion: MotionLimits | None) -> float:
+        """Return the time constant [s] to come to rest with, within accelerations of the tip."""
+        if self.now is None or motion is None:
+            return STOP_TIME
+        return max(STOP_TIME, motion.stop_time(self.now.dp_d, self.now.omega_d))
+
+    def freeze(self, dt: float, actual: DesiredFrame, T: float = STOP_TIME) -> DesiredFrame:
         """Return the compliant frame, which comes to rest until the next step.
 
         Args:
             dt: [s] after the last.
             actual: its first pose, if it has none yet.
+            T: time constant [s].
         """
         before = self.now or actual.at_rest()
-        left = math.exp(-dt / STOP_TIME)
-        gone = STOP_TIME * (1 - left)  # the way [s] of a velocity that decays
+        left = math.exp(-dt / T)
+        gone = T * (1 - left)  # the way [s] of a velocity that decays
         dp, omega = left * before.dp_d, left * before.omega_d
         self.now = DesiredFrame(
             before.p_d + gone * before.dp_d,
             exp(gone * before.omega_d) @ before.R_d,
             dp,
             omega,
-            -dp / STOP_TIME,
-            -omega / STOP_TIME,
+            -dp / T,
+            -omega / T,
         )
         self._desired = self._wrench = self._input = None  # the next step begins from here
         return self.now

@@ -251,7 +251,7 @@ class DynamicControl(Scheme):
         self._saturated = False
         self._tau: Array | None = None
         self._x_de = None
-        self._held: Array | None = None
+        self._braked: tuple[Array, Array] | None = None  # q, dq (n,) of joints that are to stop
         self._blend.reset()
 
     def skip(self) -> None:
@@ -265,28 +265,32 @@ class DynamicControl(Scheme):
         self._tau = tau
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return efforts that hold the joints where they came to rest after this began.
+        """Return efforts that stop the joints within their accelerations, and hold them there.
 
-        tau = B (k (q_held - q) - d dq) + C dq + g: it needs neither J nor the orientation.
-        Friction, which helps to stop, is not compensated.
+        tau = B (ddq_b + d (dq_b - dq) + k (q_b - q)) + C dq + g, b for braked: it needs neither J
+        nor the orientation.  Friction, which helps to stop, is not compensated.
         """
         state = self.robot.dynamic_state(q, dq)
-        if self._held is None:
-            self._held = q + self._braking_distance(dq)
+        since = 0.0 if self._braked is None else dt
+        q_b, dq_b, ddq_b = self._brake(since, *(self._braked or (q, dq)))
+        self._braked = q_b, dq_b
         self._q, self._x_de = q, None
         self._blend.reset()
-        ddq = _HOLD_K * self.robot.limits.difference(self._held, q) - _HOLD_D * dq
+        ddq = ddq_b + _HOLD_D * (dq_b - dq) + _HOLD_K * self.robot.limits.difference(q_b, q)
         dynamics = replace(self.dynamics, friction=None)
         try:
             return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
         except SingularityError:  # the measured state gives no finite frame
             return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
 
-    def _braking_distance(self, dq: Array) -> Array:
-        """Return how far (n,) the joints go until they have stopped within their accelerations."""
-        if self.limits.joints is None:
-            return np.zeros_like(dq)
-        return dq * float((np.abs(dq) / self.limits.joints.acceleration).max()) / 2
+    def _brake(self, dt: float, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return q, dq, ddq (n,) after dt [s] of braking from q, dq within their accelerations."""
+        joints = self.limits.joints
+        lasts = 0.0 if joints is None else joints.stop_time(dq)
+        if lasts <= dt:
+            return q + lasts / 2 * dq, np.zeros_like(dq), np.zeros_like(dq)
+        left = 1 - dt / lasts
+        return q + (1 + left) / 2 * dt * dq, left * dq, -dq / lasts
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the gravitational efforts at q (n,): nothing in them gets stale."""
@@ -322,7 +326,7 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        self._q, self._held = state.arm.q, None
+        self._q, self._braked = state.arm.q, None
         drift = _NO_DRIFT if self._drift is None else state.arm.J @ self._drift
         a, dp_de, x_de = self.law.acceleration(
             state.arm, desired, self._x_de, self.limits.motion, drift

@@ -16,7 +16,7 @@ import numpy as np
 
 from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.compliant_frame import STOP_TIME, ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
@@ -44,14 +44,14 @@ class NoMotionLoop:
     """
 
     def __init__(self, robot: Robot, limits: EffortLimits) -> None:
-        self.robot, self._limits = robot, limits
+        self.robot, self.limits = robot, limits
 
     fastest_gain, hold_rate = None, 0.0  # the loops are those of the robot
 
     @property
     def bounds(self) -> Bounds:
         """The limits of the joints."""
-        return Bounds(self._limits.joints)
+        return Bounds(self.limits.joints)
 
     def bound(self, joints: JointLimits) -> None:
         """Go on: no joint is commanded."""
@@ -79,14 +79,14 @@ class NoMotionLoop:
         self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
-        self._limits.refuse_error(desired, state.arm)
+        self.limits.refuse_error(desired, state.arm)
         return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
     ) -> None:
         """Take over the limits."""
-        self._limits = limits
+        self.limits = limits
 
 
 MotionLoop = DynamicControl | NoMotionLoop
@@ -155,6 +155,8 @@ class ImpedanceControl(Scheme):
         chain: of the wrench, with its tare; None is a new one.
     """
 
+    stop_time = STOP_TIME
+
     def __init__(
         self, motion: MotionLoop, law: ImpedanceLaw, chain: WrenchChain | None = None
     ) -> None:
@@ -185,6 +187,7 @@ class ImpedanceControl(Scheme):
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
         if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
             self._fade.replace(-self._h)
+            self.stop_time = self._compliant.stop_time(self.motion.limits.motion)
         self._sensed = wrench
 
     def replace_law(
@@ -374,7 +377,7 @@ class ImpedanceControl(Scheme):
         actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
         if self.is_frozen:
             self._was_frozen = self._compliant.now is not None
-            return self._compliant.freeze(dt, actual)
+            return self._compliant.freeze(dt, actual, self.stop_time)
         if self._was_frozen and self._compliant.now is not None:
             self.law.refuse_return(desired, self._compliant.now)
         self._was_frozen = False

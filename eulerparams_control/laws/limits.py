@@ -78,6 +78,10 @@ class JointLimits:
         """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
         return np.abs(self.difference(q_c, q))
 
+    def stop_time(self, dq: Array) -> float:
+        """Return the time [s] in which joints stop together from dq (n,); efforts follow late."""
+        return float((np.abs(dq) / (_PLANNED * self.acceleration)).max())
+
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
         return bool((q <= self.upper).all() and (q >= self.lower).all())

@@ -142,9 +142,11 @@ class Scheme(ABC):
 
     Attributes:
         robot: the arm.
+        stop_time: time constant [s] with which the desired motion comes to rest, if it is frozen.
     """
 
     robot: Robot
+    stop_time: float
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the frame of the tip at rest at the positions q (n,)."""

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from eulerparams_control.laws.rotations import Array
+
 
 @dataclass(frozen=True)
 class MotionLimits:
@@ -39,6 +41,16 @@ class MotionLimits:
             for e, speed, a in zip((distance, angle), self.speeds, self.accelerations, strict=True)
         )
         return linear, angular
+
+    def stop_time(self, v: Array, omega: Array) -> float:
+        """Return the time [s] in which the tip stops from v (3,) [m/s], omega (3,) [rad/s].
+
+        From more than its speeds it takes no longer than from these.
+        """
+        return max(
+            min(math.sqrt(one @ one), speed) / a if math.isfinite(a) else 0.0
+            for one, speed, a in zip((v, omega), self.speeds, self.accelerations, strict=True)
+        )
 
     @property
     def speeds(self) -> tuple[float, float]:

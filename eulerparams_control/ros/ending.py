@@ -7,7 +7,8 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 
 LONGEST = 3.0
-"""[s] that an arm is given to come to rest; then it is let alone where it is."""
+"""[s] that an arm is given to come to rest, beside twice the time that its limits need for it; then
+it is let alone where it is."""
 
 
 class Ending:
@@ -27,7 +28,8 @@ class Ending:
     def begin(self, controller: Controller | None, *then: Callable[[], None]) -> None:
         """End a controller, if there is one; call ``then`` when its arm is released."""
         if controller is not None and self._controller is None:
-            self._controller, self._deadline = controller, steady() + LONGEST
+            self._controller = controller
+            self._deadline = steady() + LONGEST + 2 * controller.stop_time
             controller.end()
         self._then += then
         self.review()
