@@ -513,7 +513,7 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
 @pytest.mark.parametrize("silence", [0.01, 0.2, 1.0])
 def test_a_wrench_is_lost_and_back_and_the_motion_stays_within_the_acceleration(silence):
     most = MotionLimits(0.2, 1.0, 1.0, 4.0, 20.0, 80.0)
-    scheme, R = admittance(), MIDDLE.R_d
+    scheme, R = admittance(EffortLimits(motion=most)), MIDDLE.R_d
     controller = Controller(scheme, ControllerOptions(motion=most), at_the_middle())
     speeds = []
     for k in range(2000):
