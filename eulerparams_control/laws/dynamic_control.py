@@ -287,8 +287,9 @@ class DynamicControl(Scheme):
         """Return q, dq, ddq (n,) after dt [s] of braking from q, dq within their accelerations."""
         joints = self.limits.joints
         lasts = 0.0 if joints is None else joints.stop_time(dq)
-        if lasts <= dt:
-            return q + lasts / 2 * dq, np.zeros_like(dq), np.zeros_like(dq)
+        if lasts == 0:
+            return q, np.zeros_like(dq), np.zeros_like(dq)
+        lasts = max(lasts, 2 / _HOLD_D, dt)  # slow joints stop softly
         left = 1 - dt / lasts
         return q + (1 + left) / 2 * dt * dq, left * dq, -dq / lasts
 
