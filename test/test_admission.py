@@ -217,18 +217,39 @@ def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, f
     np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)  # later, but all of it
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.05])
-def test_under_efforts_the_arm_goes_on_through_a_gap_and_so_does_the_motion(gap):
+@pytest.mark.parametrize(
+    ("missed", "is_held", "leap", "is_simulated"),
+    [
+        (0, False, 0.0, False),
+        (25, False, 0.0, True),
+        (25, False, 0.0, False),
+        (25, True, 0.0, False),  # the first one comes as late as the next
+        (0, False, 0.046, False),  # of the stamps alone
+        (0, False, -0.046, False),
+        (0, False, -0.0465, False),
+        (25, False, 0.04, False),
+    ],
+)
+def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap, is_simulated):
     """The efforts acted: waiting would pull the arm back, by 4.5 m/s^2 after 50 ms."""
     plant = Plant()
     controller = Controller(dynamic_control(), CHECKED, HOME)
-    goal, tau, peak, missed = moved(0.2), None, 0.0, range(350, 350 + round(gap / DT))
+    goal, tau, peak, first = moved(0.2), None, 0.0, 350
     for step in range(1000):
-        if step not in missed:
-            t = T_0 + round(step * DT * 1e9)
-            tau = controller.step(t, plant.q.copy(), plant.dq.copy()).effort
-            if step == 0:
-                controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+        states = [(step * DT + leap * (step >= first), plant.q.copy(), plant.dq.copy())]
+        if step == first:
+            held = states * is_held
+        if step < first + missed:
+            states *= step < first
+        elif step == first + missed:
+            states = held + states
+        for place, (stamp, q, dq) in enumerate(states):
+            receipt = None if is_simulated else 50.0 + step * DT + 1e-4 * place
+            with suppress(InvalidMessageError):  # until the stamps are where they were
+                command = controller.step(T_0 + round(stamp * 1e9), q, dq, receipt)
+                tau = tau if command is None else command.effort  # None: at the same stamp again
+        if step == 0:
+            controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
         ddq = plant.acceleration(plant.q, plant.dq, tau)
         if step > 345:
             a = plant.tip_acceleration(plant.q, plant.dq, ddq)

@@ -47,7 +47,7 @@ class Repeat(NamedTuple):
     """A state with the stamp of the last one.
 
     Attributes:
-        is_same: whether it says the same.
+        is_same: whether it says the same, or is another one, by a clock that was set back.
         silence: [s] since the stamp went on.
     """
 
@@ -81,6 +81,8 @@ class Accept(NamedTuple):
     Attributes:
         dt: [s] since the last one; 0 at the first, and after a restart.
         lost: [s] of it that no law is to integrate over: states are missing.
+        leapt: [s] of it by which the stamps alone went on: no time has passed; below 0: by which
+            they were set back, and more has.
         acted: [s] for which the command before has acted.
         is_first: whether it is the first.
         restart: what happened before it; None if it follows the last one.
@@ -89,6 +91,7 @@ class Accept(NamedTuple):
 
     dt: float
     lost: float
+    leapt: float
     acted: float
     is_first: bool
     restart: Restart | None
@@ -232,6 +235,11 @@ class Admission:
         conflicts = self.conflicts
         return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
 
+    @property
+    def _is_set_back(self) -> bool:
+        """Whether stamps are behind, but go on: those of a clock that was set back."""
+        return self._back >= _SET_BACK
+
     def refuse(self, at: Instant, q: Array, dq: Array, *, patient: bool = False) -> None:
         """Raise InvalidMessageError unless the state can be one of the robot, and of now.
 
@@ -248,9 +256,8 @@ class Admission:
             raise InvalidMessageError(
                 f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
             )
-        if self._back >= _SET_BACK:  # stamps that are behind, but go on: nothing is late
+        if self._is_set_back:  # nothing is late
             self._latency.forget()
-        self._back = 0
         if self._strict:
             self._refuse_impossible(at, dt, q, dq)
         if at.receipt is not None and (dt != 0 or self.clock.last is None):
@@ -279,6 +286,7 @@ class Admission:
         (dt, silence), last, restart = clock.step(at), clock.last, None
         if last is not None and at.stamp == last.stamp:
             is_same = np.array_equal(q, self._q) and np.array_equal(dq, self._dq)
+            is_same = is_same or self._is_set_back  # the clock has come to this stamp again
             if not is_same:
                 self.conflicts.append(at.seconds)
             return Repeat(is_same, silence)
@@ -297,17 +305,26 @@ class Admission:
             restart = Restart(why, silence > timeout, is_same, acts, usual, jump)
             dt = 0.0
         is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
-        acted = dt
+        acted, leapt = dt, 0.0
         if at.receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
+            leapt = 0.0 if restart else self._leapt(dt, silence)
         lost, acted = max(dt - longest, 0.0), min(acted, longest)
         if lost > 0 and at.receipt is not None:  # the stamps may have gone on alone
             lost = dt - min(longest, max(silence, usual))
-        return Accept(dt, lost, acted, last is None, restart, is_frozen)
+        return Accept(dt, lost, leapt, acted, last is None, restart, is_frozen)
 
     def take(self, at: Instant, q: Array, dq: Array) -> None:
         """Take a state for the last one; what it brings about has happened."""
-        self.clock.last, self._q, self._dq = at, q, dq
+        self.clock.last, self._q, self._dq, self._back = at, q, dq, 0
+
+    def _leapt(self, dt: float, silence: float) -> float:
+        """Return by how much more [s] the stamps went on than time, lost and late states apart."""
+        if self._is_set_back:
+            return dt - silence
+        usual = self.period.seconds
+        leapt = min(self._latency.early, dt - max(silence, usual))
+        return leapt if 0 < usual < 2 * leapt else 0.0  # less is jitter
 
     def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
         if (q != self._q).any():

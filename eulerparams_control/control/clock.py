@@ -147,6 +147,10 @@ class Latency:
 
     Args:
         most: [s] by which a state may be later than the best one.
+
+    Attributes:
+        early: [s] by which the last state was earlier than the best one before: stamps that go on
+            alone make it so, but not those of a state that follows on late ones.
     """
 
     def __init__(self, most: float) -> None:
@@ -156,6 +160,7 @@ class Latency:
     def forget(self) -> None:
         """Start again: another clock makes the stamps."""
         self._least: float | None = None
+        self.early = 0.0
         self._at = 0.0  # [s] when a state came last
         self._late_since = 0.0  # [s]; and the least and the most that they were behind since
         self._low, self._high = math.inf, -math.inf
@@ -172,7 +177,8 @@ class Latency:
         if self._least is None:
             self._least, self._at = behind, now
         pause = now - self._at
-        self._least, self._at = min(behind, self._least + _DRIFT * pause), now
+        best = self._least + _DRIFT * pause
+        self._least, self._at, self.early = min(behind, best), now, max(best - behind, 0.0)
         late = behind - self._least
         if late <= self.most or pause > _PAUSE:
             self._late_since, self._low, self._high = now, math.inf, -math.inf

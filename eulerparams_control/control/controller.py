@@ -216,10 +216,11 @@ class Controller:
         self._admission.take(at, q, dq)  # only now: a restart that fails is one again
         self._q, self._dq = q, dq
         supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
-        dt = state.dt
-        if state.lost and not self.limiter.commands_efforts:  # the arm has stayed where it was told
-            self.guidance.wait(state.lost)
-            dt -= state.lost
+        # under positions the arm has stayed where it was told, under efforts it has gone on
+        lost = state.leapt if self.limiter.commands_efforts else state.lost
+        dt = state.dt - lost
+        if lost:
+            self.guidance.wait(lost)
         if self.limiter.limits is not self._wanted:
             self._lower(dt)
         self._command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)

@@ -118,7 +118,7 @@ class Guidance:
         self.is_braking, self._jump = False, 0
 
     def wait(self, seconds: float) -> None:
-        """Let the motion be later by a time [s] in which the arm has not gone on."""
+        """Let the motion be later by a time [s] in which the arm has not gone on, or earlier."""
         self.motion.wait(round(seconds * 1e9))
         self.scheme.skip()
         self.forget()
