@@ -32,8 +32,9 @@ from sim_bridge.drive_modes import (
 from sim_bridge.parameters import each_joint
 from sim_bridge.simulator import Simulator, SimulatorState
 
-# Stamps older than this [s] are forgotten, so that a restarted clock is soon accepted.
-_LONGEST_MEMORY = 1.0
+# Stamps older than this part of the timeout of commands are forgotten, or older than this [s]: so a
+# restarted clock is accepted before silence brakes the robot.
+_OF_TIMEOUT, _LONGEST_MEMORY = 0.3, 1.0
 
 # One of two controllers has gone when it has been silent for so long [s].
 _QUIET = 5.0
@@ -105,7 +106,7 @@ class Drive:
     def _begin(self, now: float) -> None:
         timeout = self._policy.command_timeout
         self._senders = Senders(timeout, _QUIET, at_once=self._policy.changes_at_once)
-        self._order = StampOrder(min(timeout, _LONGEST_MEMORY))
+        self._order = StampOrder(min(_OF_TIMEOUT * timeout, _LONGEST_MEMORY))
         self._forget_commands()
         self._heard = now  # when the last command was taken
         self._push_end = math.inf

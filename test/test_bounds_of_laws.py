@@ -201,16 +201,18 @@ def test_a_limit_of_acceleration_leaves_the_efforts_against_a_disturbance():
     assert angle_between(pose_of(UR5, plant.q).R_d, home.R_d) < 0.2
 
 
-def test_a_stop_under_efforts_keeps_the_acceleration_and_comes_to_rest_where_it_stopped():
+def test_a_stop_under_efforts_keeps_the_acceleration_and_does_not_swing():
     plant, dt, a = Plant(), 1e-3, 5.0
     joints = replace(UR5.limits, acceleration=np.full(6, a))
     scheme, plant.q = dynamic(joints=joints, rate=1e5), HOME.copy()
-    plant.dq = np.array([0.8, -0.4, 0.3, 0.2, 0.0, -0.5])
-    end = HOME + plant.dq * 0.8 / a / 2
+    plant.dq = start = np.array([0.8, -0.4, 0.3, 0.2, 0.1, -0.5])
+    longest, soft = 0.8 / (0.8 * a), 0.05  # [s] at 80 % of a, until it fades
+    end = HOME + start * (longest + soft**2 / longest) / 2
     for _ in range(1500):
         before = plant.dq
         plant.step(scheme.hold(dt, plant.q, plant.dq).effort, dt)
         assert np.abs(plant.dq - before).max() <= a * dt * 1.1
+        assert (plant.dq / start).min() > -1e-3
     assert np.abs(plant.dq).max() < 1e-3
     np.testing.assert_allclose(plant.q, end, rtol=0, atol=1e-3)
 

@@ -233,11 +233,13 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     scheme = Clik(UR5, law, limits=joints, motion=limits)
     running, home = Controller(scheme, ControllerOptions(motion=limits), HOME), pose_of(HOME)
     running.aim(home._replace(p_d=home.p_d + way))
-    command = JointCommand(HOME, STILL)
+    command, v = JointCommand(HOME, STILL), np.zeros(3)
     for step in range(1500):
         command = running.step(T_0 + 4 * step * MS, command.q, command.dq)
-        speed = np.linalg.norm((UR5.state(command.q, command.dq).J @ command.dq)[:3])
+        before, v = v, (UR5.state(command.q, command.dq).J @ command.dq)[:3]
+        speed = np.linalg.norm(v)
         assert speed <= 1.05 * limits.linear_speed
+        assert np.linalg.norm(v - before) <= 1.05 * limits.linear_acceleration * 4e-3
     assert np.linalg.norm(pose_of(command.q).p_d - home.p_d) > 0.3
     assert speed < 0.02
     assert running.fault == ""

@@ -336,6 +336,14 @@ def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench, takes_la
     assert (max(strayed) < REACHED, robot.count(LATE)) == ((False, 0) if takes_late else (True, 50))
 
 
+def test_a_clock_that_goes_back_does_not_brake_the_robot(bench):
+    robot = bench(DrivePolicy())
+    robot.step(0.2, lambda: robot.send(9 * 10**9 + round(robot.now * 1e9), **REST))
+    robot.step(0.2, lambda: robot.send(10**9 + round(robot.now * 1e9), **REST))
+    assert {said.mode for said in robot.said[1:]} <= {DriveMode.OBEYING}
+    assert 0 < robot.count(LATE) < 5
+
+
 def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
     order = StampOrder(0.1)
     assert not order.is_late(100, 0.0)

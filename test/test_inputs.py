@@ -21,6 +21,7 @@ from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import stamp_to_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
 
 MODEL = Robot(UR5.urdf, "base_link", "tool0")
@@ -315,6 +316,17 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executabl
     assert arm.commands == []
     moving(arm, 0.2, 0.0)
     assert arm.commands
+
+
+def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
+    states, found = StateInput(), []
+    states.expect(MODEL, needs_velocity=True)
+    for step, speed in enumerate([0.0, 0.06, *[0.0] * 12]):
+        msg = JointState(name=MODEL.joints, position=HOME, velocity=[0.0, speed] + 4 * [0.0])
+        msg.header.stamp, msg.effort = stamp_to_ros(step * 10_000_000), 6 * [7.0]
+        states.take(msg)
+        found.append(states.efforts is not None)
+    assert found == [True, *[False] * 10, True, True, True]
 
 
 # --- the robot ------------------------------------------------------------------------------------

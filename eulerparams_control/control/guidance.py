@@ -54,7 +54,9 @@ class Guidance:
         self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
     ) -> None:
         self.scheme = scheme
-        self.pace = SpeedScaling(joints, options.slow_below, scheme.robot.length)
+        self.pace = SpeedScaling(
+            joints, options.slow_below, scheme.robot.length, options.motion
+        )
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.saturated, self.dt = 0, 0.0
@@ -79,7 +81,7 @@ class Guidance:
 
     def change(self, joints: JointLimits | None, options: ControllerOptions) -> None:
         """Take over other limits, between two ticks."""
-        self.pace.limits, self._options = joints, options
+        self.pace.limits, self.pace.motion, self._options = joints, options.motion, options
         self.scale.limits = options.motion
         self.motion.change(options.motion, options.max_jump)
         self.forget()

@@ -6,12 +6,14 @@ how fast it may run; how it gets there is up to :class:`TimeScale`.
 
     towards a singularity    s = sigma_min / threshold, where sigma_min of J is below it
     away from one            twice that
+    at speed towards one     the tip is to be no faster than it can brake before it
     towards a limit          the joint is to be no faster than POSITION_RATE times its distance
     at its speed limit       it is to be no faster than that, which may have been lowered
 
 Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 """
 
+import math
 from enum import IntEnum
 
 import numpy as np
@@ -19,6 +21,7 @@ import numpy as np
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion.motion_limits import MotionLimits
 
 LEAST = 0.1
 """The slowest pace: a motion that comes to a halt would never lead out again."""
@@ -32,6 +35,9 @@ _LOOK = 0.005
 # Inside a singularity sigma is below this part of the threshold; a change of it by less than the
 # other part, relative to the threshold, is none.
 _INSIDE, _SAME = 0.25, 1e-6
+
+# Towards a singularity the tip comes to rest with this time constant [s], at last.
+_STOP_TIME = 0.2
 
 # A joint slower than this [rad/s, m/s] approaches nothing; within this distance [rad, m] of its
 # limit it is there, and within the other one it is near.
@@ -54,6 +60,7 @@ class SpeedScaling:
         limits: of the joints; None slows nothing down.
         threshold: singular value below which the motion slows down; 0 never.
         length: characteristic length of the arm [m], by which J is without units.
+        motion: limits of the tip, within which it brakes before a singularity; None: it does not.
 
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
@@ -62,9 +69,14 @@ class SpeedScaling:
     """
 
     def __init__(
-        self, limits: JointLimits | None, threshold: float = 0.05, length: float = 1.0
+        self,
+        limits: JointLimits | None,
+        threshold: float = 0.05,
+        length: float = 1.0,
+        motion: MotionLimits | None = None,
     ) -> None:
         self.limits, self.threshold, self._length = limits, threshold, length
+        self.motion = motion
         self.forget()
 
     def forget(self) -> None:
@@ -73,6 +85,7 @@ class SpeedScaling:
         self.singularity = self.limit = Nearness.CLEAR
         self.joint = 0
         self._sigma: float | None = None
+        self._left = math.inf  # [s] until sigma is 0, as it falls now
         self._since = _LOOK
 
     def update(self, dt: float, now: float, q: Array, dq: Array, J: Array) -> None:
@@ -86,14 +99,19 @@ class SpeedScaling:
         """
         self._since += dt
         if self._since >= _LOOK:
-            self._since = 0.0
             self._look_at_singularity(J)
-            self.wanted = min(self._by_singularity(), self._by_limits(now, q, dq))
+            self._since = 0.0
+            self.wanted = min(
+                self._by_singularity(), self._by_braking(now, J @ dq), self._by_limits(now, q, dq)
+            )
 
     def _look_at_singularity(self, J: Array) -> None:
         """Say how near the singularity is, and whether it comes nearer."""
         sigma, before = smallest_singular_value(J, self._length), self._sigma
         self._sigma = sigma
+        self._left = math.inf
+        if before is not None and sigma < before and self.threshold > 0:
+            self._left = sigma * self._since / (before - sigma)
         if sigma >= self.threshold:
             self.singularity = Nearness.CLEAR
         elif sigma < _INSIDE * self.threshold:
@@ -110,6 +128,23 @@ class SpeedScaling:
             return 1.0
         ratio = self._sigma / self.threshold
         return min(1.0, max(LEAST, 2 * ratio if self.singularity is Nearness.LEAVING else ratio))
+
+    def _by_braking(self, now: float, v: Array) -> float:
+        """Return the pace at which the tip, at v (6,), can stop before a singularity.
+
+        That is v tau / 2 away if sigma, which is 0 in the time tau at the rate at which it falls,
+        goes as the root of the distance: so it does at the edge of the workspace.  The speed of
+        the tip comes to a distance d by v^2 + a T v = 2 a d: it brakes by a, then by v / T.
+        """
+        if self.motion is None or self._left == math.inf:
+            return 1.0
+        pace = 1.0
+        for part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
+            speed, aT = math.sqrt(part @ part), a * _STOP_TIME
+            if speed > 0 and math.isfinite(a):
+                bearable = (math.sqrt(aT**2 + 4 * a * speed * self._left) - aT) / 2
+                pace = min(pace, now * bearable / speed)
+        return max(LEAST, pace)
 
     def _by_limits(self, now: float, q: Array, dq: Array) -> float:
         """Return the pace at which no joint is faster than it may be so near to its limit."""

@@ -36,10 +36,7 @@ from eulerparams_control.ros.guards import (
 )
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
-from eulerparams_control.ros.state_input import StateInput
-
-# An arm of which a joint is faster than this [rad/s or m/s] is not taken over.
-_MOVES = 0.05
+from eulerparams_control.ros.state_input import MOVES, StateInput
 
 
 class ManagedNode(LifecycleNode):
@@ -99,12 +96,12 @@ class ManagedNode(LifecycleNode):
         if speeds is None:
             return "whether the arm is at rest is not known yet: joint_states has no velocities"
         i = int(np.abs(speeds).argmax())
-        if abs(speeds[i]) <= _MOVES:
+        if abs(speeds[i]) <= MOVES:
             return ""
         unit = "m/s" if self._robot.is_prismatic[i] else "rad/s"
         return (
             f"the arm moves, {self._robot.joints[i]} at {speeds[i]:.3g} {unit}; expected at most "
-            f"{_MOVES:g}: bring it to rest"
+            f"{MOVES:g}: bring it to rest"
         )
 
     def values_now(self) -> dict[str, str | int | float]:

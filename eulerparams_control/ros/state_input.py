@@ -22,6 +22,12 @@ _SIMULATION_STANDS = 0.5
 # Of so many answers the latencies are remembered.
 _REMEMBERED = 2000
 
+MOVES = 0.05
+"""A joint that is faster [rad/s or m/s] moves."""
+
+# So long [s] after an arm moved its efforts are those that brake it, not those that bear it.
+_CALM = 0.1
+
 # Speeds that are not measured are differences of positions over so long [s] at least, but not over
 # much longer.
 _SPAN, _LONGEST_SPAN = 0.05, 0.5
@@ -59,6 +65,7 @@ class StateInput:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
         self._last: JointState | None = None
+        self._moved: int | None = None  # stamp [ns] of the last one that moved
         self.unanswered: Time | None = None
         self.is_commanded = self.repeats = False
         self._marks: deque[tuple[int, Array]] = deque(maxlen=2)  # stamps [ns] and q (n,)
@@ -66,8 +73,10 @@ class StateInput:
 
     @property
     def efforts(self) -> Array | None:
-        """Efforts (n,) [Nm] of the last valid joint_states; None if they have none."""
-        if self._last is None or self._reader is None:
+        """Efforts (n,) [Nm] of the last valid joint_states; None if they do not bear the arm."""
+        if self._last is None or self._reader is None or self.measured is None:
+            return None
+        if self._moved is not None and 0 <= self.measured[0] - self._moved < _CALM * 1e9:
             return None
         return self._reader.effort_from_ros(self._last)
 
@@ -75,7 +84,9 @@ class StateInput:
         """Return stamp [ns], q and dq (n,) of a message; raises InvalidMessageError."""
         assert self._reader is not None
         now, last = steady(), self.measured
-        t, q, _ = self.measured = self._reader.from_ros(msg)
+        t, q, dq = self.measured = self._reader.from_ros(msg)
+        if (np.abs(dq) > MOVES).any():
+            self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
         self.unanswered, self._last = msg.header.stamp, msg
         self._count += 1
