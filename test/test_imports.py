@@ -4,9 +4,8 @@ import ast
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted([*ROOT.glob("eulerparams_control/**/*.py"), *ROOT.glob("sim_bridge/**/*.py")])
@@ -57,13 +56,18 @@ def module_of(path):
 MODULES = {module_of(path): path for path in SOURCES}
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def may_import_ros(module):
     return module.endswith("_node") or "ros" in module.split(".")
 
 
 def imports(path, at_module_level=False):
     """Return the modules that a file imports; inside functions too unless told otherwise."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     nodes = tree.body if at_module_level else ast.walk(tree)
     names = set()
     for node in nodes:
@@ -101,30 +105,28 @@ def room_of(module):
     return short(module).partition(".")[0]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_of)
-def test_only_nodes_import_ros_and_only_they_and_messages_import_messages(path):
-    module = module_of(path)
-    found = {name for name in imports(path) if name.partition(".")[0] in ROS}
-    if room_of(module) == "messages":
-        found = {name for name in found if name.partition(".")[0] not in MESSAGES}
-    assert may_import_ros(module) or not found
+def test_only_nodes_import_ros_and_only_they_and_messages_import_messages():
+    for module, path in MODULES.items():
+        allowed = MESSAGES if room_of(module) == "messages" else set()
+        found = {name for name in imports(path) if name.partition(".")[0] in ROS - allowed}
+        assert may_import_ros(module) or not found, module
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_of)
-def test_only_the_ros_layer_imports_the_ros_layer(path):
-    found = {name for name in imports(path, at_module_level=True) if may_import_ros(name)}
-    assert may_import_ros(module_of(path)) or not found & MODULES.keys()
+def test_only_the_ros_layer_imports_the_ros_layer():
+    for module, path in MODULES.items():
+        found = {name for name in imports(path, at_module_level=True) if may_import_ros(name)}
+        assert may_import_ros(module) or not found & MODULES.keys(), module
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_no_arrow_goes_upward(module):
-    assert {to for to in ARROWS[module] if floor_of(to) > floor_of(module)} == set()
+def test_no_arrow_goes_upward():
+    for module, arrows in ARROWS.items():
+        assert {to for to in arrows if floor_of(to) > floor_of(module)} == set(), module
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_what_a_robot_needs_imports_nothing_of_bags_analysis_or_lab(module):
-    if room_of(module) in FOR_A_ROBOT:
-        assert {to for to in ARROWS[module] if room_of(to) in NOT_FOR_A_ROBOT} == set()
+def test_what_a_robot_needs_imports_nothing_of_bags_analysis_or_lab():
+    for module, arrows in ARROWS.items():
+        if room_of(module) in FOR_A_ROBOT:
+            assert {to for to in arrows if room_of(to) in NOT_FOR_A_ROBOT} == set(), module
 
 
 def test_no_imports_go_in_a_circle():
@@ -140,7 +142,7 @@ def test_no_imports_go_in_a_circle():
 def test_each_class_has_a_name_of_its_own():
     places = defaultdict(list)
     for name, path in MODULES.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(name)
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
