@@ -6,13 +6,14 @@ means harm.
 
 import contextlib
 import io
+import json
 import os
 import re
 import resource
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -183,33 +184,50 @@ def hostile(folder: Path, body: bytes) -> Path:
 # --- within bounds, in a process of their own ----------------------------------------------
 
 
-def bounded(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run ``analyze`` or ``bag_recorder --recover`` with little memory; return what it said."""
-    module = "analysis.main" if arguments[0] == "analyze" else "bags.recorder"
+# Calls executables one after the other; says the exit code and the output of each as JSON.
+CALLS = """
+import contextlib, importlib, io, json, sys
+for name, *arguments in json.load(sys.stdin):
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(said):
+        code = importlib.import_module(f"eulerparams_control.{name}").main(arguments)
+    print(json.dumps([code, said.getvalue()]), flush=True)
+"""
+
+
+def bounded(*calls: Sequence[str]) -> list[tuple[int, str]]:
+    """Call executables in a process with little memory and time; return what they said.
+
+    Each ends by itself, and says why in lines and not in a traceback.
+    """
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CPU, (CPU, CPU))
 
-    return subprocess.run(
-        [sys.executable, "-m", f"eulerparams_control.{module}", *arguments[1:]],
+    done = subprocess.run(
+        [sys.executable, "-c", CALLS],
+        input=json.dumps(calls),
         capture_output=True,
         text=True,
         timeout=PATIENCE,
         preexec_fn=limit,
         env=os.environ | {"COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"},
     )
+    found = [tuple(json.loads(line)) for line in done.stdout.splitlines()]
+    assert len(found) == len(calls), (calls[len(found)], done.stderr)
+    assert (done.returncode, done.stderr) == (0, "")
+    for code, said in found:
+        assert code in (0, 1, 2), said
+        assert "Traceback" not in said
+        assert all(len(line) < LONGEST_LINE for line in said.splitlines())
+        assert "\x1b" not in said
+        assert not code or "error: " in said
+    return found
 
 
-def assert_told(done: subprocess.CompletedProcess[str]) -> None:
-    """Assert that a process ended by itself, and said why in lines and not in a traceback."""
-    said = done.stdout + done.stderr
-    assert done.returncode in (0, 1, 2), said
-    assert "Traceback" not in said
-    assert all(len(line) < LONGEST_LINE for line in said.splitlines())
-    assert "\x1b" not in said
-    if done.returncode:
-        assert "error: " in said
+def analysing(path: Path) -> tuple[str, ...]:
+    """Return a call of ``analyze``."""
+    return "analysis.main", str(path), "--out", str(path.parent / "page.html")
 
 
 IN_A_PROCESS = [
@@ -220,29 +238,28 @@ IN_A_PROCESS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", IN_A_PROCESS)
-def test_a_hostile_bag_takes_little_memory_and_time(case, tmp_path):
-    body, words = BODIES[case]
-    folder = hostile(tmp_path / "bag", body())
-    analysed = bounded("analyze", str(folder), "--out", str(tmp_path / "page.html"))
-    assert_told(analysed)
-    assert analysed.returncode == 2
-    assert words in analysed.stdout
-    recovered = bounded("recorder", "--recover", str(folder))
-    assert_told(recovered)
-    assert recovered.returncode == 0
-    assert Bag(folder).warning == ""
+def test_hostile_bags_take_little_memory_and_time(tmp_path):
+    calls = []
+    for number, case in enumerate(IN_A_PROCESS):
+        folder = hostile(tmp_path / f"{number}", BODIES[case][0]())
+        calls += [analysing(folder), ("bags.recorder", "--recover", str(folder))]
+    found = bounded(*calls)
+    for number, case in enumerate(IN_A_PROCESS):
+        (code, said), recovered = found[2 * number : 2 * number + 2]
+        assert (code, recovered[0]) == (2, 0), case
+        assert BODIES[case][1] in said, case
+        assert Bag(tmp_path / f"{number}").warning == ""
 
 
 def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path):
-    folder = hostile(tmp_path / "bag", b"")
-    for opcode, name in ((6, "chunk"), (9, "attachment")):
-        with open(folder / "x.mcap", "wb") as file:
+    kinds = {6: "chunk", 9: "attachment"}
+    for opcode, name in kinds.items():
+        with open(hostile(tmp_path / name, b"") / "x.mcap", "wb") as file:
             file.write(HEAD + struct.pack("<BQ", opcode, 2**39))
             file.truncate(2**40)
-        done = bounded("analyze", str(folder), "--out", str(tmp_path / "page.html"))
-        assert_told(done)
-        assert f"the {name} at byte {len(HEAD)}: {2**39} bytes; expected at most" in done.stdout
+    found = bounded(*(analysing(tmp_path / name) for name in kinds.values()))
+    for name, (_, said) in zip(kinds.values(), found, strict=True):
+        assert f"the {name} at byte {len(HEAD)}: {2**39} bytes; expected at most" in said
 
 
 # --- in this process -----------------------------------------------------------------------
