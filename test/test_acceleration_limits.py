@@ -17,7 +17,7 @@ from eulerparams_control.laws.orientation import representation
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.parameters.clik import ClikParameters
 
-JOINTS = 40  # that are simulated at once
+JOINTS = 20  # that are simulated at once
 ONE = np.array([1.0])
 
 

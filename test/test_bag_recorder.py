@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from in_process import run_to_its_end
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -97,14 +98,14 @@ def test_every_message_is_recorded_in_order(bench):
     bench.record(
         "joint_states", "/arm/robot_description", said=f"recording 2 topics to {bench.path}"
     )
-    bench.send(bench.states, states(3000), pause=0.0005)
+    bench.send(bench.states, states(1000), pause=0.0005)
     assert bench.recorder.stop() == 0
-    assert "recorded 3001 messages on 2 topics" in bench.recorder.stderr.splitlines()[-1]
+    assert "recorded 1001 messages on 2 topics" in bench.recorder.stderr.splitlines()[-1]
     assert bench.recorder.stderr.count("recording") == 1
 
     bag = bench.bag
     found = list(bag.messages(["/arm/joint_states"]))
-    assert [message.message.position[0] for message in found] == list(range(3000))
+    assert [message.message.position[0] for message in found] == list(range(1000))
     assert all(0 < message.publish_time <= message.log_time for message in found)
     sent = [message.publish_time for message in found]
     assert sent == sorted(set(sent))
@@ -256,32 +257,29 @@ def test_messages_before_a_silence_are_not_lost_with_the_recorder(bench):
     assert recover(bench.path).messages == 5
 
 
-def test_an_existing_folder_is_refused_in_one_line(bench):
-    bench.path.mkdir()
-    bench.record("joint_states")
-    assert bench.recorder.end() == ExitCode.REFUSED
-    text = f"{bench.path} exists; nothing is overwritten: choose another folder or remove it"
-    assert bench.recorder.stderr == f"error: {text}\n"
+def test_an_existing_folder_is_refused_in_one_line(tmp_path):
+    recorder = run_to_its_end("bag_recorder", tmp_path, {"output": str(tmp_path)})
+    assert recorder.exit_code == ExitCode.REFUSED
+    text = f"{tmp_path} exists; nothing is overwritten: choose another folder or remove it"
+    assert recorder.stderr == f"error: {text}\n"
     told = [{"event": "ended", "exit_code": ExitCode.REFUSED, "text": text}]
-    assert events_of(bench.recorder.stdout) == told
+    assert events_of(recorder.stdout) == told
 
 
-def test_an_impossible_topic_is_refused_before_anything_is_written(bench):
-    bench.record("a//b")
-    assert bench.recorder.end() == 1
-    assert "parameter 'topics': 'a//b' is no topic name" in bench.recorder.stderr
-    assert not bench.path.exists()
+def test_an_impossible_topic_is_refused_before_anything_is_written(tmp_path):
+    path = tmp_path / "bag"
+    recorder = run_to_its_end("bag_recorder", tmp_path, {"output": str(path), "topics": ["a//b"]})
+    assert recorder.exit_code == 1
+    assert "parameter 'topics': 'a//b' is no topic name" in recorder.stderr
+    assert not path.exists()
 
 
 def test_two_types_on_a_topic_are_refused_with_both(bench):
-    bench.record(
-        "joint_states", "robot_description", "last", said="waiting for a publisher of /arm/last"
-    )
     other = SpunPeer(bench.graph)
     # A node's topics are discovered in their order: with the last of both, all are there.
     for topic in ("/arm/joint_states", "/arm/last"):
         other.publisher(String, topic)
-    assert bench.recorder.end() == 1
+    assert bench.record("joint_states", "robot_description", "last").end() == 1
     other.close()
     assert bench.recorder.stderr.splitlines()[-1] == (
         "error: /arm/joint_states has publishers of several types: "

@@ -33,7 +33,7 @@ class Moving(Controlled):
         p, R = pose(HOME)
         goal = DesiredFrame(p + [0.0, 0.0, 0.12], R)
         self.follow(reference(goal, times=(1.0,)))
-        self.arm.ticks(500)
+        self.arm.ticks(125, dt=0.004)
         self.sent.clear()
         assert np.linalg.norm(self.speed()) > 0.15
 

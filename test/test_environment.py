@@ -632,7 +632,7 @@ def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_momen
     tool = upright_tool(name, shape)
     sim = simulated(name, control=control, environment={"table": table}, **tool)
     strongest = 0.0
-    for k in range(600):
+    for k in range(300):
         state = sim.read()
         x = np.array([0.02 * np.sin(0.01 * k), 0.02 * np.sin(0.017 * k), 0.02 * np.cos(0.008 * k)])
         target = law.p + x - [0, 0, 0.02]

@@ -275,7 +275,7 @@ def test_what_is_made_of_a_trajectory_beyond_the_limits_of_the_tip_is_published_
     began = node.arm.t
     status = node.status(lambda s: s.message.endswith("or give it more time"))
     assert (status.level, values(status)["remedy"]) == (b"\x00", "")  # a note, no fault
-    node.arm.ticks(1500)
+    node.arm.ticks(375, dt=0.004)
     found = node.status(lambda s: float(values(s).get(SLOWED, "1")) < 1)
     rate = float(values(found)[SLOWED])
     fastest = 0.2 / 0.4 * 15 / 8  # of a quintic from rest to rest

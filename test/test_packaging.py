@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from eulerparams_control import command_line
+from eulerparams_control.analysis.page_assets import SCRIPTS
 from eulerparams_control.command_line import EXTRAS, executables, extra_of, package_name
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -90,8 +92,12 @@ def test_colcon_installs_executables_where_ros2_run_looks(source, tmp_path, opti
 
 
 def test_setup_installs_executables_and_definitions_where_they_are_looked_for(source, tmp_path):
-    run(sys.executable, "setup.py", "-q", "install_data", "-d", str(tmp_path), cwd=source)
+    commands = "install_data", "-d", str(tmp_path), "build_py", "--build-lib", str(tmp_path)
+    run(sys.executable, "setup.py", "-q", *commands, cwd=source)
     assert_is_installed(tmp_path)
+    assets = "eulerparams_control/analysis/assets"  # of the pages
+    found = {path.name for path in (tmp_path / assets).iterdir()}
+    assert found == {*SCRIPTS, "page.css", "plain.css"}
 
 
 def python(code, *blocked):
@@ -114,8 +120,9 @@ def test_the_executables_of_a_robot_need_no_extra():
 
 @pytest.mark.parametrize("name", [name for name in sorted(EXECUTABLES) if extra_of(name)])
 def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
+    with pytest.raises(SystemExit, match="0"):
+        getattr(command_line, name)(["--help"])
     code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
-    assert python(code).returncode == 0
     result = python(code, "rich", "plotly")
     (line,) = result.stderr.splitlines()
     assert f"{name} needs plotly, rich" in line

@@ -4,8 +4,6 @@ import base64
 import json
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +19,7 @@ from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import figures_json, write_page
-from eulerparams_control.analysis.page_assets import SCRIPTS, script, viewer
+from eulerparams_control.analysis.page_assets import script, viewer
 from eulerparams_control.analysis.plots import Figure
 from eulerparams_control.analysis.poles import Approach
 from eulerparams_control.analysis.quantities import (
@@ -496,14 +494,6 @@ def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path):
     assert f'title="{name}: hide or show"' in button[0]
     assert re.sub("<.*?>", "", button[0]) == f"a_run_wi…{name[-22:]}"
     assert f'<span class="name">{name}</span>' in text
-
-
-def test_the_files_of_the_page_are_installed_with_the_package(tmp_path):
-    command = ("setup.py", "-q", "build_py", "--build-lib", str(tmp_path))
-    root = Path(__file__).resolve().parents[1]
-    subprocess.run([sys.executable, *command], cwd=root, check=True, timeout=120)
-    installed = tmp_path / "eulerparams_control" / "analysis" / "assets"
-    assert {path.name for path in installed.iterdir()} == {*SCRIPTS, "page.css", "plain.css"}
 
 
 def test_without_the_3d_library_there_is_a_page(tmp_path, monkeypatch):

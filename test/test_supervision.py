@@ -532,7 +532,7 @@ def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
 
 def test_an_arm_at_rest_with_noisy_speeds_and_coarse_encoders_is_believed():
     running, random = Controller(dynamic_control(), CHECKED, HOME), generator(602)
-    for step in range(20_000):
+    for step in range(10_000):
         assert running.step(T_0 + step * MS, HOME, random.normal(0, 3e-3, 6)) is not None
     assert running.fault == ""
 

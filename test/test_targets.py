@@ -255,7 +255,7 @@ def test_of_reference_target_pose_and_target_twist_the_newest_leads(world):
 
     def moved(ticks: int) -> Any:
         before = pose(node.arm.q)[0]
-        node.arm.ticks(ticks)
+        node.arm.ticks(ticks // 4, dt=0.004)
         return pose(node.arm.q)[0] - before
 
     p, R = pose(HOME)
@@ -288,7 +288,7 @@ def test_an_arm_that_takes_efforts_goes_to_a_target_pose_and_jogs(world, executa
     twists = node.peer.publisher(TwistStamped, "/target_twist")
     p, R = pose(HOME)
     poses.publish(pose_to_ros(np.array([0.0, 0.0, 0.05]), np.eye(3), Time(), "tool0"))
-    node.arm.ticks(1500)
+    node.arm.ticks(375, dt=0.004)
     goal = p + R @ [0.0, 0.0, 0.05]
     np.testing.assert_allclose(pose(node.arm.q)[0], goal, atol=1e-3)
     for _ in range(15):
@@ -296,7 +296,7 @@ def test_an_arm_that_takes_efforts_goes_to_a_target_pose_and_jogs(world, executa
         node.arm.ticks(20)
     away = pose(node.arm.q)[0] - goal
     assert away @ (R @ [0.0, 0.0, -1.0]) > 0.01
-    node.arm.ticks(600)
+    node.arm.ticks(150, dt=0.004)
     assert np.abs(node.arm.dq).max() < 1e-3
 
 
