@@ -533,7 +533,7 @@ def test_a_sequence_that_starved_is_run_again_by_itself(monkeypatch):
 def test_a_sequence_that_takes_its_worker_with_it_is_an_error_and_the_others_go_on(monkeypatch):
     # what is submitted is pickled by its name, and a worker imports it from here
     monkeypatch.setattr(schedule, "run", dies)
-    outcomes = list(schedule.run_all(plans(3, 0, ("clik",)), 2))
+    outcomes = list(schedule.run_all(plans(3, 0, ("clik",)), 1))
     by_seed = {outcome.plan.seed: outcome for outcome in outcomes}
     assert sorted(by_seed) == [0, 1, 2]
     assert by_seed[0].is_good
