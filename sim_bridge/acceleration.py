@@ -49,7 +49,7 @@ class CommandAcceleration:
         limit: (n,) [rad/s^2 or m/s^2]; inf is none.
         turning: (n,) whether a joint takes positions modulo a turn.
         prismatic: whether each joint slides.
-        dt: shortest time between two commands [s].
+        dt: shortest time between two commands without stamps [s].
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class CommandAcceleration:
         if not (stamp and before.stamp):
             return max(self._dt, now - before.now)
         elapsed = (stamp - before.stamp) / 1e9
-        return max(self._dt, elapsed) if elapsed >= 0.0 else before.elapsed
+        return elapsed if elapsed > 0.0 else before.elapsed
 
 
 def _bend(before: _Asked, step: Array, time: Array) -> tuple[Array, Array]:

@@ -91,6 +91,7 @@ SMOOTH: dict[str, list[Asked]] = {
     "repeated under the same stamp": REPEATED,
     "a clock that goes back": [(s - 5 * 10**8 * (k > 400), *rest) for k, (s, *rest) in
                                enumerate(swing(range(0, 3000, 4)))],
+    "a stamp just after the last": swing([*range(0, 400, 4), *np.arange(396.2, 900.0, 4)]),
     "past half a turn, wrapped": swing(EVERY, turn=True),
     "from where it is measured to be": spoilt(0, q=1e-4),
     "a gap that a robot bridges": swing([k for k in range(900) if not 700 <= k < 719]),
