@@ -283,6 +283,20 @@ def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(sensed)
         assert all(sensor.send() for _ in range(100))
 
 
+@pytest.mark.parametrize("jump", [-0.0505, -0.5])
+def test_a_wrench_counts_when_the_states_do_where_the_clock_of_both_was_set_back(world, jump):
+    node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
+    arm, felt = node.arm, node.process.node._sensor
+    arm.ticks(100)
+    arm.t += round(jump * 1e9)
+    for _ in range(60):
+        world.advance(TICK)
+        arm.send_next()
+    arm.sensor.bias = np.array([7.0, 0, 0, 0, 0, 0])
+    arm.ticks(1)
+    assert felt.fresh.w[0] == 7.0
+
+
 # --- activation -----------------------------------------------------------------------------------
 
 

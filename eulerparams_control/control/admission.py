@@ -214,6 +214,7 @@ class Admission:
         clock: of the states that were taken.
         period: the usual time between them.
         conflicts: when [s] the last states came that contradict the ones before.
+        set_backs: how often the clock of their stamps was set back.
     """
 
     def __init__(
@@ -221,6 +222,7 @@ class Admission:
     ) -> None:
         self.clock, self.period = Clock(), NominalPeriod()
         self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
+        self.set_backs = 0
         self._robot, self._timeout, self._strict = robot, timeout, strict
         turning = np.logical_not(robot.is_prismatic)
         self._turns = Turns(np.logical_and(turning, np.isinf(robot.limits.upper)), q)
@@ -316,6 +318,7 @@ class Admission:
 
     def take(self, at: Instant, q: Array, dq: Array) -> None:
         """Take a state for the last one; what it brings about has happened."""
+        self.set_backs += self._is_set_back or self.clock.step(at)[0] < 0
         self.clock.last, self._q, self._dq, self._back = at, q, dq, 0
 
     def _leapt(self, dt: float, silence: float) -> float:

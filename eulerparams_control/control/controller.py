@@ -90,6 +90,11 @@ class Controller:
         return self.supervisor.resets
 
     @property
+    def set_backs(self) -> int:
+        """How often the clock of the states was set back."""
+        return self._admission.set_backs
+
+    @property
     def period(self) -> NominalPeriod:
         """The usual time between two states."""
         return self._admission.period

@@ -36,7 +36,7 @@ class ImpedanceControlNode(ControlNode):
     parameters_type = ImpedanceParameters
 
     def __init__(self) -> None:
-        self._note_on_wrench = Why()
+        self._note_on_wrench, self._set_backs = Why(), 0
         super().__init__()
 
     def _subscribe(self) -> None:
@@ -145,6 +145,9 @@ class ImpedanceControlNode(ControlNode):
         """Take the wrench for the state, and remember it for a tare."""
         if self._robot is None:
             return
+        if self._controller is not None and self._controller.set_backs != self._set_backs:
+            self._set_backs = self._controller.set_backs
+            self._sensor.set_back()
         is_new = self._sensor.choose(t, q, self._robot.limits)
         sensed = self._sensor.fresh
         if self._controller is not None:

@@ -57,10 +57,16 @@ class WrenchInput:
         self.fresh: SensedWrench | None = None
         self._last: SensedWrench | None = None
         self._stamp = self._refused = -1  # [ns]
+        self._may_go_back = False  # the stamp of the next one
         self._received = self._paired = -math.inf  # steady clock [s]
         self._is_new = False
         self._stuck: StuckSensor | None = None
         self.trouble = _lost("no valid wrench yet; is the force/torque sensor running?")
+
+    def set_back(self) -> None:
+        """Expect older stamps: the clock of the robot was set back, and may be that of both."""
+        self._latency.forget()
+        self._may_go_back = True
 
     def take(self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool) -> None:
         """Take a message of a sensor.
@@ -82,8 +88,9 @@ class WrenchInput:
             if waits:
                 self._received, self._is_new = now, True
             return
-        is_old = now - self._received > self._timeout  # then a clock may have been set back
-        if 0 < stamp == self._stamp or (0 < stamp < self._stamp and not is_old):
+        # after a while without any a clock may have been set back
+        may_go_back = self._may_go_back or now - self._received > self._timeout
+        if 0 < stamp == self._stamp or (0 < stamp < self._stamp and not may_go_back):
             raise InvalidMessageError(
                 f"the stamp {stamp / 1e9:.3f} s comes after {self._stamp / 1e9:.3f} s; is the "
                 "sensor stuck, or is there a second one?"
@@ -91,7 +98,7 @@ class WrenchInput:
         if stamp > 0 and not self._clock.ros_time_is_active:
             self._refuse_late(stamp, now)
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
-        self._is_new = True
+        self._is_new, self._may_go_back = True, False
 
     def _refuse_late(self, stamp: int, now: float) -> None:
         """Raise InvalidMessageError for a wrench that comes too late to control by."""
