@@ -7,9 +7,9 @@ positions over the time between them.  Either that changes faster than ``limit``
 
 T_k is the difference of the stamps, the states that both answer, so that how late a command comes
 does not matter; without stamps, that of their arrivals.  Where states were missed it is open for
-how long the robot went on in between: T_k is at most ``BRIDGED`` longer than the usual period, and
-where that is too sudden, what is best for the command down to the period.  So a controller that
-steps over a long gap is found, one that leaves out what was missed is not.
+how long the robot went on in between: T_k is at most ``BRIDGED`` longer than the usual period, or
+what is best for the command down to the period, and the next command may go on from either.  So a
+controller that steps over a long gap is found, one that leaves out what was missed is not.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,10 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A command that was judged: its stamp [ns], when it came and what time it took [s]; (n,)."""
+    """A command that was judged: its stamp [ns], when it came and what time it took [s]; (n,).
+
+    Its speed, and the age of that, are known in m ways (m, n).
+    """
 
     stamp: int
     now: float
@@ -98,7 +101,8 @@ class CommandAcceleration:
     ) -> tuple[_Asked, Array]:
         """Return a command, and the acceleration (n,) that it asks for after the last one."""
         zero = np.zeros_like(q)
-        before = last or _Asked(0, now, self._dt, standing, zero, zero, zero + BRIDGED)
+        rest = zero[None]
+        before = last or _Asked(0, now, self._dt, standing, zero, rest, rest + BRIDGED)
         elapsed = self._elapsed(before, stamp, now)
         short = min(elapsed, before.elapsed)
         long = max(short, min(elapsed, short + BRIDGED))
@@ -107,14 +111,18 @@ class CommandAcceleration:
             long, elapsed = short + BRIDGED, np.inf
         step = q - before.q
         step = np.where(self._turning, step - _TURN * np.round(step / _TURN), step)
-        time = np.full_like(step, long)
-        speed, bend = _bend(before, step, time)
-        if short < long and (hard := bend > self._limit).any():
-            best = np.divide(step, before.speed, out=1.0 * time, where=step * before.speed > 0.0)
-            best = np.where(hard, np.clip(best, short, long), time)
-            speed, bend = _bend(before, step, best)
-            time = np.where(hard, before.age + 2.0 * best, time)
-        return _Asked(stamp, now, elapsed, q, dq, speed, time), np.maximum(change, bend)
+        times, ages = rest + long, rest + long
+        if short < long:
+            same, way = np.full_like(before.speed, long), step * before.speed > 0.0
+            same = np.clip(np.divide(step, before.speed, out=same, where=way), short, long)
+            bends = np.abs(step / same - before.speed) / (0.5 * (same + before.age))
+            least = bends.argmin(axis=0), np.arange(len(q))
+            times = np.stack((times[0], same[least]))
+            ages = np.stack((ages[0], before.age[least] + 2.0 * same[least]))
+        speeds = step / times
+        turns = np.abs(speeds[:, None] - before.speed) / (0.5 * (times[:, None] + before.age))
+        bend = turns.min(axis=(0, 1))
+        return _Asked(stamp, now, elapsed, q, dq, speeds, ages), np.maximum(change, bend)
 
     def _elapsed(self, before: _Asked, stamp: int, now: float) -> float:
         """Return the time [s] since a command; as usual where the clock went back."""
@@ -122,9 +130,3 @@ class CommandAcceleration:
             return max(self._dt, now - before.now)
         elapsed = (stamp - before.stamp) / 1e9
         return elapsed if elapsed > 0.0 else before.elapsed
-
-
-def _bend(before: _Asked, step: Array, time: Array) -> tuple[Array, Array]:
-    """Return v and how it changes (n,) [rad/s], [rad/s^2], if ``step`` takes ``time`` [s]."""
-    speed = step / time
-    return speed, np.abs(speed - before.speed) / (0.5 * (time + before.age))

@@ -91,6 +91,8 @@ SMOOTH: dict[str, list[Asked]] = {
     "repeated under the same stamp": REPEATED,
     "a clock that goes back": [(s - 5 * 10**8 * (k > 400), *rest) for k, (s, *rest) in
                                enumerate(swing(range(0, 3000, 4)))],
+    "a clock that goes back, then on": [(s - 57 * 10**7 * (k % 12 < 3), *rest) for k, (s, *rest) in
+                                        enumerate(swing(range(0, 3000, 8)))],
     "a stamp just after the last": swing([*range(0, 400, 4), *np.arange(396.2, 900.0, 4)]),
     "past half a turn, wrapped": swing(EVERY, turn=True),
     "from where it is measured to be": spoilt(0, q=1e-4),
