@@ -176,6 +176,20 @@ def test_an_error_is_undone_no_faster_than_the_tip_may_be_and_can_stop(orientati
         assert v >= 0.99 * min(0.25, math.sqrt(2 * 1.0 * x))
 
 
+def test_an_error_is_undone_within_the_acceleration_of_the_tip_to_the_end():
+    motion, state = MotionLimits(0.25, 1.0, 1.0, 4.0), UR5.state(HOME, STILL)
+    errors = np.geomspace(1e-6, 0.1, 400)
+    for part, a in ((slice(3), 1.0), (slice(3, 6), 4.0)):
+        speeds = []
+        for e in errors:
+            p_d, R_d = state.p_e + [e * (a == 1.0), 0.0, 0.0], about(0, e * (a == 4.0)) @ state.R_e
+            goal = DesiredFrame(p_d, R_d)
+            dq = law("euler_parameters", 100.0).velocity(state, goal, None, 0.0, motion)[0]
+            speeds.append(np.linalg.norm((state.J @ dq)[part]))
+        braking = np.diff(np.square(speeds)) / np.diff(errors) / 2  # v dv/de
+        assert 0.99 * a < braking.max() < 1.01 * a
+
+
 def law_differs(before, after, state, goal):
     """Return by how much [rad/s] two laws differ."""
     dq = [one.velocity(state, goal, None)[0] for one in (before, after)]

@@ -404,6 +404,23 @@ def test_an_arm_that_was_thrown_off_its_path_comes_back_without_swinging(key):
     assert np.max(errors[-1]) < 1e-3
 
 
+def test_the_tip_brakes_hardly_more_than_it_may_where_an_error_is_undone():
+    random, motion = generator(991), MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    gains = {"k_Pp": 3600.0, "k_Vp": 120.0, "k_Po": 7200.0, "k_Vo": 120.0}
+    scheme = dynamic(EffortLimits(UR5.limits, RATE, motion=motion), **gains)
+    goal, plant, braking = pose_of(UR5, HOME), Plant(), np.zeros(2)
+    plant.q = HOME + 0.1 * random.uniform(-1, 1, 6)
+    for step in range(500):
+        tick = scheme.tick(DT, plant.q, plant.dq, goal)
+        ddq = plant.acceleration(plant.q, plant.dq, tick.command.effort)
+        a = np.reshape(plant.tip_acceleration(plant.q, plant.dq, ddq), (2, 3))
+        if step > 100:  # it is under way
+            braking = np.maximum(braking, np.linalg.norm(a, axis=1))
+        plant.step(tick.command.effort)
+    assert (braking > 0.95 * np.array(motion.accelerations)).all()
+    assert (braking < 1.25 * np.array(motion.accelerations)).all()
+
+
 # --- the rate of the efforts ---------------------------------------------------------------
 
 

@@ -125,7 +125,7 @@ class ClikLaw:
         An error e asks for the speed k e: no more than that from which the tip stops where e is 0.
         """
         distance, slope = math.sqrt(dp_de @ dp_de), self.orientation.slope
-        v, omega = motion.approach(distance, angle)
+        v, omega = motion.approach((distance, angle), (k_Pp, slope * k_Po))
         if k_Pp * distance > v:
             k_Pp = v / distance
         if 2 * k_Po * slope * angle > omega:  # where x_de is large it is not slope times the angle

@@ -38,6 +38,9 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 _DRIFT_TIME = 0.005
 _NO_DRIFT = np.zeros(6)
 
+# A gain [1/s] that is none.
+_TINY = 1e-100
+
 
 @dataclass(frozen=True)
 class ResolvedAcceleration:
@@ -102,11 +105,12 @@ class ResolvedAcceleration:
         e is 0.  Bounded accelerations would swing else.
         """
         slope, gains, errors = self.orientation.slope, [], (math.sqrt(dp_de @ dp_de), angle)
+        rates = self.k_Pp / max(self.k_Vp, _TINY), slope * self.k_Po / max(self.k_Vo, _TINY)
         for e, k_P, k_V, speed, resisted in zip(
             errors,
             (self.k_Pp, slope * self.k_Po),
             (self.k_Vp, self.k_Vo),
-            motion.approach(*errors),
+            motion.approach(errors, rates),
             (drift[:3], drift[3:]),
             strict=True,
         ):

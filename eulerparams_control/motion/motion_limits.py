@@ -34,11 +34,21 @@ class MotionLimits:
         ]
         return min(ratios, default=1.0)
 
-    def approach(self, distance: float, angle: float) -> tuple[float, float]:
-        """Return how fast [m/s], [rad/s] the tip may go to what is so far away, and stop there."""
+    def approach(
+        self, errors: tuple[float, float], rates: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Return how fast [m/s], [rad/s] the tip may go to what is so far away, and stop there.
+
+        The last part, a / k^2, is left to a law of the rate k, which has the speed k e: where the
+        other, sqrt(2 a e - a^2 / k^2), is as fast and brakes as hard.
+
+        Args:
+            errors: e [m], [rad], how far away it is.
+            rates: k [1/s].
+        """
         linear, angular = (
-            min(speed, math.sqrt(2 * a * e) if e > 0 else 0.0)
-            for e, speed, a in zip((distance, angle), self.speeds, self.accelerations, strict=True)
+            min(speed, math.sqrt(2 * a * e - (a / k) ** 2)) if k * k * e > a else speed
+            for e, k, speed, a in zip(errors, rates, self.speeds, self.accelerations, strict=True)
         )
         return linear, angular
 
