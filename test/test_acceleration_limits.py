@@ -129,11 +129,12 @@ def test_accelerations_keep_speed_position_and_their_own_limit(wish, dt):
 
 
 def test_what_keeps_the_limits_is_not_touched():
-    limits = replace(UR5.limits, acceleration=np.full(6, 10.0))
-    dq, before = np.full(6, 0.5), np.full(6, 0.4901)
-    assert limits.limit_velocity(HOME, dq, 1e-3, before)[0] is dq
-    ddq = np.linspace(-9.9, 9.9, 6)
-    assert limits.limit_acceleration(HOME, dq, ddq, 1e-3)[0] is ddq
+    dq, before, ddq = np.full(6, 0.5), np.full(6, 0.4901), np.linspace(-9.9, 9.9, 6)
+    for limits in (UR5.limits, replace(UR5.limits, acceleration=np.full(6, 10.0))):
+        assert limits.limit_velocity(HOME, dq, 1e-3, before)[0] is dq
+        limited, changed = limits.limit_acceleration(HOME, dq, ddq, 1e-3)
+        assert limited is ddq
+        assert not changed
 
 
 def clik(**limits):

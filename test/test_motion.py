@@ -149,13 +149,6 @@ def test_way_points_turn_about_the_equivalent_axis_and_move_on_a_line(theta):
             np.testing.assert_allclose(frame.p_d, line, rtol=0, atol=THROUGH_POINTS)
 
 
-def test_way_points_rest_at_each_pose():
-    poses = list(zip(vectors(4), uniform(4, key=4), strict=True))
-    trajectory = way_points([0.0, 1.0, 1.5, 4.0], poses)
-    for t, (p, R) in zip(trajectory.times, poses, strict=True):
-        assert_same_frame(trajectory.sample(t), DesiredFrame(p, R), THROUGH_POINTS)
-
-
 # --- circles ------------------------------------------------------------------------------
 
 

@@ -572,6 +572,8 @@ def test_a_second_parameter_file_switches_the_orientation(world, orientation):
 def test_the_file_of_a_node_in_config_is_accepted_by_it(world, executable):
     process = world.start(executable, files=(CONFIG / f"{executable}.yaml",))
     world.peer.status(executable)
+    if executable in CONTROLLERS:
+        assert world.peer.get_parameters(executable, *FRAMES) == list(FRAMES.values())
     assert process.stop() == 0
     assert "error" not in process.stderr
 

@@ -1,11 +1,9 @@
 """Each control scheme of the registry: its interface, its node, its parameters, its law."""
 
 import importlib
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from arms import HOME, STILL, UR5
 
 from eulerparams_control.command_line import executables
@@ -14,7 +12,6 @@ from eulerparams_control.lab.campaign.plan import make_plan
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS, SchemeInfo, schemes
-from eulerparams_control.resources import config_folder
 from eulerparams_control.ros.control_node import node_class
 
 STEP = 1_000_000  # [ns]
@@ -41,14 +38,6 @@ def test_its_node_is_an_executable_that_has_its_parameters(scheme):
     node = node_class(scheme)
     assert node.parameters_type is scheme.parameters
     assert callable(importlib.import_module(scheme.node).main)
-
-
-def test_the_shipped_file_has_parameters_that_it_knows(scheme):
-    path = config_folder() / f"{scheme.name}.yaml"
-    if path.exists():
-        values: dict[str, Any] = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
-        found = from_mapping(scheme.parameters, values)
-        assert (found.base_frame, found.tip_frame) == ("base_link", "tool0")
 
 
 def test_an_arm_at_rest_is_held_by_its_defaults(scheme):

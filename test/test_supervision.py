@@ -463,23 +463,6 @@ def test_after_an_outage_what_was_under_way_is_refused(scheme):
     assert running.resets == 1
 
 
-def test_no_reference_is_followed_while_the_arm_runs_away_nor_after_a_defect():
-    running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.step(t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
-    here = running.scheme.frame_at(q)
-    motion = way_points([1.0], [(here.p_d, here.R_d)])
-    with pytest.raises(InvalidMessageError, match="runs away"):
-        running.follow(motion, None)
-    assert "runs away" in running.fault
-    running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    running.scheme.tick = Broken()
-    running.step(t + MS, q, dq)
-    del running.scheme.tick
-    running.step(t + 1000 * MS, q, STILL)
-    with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-        running.follow(motion, None)
-
-
 @pytest.mark.parametrize("duration", [0.0, 0.02, 0.6, 1.6])
 def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration):
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
@@ -720,15 +703,24 @@ def test_a_resume_of_an_arm_that_is_not_stopped_changes_nothing():
     np.testing.assert_array_equal(commands[0].q, commands[1].q)
 
 
-def test_neither_a_defect_nor_an_arm_that_runs_away_is_resumed():
+def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     running.step(t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
+    for reference in asks(running, q, now + DT):
+        with pytest.raises(InvalidMessageError, match="runs away"):
+            running.follow(*reference)
     with pytest.raises(InvalidMessageError, match="runs away"):
         running.resume()
     assert running.mode is Mode.RELEASING
+    assert "runs away" in running.fault
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
     running.scheme.tick = Broken()
     running.step(t + MS, q, STILL, now + DT)
+    del running.scheme.tick
+    running.step(t + 1000 * MS, q, STILL, now + 1.0)
+    for reference in asks(running, q, now + 1.0):
+        with pytest.raises(InvalidMessageError, match="deactivate and activate"):
+            running.follow(*reference)
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
         running.resume()
     assert running.why.cause is Cause.DEFECT

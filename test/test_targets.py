@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from ros_processes import FRAMES, HOME, UR5, Controlled, pose, reference
+from ros_processes import FRAMES, HOME, UR5, Controlled, pose, reference, values
 from samples import about, generator
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -52,8 +52,7 @@ def test_a_link_is_where_the_whole_urdf_says(base):
     robot = Robot(MIXED, base, "hand")
     model = pin.buildModelFromXML(MIXED)
     data = model.createData()
-    for values in generator(900).uniform(-1, 1, size=(10, 4)):
-        rail, turn, bend, _ = values
+    for rail, turn, bend, _ in generator(900).uniform(-1, 1, size=(10, 4)):
         q = pin.neutral(model)
         at = {name: model.joints[model.getJointId(name)].idx_q for name in model.names[1:]}
         q[at["rail"]], q[at["bend"]] = rail if base == "ground" else 0.0, bend
@@ -164,12 +163,8 @@ def test_targets_that_mean_nothing_are_refused_counted_and_said(world, monkeypat
     ):
         publisher.publish(msg)
         assert words in node.process.log
-    node.status(lambda s: {"target_pose rejected", "target_twist rejected"} <= told(s).keys())
+    node.status(lambda s: {"target_pose rejected", "target_twist rejected"} <= values(s).keys())
     assert asked == []
-
-
-def told(status: Any) -> dict[str, str]:
-    return {pair.key: pair.value for pair in status.values}
 
 
 def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(world, monkeypatch):
@@ -307,7 +302,7 @@ def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world):
     for _ in range(50):
         twists.publish(twist("", (0.0, 0.0, 0.1)))
         node.arm.ticks(20)
-    assert told(node.status())["target_twist rejected"] == "50"
+    assert values(node.status())["target_twist rejected"] == "50"
     np.testing.assert_allclose(node.arm.q, HOME, atol=1e-9)
     node.peer.call(Trigger, "/clik/resume", Trigger.Request())
     twists.publish(twist("", (0.0, 0.0, 0.1)))
