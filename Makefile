@@ -9,6 +9,7 @@ JOBS ?=
 
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all anew
 
 .PHONY: setup demo test test-long bench bench-motion paper map faults soak two-hosts lint clean
 

@@ -11,6 +11,7 @@ rest for ever.  So what is left in a domain that nobody uses is removed.
 """
 
 import os
+import re
 import socket
 from contextlib import suppress
 from pathlib import Path
@@ -57,11 +58,12 @@ class Domain:
 
 def clear_leftovers(domain: int, folder: Path = _SHARED_MEMORY) -> None:
     """Remove the ports in shared memory of a domain that nobody uses."""
-    for port in range(_first_port(domain), _first_port(domain + 1)):
-        names = (f"fastrtps_port{port}", f"fastrtps_port{port}_el", f"fastrtps_port{port}_sl")
-        for name in (*names, f"sem.fastrtps_port{port}_mutex"):
-            with suppress(OSError):  # there is none, or it is somebody else's
-                (folder / name).unlink()
+    ports = range(_first_port(domain), _first_port(domain + 1))
+    for path in folder.glob("*fastrtps_port*"):
+        found = re.fullmatch(r"(?:sem\.)?fastrtps_port(\d+)(?:_el|_sl|_mutex)?", path.name)
+        if found and int(found[1]) in ports:
+            with suppress(OSError):  # it is somebody else's
+                path.unlink()
 
 
 def _first_port(domain: int) -> int:
