@@ -187,8 +187,6 @@ class Turns:
                 never seen to jump by a turn is where it says it is: a command a turn away would
                 move it there.
         """
-        if not self._joints.any():
-            return q
         turns = np.round(((self._q if near is None else near) - q) / (2 * np.pi))
         turns[np.logical_not(self._joints)] = 0.0
         if is_lost:
@@ -225,7 +223,8 @@ class Admission:
         self.set_backs = 0
         self._robot, self._timeout, self._strict = robot, timeout, strict
         turning = np.logical_not(robot.is_prismatic)
-        self._turns = Turns(np.logical_and(turning, np.isinf(robot.limits.upper)), q)
+        turning = np.logical_and(turning, np.isinf(robot.limits.upper))
+        self._turns = Turns(turning, q) if turning.any() else None
         self._latency = Latency(max_latency)
         self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)  # of the last state
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
@@ -273,6 +272,8 @@ class Admission:
             q: (n,) as they came, not refused.
             command: (n,) the last one, to which they are nearest after a gap; None if none is.
         """
+        if self._turns is None:
+            return q
         dt, silence = self.clock.step(at)
         is_lost = silence > self._timeout or (at.receipt is None and dt > self._timeout)
         near = None if self._goes_on(dt, silence) else command
@@ -330,7 +331,7 @@ class Admission:
         return leapt if 0 < usual < 2 * leapt else 0.0  # less is jitter
 
     def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
-        if (q != self._q).any():
+        if True in (q != self._q).tolist():
             self._unmoved = np.zeros(self._robot.n)
             return False
         self._unmoved = self._unmoved + dt * np.where(np.abs(dq) > AT_REST, dq, 0.0)
@@ -340,7 +341,7 @@ class Admission:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
         robot = self._robot
         fast = np.abs(dq) > _MOST_SPEED * robot.limits.velocity
-        if fast.any():
+        if True in fast.tolist():
             i = int(np.argmax(fast))
             raise InvalidMessageError(
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
@@ -350,7 +351,7 @@ class Admission:
             return
         moved = robot.limits.deviation(q, self._q)
         far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
-        if far.any():
+        if True in far.tolist():
             i = int(np.argmax(far))
             self.conflicts.append(at.seconds)
             raise InvalidMessageError(

@@ -11,7 +11,7 @@ import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, every
 from eulerparams_control.laws.scheme import JointCommand
 
 # An arm that is so many times as fast as its limits under efforts runs away: what is measured is
@@ -52,7 +52,7 @@ class CommandLimiter:
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last = JointCommand()
-        self._lags = np.array(False)  # (n,) the joints that are not where they are to be
+        self._lags = np.zeros(1, dtype=bool)  # (n,) the joints that are not where they are to be
         self._led = np.array(0.0)  # (n,) how far their last step led them
         self.commands_efforts = False
 
@@ -70,6 +70,9 @@ class CommandLimiter:
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
+        if self.limits is not None and self._goes_on(command, elapsed, dt, self.limits):
+            self._last, self.commands_efforts = command, False
+            return command
         _refuse_infinite(command)
         if self.limits is not None:
             safe = self._bounded(command, q, elapsed, dt, self.limits)
@@ -79,6 +82,27 @@ class CommandLimiter:
             command = safe
         self._last, self.commands_efforts = command, command.effort is not None
         return command
+
+    def _goes_on(
+        self, command: JointCommand, elapsed: float, dt: float, limits: JointLimits
+    ) -> bool:
+        """Whether positions and speeds simply go on from the command before, within all bounds."""
+        (q, dq, effort, frame), last = command, self._last
+        if q is None or dq is None or effort is not None or frame is not None or dt <= 0:
+            return False
+        if last.q is None or last.dq is None or True in self._lags.tolist():
+            return False
+        step, led, change = q - last.q, dt * last.dq, dt * limits.acceleration
+        if not (
+            every(np.abs(step - led) <= dt * change)
+            and every(np.abs(step) <= elapsed * limits.velocity)
+            and every(np.abs(dq - last.dq) <= change)
+            and every(np.abs(dq) <= limits.velocity)
+            and limits.contain(q)
+        ):
+            return False
+        self._led = led
+        return True
 
     def _bounded(
         self, command: JointCommand, q: Array, elapsed: float, dt: float, limits: JointLimits
@@ -182,7 +206,9 @@ def _is_within(
     values: Array, low: Array | float, high: Array | float, rounding: float = 0.0
 ) -> bool:
     """Whether values (n,) are within bounds."""
-    return bool((values <= high + rounding).all() and (values >= low - rounding).all())
+    if rounding:
+        high, low = high + rounding, low - rounding
+    return every(values <= high) and every(values >= low)
 
 
 def _same(values: Array, bounded: Array) -> Array:
@@ -194,7 +220,7 @@ def _refuse_infinite(command: JointCommand) -> None:
     """Raise UnsafeCommandError if a value of a command is not finite."""
     for name in ("q", "dq", "effort"):
         values = getattr(command, name)
-        if values is not None and not np.isfinite(values).all():
+        if values is not None and not every(np.isfinite(values)):
             raise UnsafeCommandError(f"the command has a non-finite {name}: {values.tolist()}")
     frame = command.frame
     if frame is not None and not all(np.isfinite(part).all() for part in frame):

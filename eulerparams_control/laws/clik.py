@@ -16,7 +16,7 @@ from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import SHORTEST, Difference, JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, chord
+from eulerparams_control.laws.rotations import Array, chord, every
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -258,7 +258,7 @@ class Clik(Scheme):
                 the desired frame.
         """
         q_c = self._integrate(dt, self._dq)
-        if not np.all(np.isfinite(q_c)):
+        if not every(np.isfinite(q_c)):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         self._refuse_deviation(q_c, q)
         if self.feedback == "internal":
@@ -269,7 +269,7 @@ class Clik(Scheme):
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
         dq_c = dq_c + self._blend.offset(dt, dq_c)
         saturated, excess = False, 1.0
-        if not np.all(np.isfinite(dq_c)):
+        if not every(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
             self.max_error.refuse(desired, state)
@@ -311,7 +311,7 @@ class Clik(Scheme):
         if self.limits is None:
             return
         deviation = self.limits.deviation(q_c, q)
-        if not (deviation <= self.max_deviation).all():
+        if not every(deviation <= self.max_deviation):
             i = int(np.argmax(deviation))
             raise FollowingError(
                 f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "

@@ -104,19 +104,18 @@ class ResolvedAcceleration:
         An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
         e is 0.  Bounded accelerations would swing else.
         """
-        slope, gains, errors = self.orientation.slope, [], (math.sqrt(dp_de @ dp_de), angle)
-        rates = self.k_Pp / max(self.k_Vp, _TINY), slope * self.k_Po / max(self.k_Vo, _TINY)
+        slope, errors = self.orientation.slope, (math.sqrt(dp_de @ dp_de), angle)
+        gains, damping = (self.k_Pp, slope * self.k_Po), (self.k_Vp, self.k_Vo)
+        rates = gains[0] / max(self.k_Vp, _TINY), gains[1] / max(self.k_Vo, _TINY)
+        speeds, braked = motion.approach(errors, rates), []
+        if rates[0] * errors[0] <= speeds[0] and rates[1] * errors[1] <= speeds[1]:
+            return self.k_Pp, self.k_Po
         for e, k_P, k_V, speed, resisted in zip(
-            errors,
-            (self.k_Pp, slope * self.k_Po),
-            (self.k_Vp, self.k_Vo),
-            motion.approach(errors, rates),
-            (drift[:3], drift[3:]),
-            strict=True,
+            errors, gains, damping, speeds, (drift[:3], drift[3:]), strict=True
         ):
             pull = k_V * speed + math.sqrt(resisted @ resisted)
-            gains.append(k_P if k_P * e <= pull else pull / e)
-        return gains[0], gains[1] / slope
+            braked.append(k_P if k_P * e <= pull else pull / e)
+        return braked[0], braked[1] / slope
 
     @cached_property
     def fastest_gain(self) -> LoopGain:

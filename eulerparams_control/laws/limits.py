@@ -12,10 +12,11 @@ joined smoothly at v = a / r, so that no more than a is ever needed to keep to b
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, every
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without
@@ -31,6 +32,9 @@ SHORTEST = 1e-3
 _PLANNED = 0.8
 
 _TINY = 1e-300
+
+# Steps up to this [s] are short: how far a joint may need to stop is known for them beforehand.
+_SHORT = 0.02
 
 type Difference = Callable[[Array, Array], Array]
 """Returns q_c - q (n,), modulo a turn where a joint may turn on and on."""
@@ -57,6 +61,25 @@ class JointLimits:
         a = np.broadcast_to(self.acceleration, np.shape(self.velocity)).astype(float)
         object.__setattr__(self, "acceleration", a)
 
+    @cached_property
+    def _turns(self) -> bool:
+        """Whether a joint may turn on and on."""
+        return bool(np.isinf(self.upper).any())
+
+    @cached_property
+    def _clear(self) -> tuple[Array, Array]:
+        """Positions (n,) between which each joint can stop in time, however fast it is."""
+        v, a = self.velocity, _PLANNED * self.acceleration
+        with np.errstate(invalid="ignore"):  # of infinite limits, from which nothing is clear
+            step = np.where(np.isinf(a), 0.0, a) * _SHORT**2 / 8
+            room = v / POSITION_RATE + v**2 / (2 * a) + v * _SHORT / 2 + step
+        return self.lower + room, self.upper - room
+
+    def _is_clear(self, q: Array, dt: float) -> bool:
+        """Whether all joints are far from their position limits, for steps of dt [s]."""
+        low, high = self._clear
+        return dt <= _SHORT and every(q >= low) and every(q <= high)
+
     def scaled(self, velocity_scale: float) -> "JointLimits":
         """Return the limits with the speeds times ``velocity_scale``."""
         return replace(self, velocity=velocity_scale * self.velocity)
@@ -69,7 +92,7 @@ class JointLimits:
     def difference(self, q_c: Array, q: Array) -> Array:
         """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
         difference = q_c - q
-        if np.isfinite(self.upper).all():
+        if not self._turns:
             return difference
         turns = 2 * np.pi * np.round(difference / (2 * np.pi))
         return np.where(np.isinf(self.upper), difference - turns, difference)
@@ -84,11 +107,14 @@ class JointLimits:
 
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
-        return bool((q <= self.upper).all() and (q >= self.lower).all())
+        return every(q <= self.upper) and every(q >= self.lower)
 
     def excess(self, dq: Array) -> float:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
-        return max(1.0, float((np.abs(dq) / self.velocity).max()))
+        speed = np.abs(dq)
+        if every(speed <= self.velocity):
+            return 1.0
+        return float((speed / self.velocity).max())
 
     def excess_of_acceleration(self, dq: Array, ddq: Array) -> float:
         """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
@@ -126,10 +152,12 @@ class JointLimits:
     def _allow(self, q: Array, dq: Array, dt: float, rate: float, before: Array | None) -> bool:
         """Return whether dq (n,) keeps all limits as it is."""
         speed = np.abs(dq)
-        if not (speed <= self.velocity).all():
+        if not every(speed <= self.velocity):
             return False
-        if before is not None and not (np.abs(dq - before) <= self.acceleration * dt).all():
+        if before is not None and not every(np.abs(dq - before) <= self.acceleration * dt):
             return False
+        if self._is_clear(q, dt):
+            return True
         room = np.maximum(np.where(dq > 0, self.upper - q, q - self.lower), 0.0)
         return bool((speed <= _braking_speed(room, self.acceleration, dt, rate)).all())
 
@@ -162,12 +190,18 @@ class JointLimits:
         """
         fastest = 1 / dt if dt > 0 else np.inf
         position_rate, speed_rate = min(POSITION_RATE, fastest), min(_SPEED_RATE, fastest)
+        if (
+            every(np.abs(ddq) <= self.acceleration)
+            and every(np.abs(dq + ddq / speed_rate) <= self.velocity)
+            and self._is_clear(q, dt)
+        ):
+            return ddq, False
         rates = dt, position_rate, speed_rate
         up = self.acceleration - np.minimum(drift, 0.0)
         down = self.acceleration + np.maximum(drift, 0.0)
         most = self._most(self.upper - q, dq, up, *rates)
         least = -self._most(q - self.lower, -dq, down, *rates)
-        if (ddq <= most).all() and (ddq >= least).all():
+        if every(ddq <= most) and every(ddq >= least):
             return ddq, False
         excess = max(1.0, float((ddq / np.where(ddq > 0, up, -down)).max()))
         return np.minimum(np.maximum(ddq / excess, least), most), True
@@ -192,7 +226,7 @@ class JointLimits:
 
     def limit_effort(self, effort: Array) -> tuple[Array, bool]:
         """Return the efforts (n,) cut to their limits, and whether one had to be cut."""
-        if (np.abs(effort) <= self.effort).all():
+        if every(np.abs(effort) <= self.effort):
             return effort, False
         return np.minimum(np.maximum(effort, -self.effort), self.effort), True
 

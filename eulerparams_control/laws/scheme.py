@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, FollowingError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.laws.rotations import Array, angle_between, chord
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
 
@@ -62,6 +62,10 @@ class ErrorBounds:
         for name in ("position", "rotation"):
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"max_error_{name} is {getattr(self, name)}; expected > 0")
+        small = 2 * math.sin(self.rotation / 2) if self.rotation < math.pi else math.inf
+        object.__setattr__(self, "_small", small * (1 - 1e-6))
+
+    _small: float = field(init=False, repr=False, compare=False)
 
     def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
@@ -75,7 +79,7 @@ class ErrorBounds:
                 "reference again; is the computer late? then lower the gains k_P and k_V; else "
                 "raise max_error_position"
             )
-        if self.rotation < math.pi:
+        if chord(desired.R_d, arm.R_e) > self._small:
             angle = angle_between(desired.R_d, arm.R_e)
             if angle > self.rotation:
                 raise FollowingError(

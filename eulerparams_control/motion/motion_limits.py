@@ -46,11 +46,11 @@ class MotionLimits:
             errors: e [m], [rad], how far away it is.
             rates: k [1/s].
         """
-        linear, angular = (
-            min(speed, math.sqrt(2 * a * e - (a / k) ** 2)) if k * k * e > a else speed
-            for e, k, speed, a in zip(errors, rates, self.speeds, self.accelerations, strict=True)
+        (e_p, e_o), (k_p, k_o) = errors, rates
+        return (
+            _approach(e_p, k_p, self.linear_speed, self.linear_acceleration),
+            _approach(e_o, k_o, self.angular_speed, self.angular_acceleration),
         )
-        return linear, angular
 
     def stop_time(self, v: Array, omega: Array) -> float:
         """Return the time [s] in which the tip stops from v (3,) [m/s], omega (3,) [rad/s].
@@ -76,3 +76,7 @@ class MotionLimits:
     def jerks(self) -> tuple[float, float]:
         """Of the point and of the turning."""
         return self.linear_jerk, self.angular_jerk
+
+
+def _approach(e: float, k: float, speed: float, a: float) -> float:
+    return min(speed, math.sqrt(2 * a * e - (a / k) ** 2)) if k * k * e > a else speed
