@@ -1,5 +1,6 @@
 """Closed-loop inverse kinematics: how errors decay, limits, redundancy, change of law."""
 
+import copy
 import math
 from itertools import pairwise
 
@@ -206,6 +207,14 @@ def test_a_law_is_replaced_by_another_without_a_jump_of_the_velocity(before, aft
     np.testing.assert_allclose(tick.command.dq, last, rtol=0, atol=NO_JUMP)
     np.testing.assert_array_equal(tick.command.q, expected.command.q)
     assert law_differs(*laws, tick.state, goal) > 0.1  # there was something to jump
+
+
+@pytest.mark.parametrize("options", [{}, {"posture": HOME - 0.1}])
+def test_a_law_that_is_replaced_by_the_same_changes_nothing(options):
+    laws = [law(k=K, **copy.deepcopy(options)) for _ in range(2)]
+    (kept, replaced), goal, _ = run_and_replace(laws)
+    expected, tick = (scheme.tick(DT, HOME, STILL, goal) for scheme in (kept, replaced))
+    np.testing.assert_array_equal(tick.command.dq, expected.command.dq)
 
 
 def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_changes():

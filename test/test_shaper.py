@@ -65,14 +65,13 @@ def follow(events, duration, limits=LIMITS, rate=RATE, held=HERE, scale=None):
         t = round(k * 1e9 / rate)
         while left and left[0][0] * 1e9 <= t:
             left.pop(0)[1](shaper)
-        if scale is not None and scale.now < 1:
-            shaper.wait(round((1 - scale.now) / rate * 1e9))
+        if scale is not None:
+            scale.advance(1 / rate)
+            shaper.wait(round((1 - scale.mean) / rate * 1e9))
         frame = shaper.sample(t)
         if scale is not None:
-            frames.append(frame.at_pace(scale.now, scale.rate))
-            scale.update(1 / rate, scale.wanted(k / rate), frame)
-        else:
-            frames.append(frame)
+            frame = scale.paced(1 / rate, scale.wanted(k / rate), frame, shaper.after)
+        frames.append(frame)
     return Motion(*(np.array(column) for column in zip(*frames, strict=True)), shaper)
 
 
@@ -408,15 +407,16 @@ class Plan(TimeScale):
         return 1.0 if t < 0.8 else self.first if t < 2.0 else self.second
 
 
+@pytest.mark.parametrize("rate", [100, RATE])
 @pytest.mark.parametrize(("first", "second"), [(0.0, 0.0), (0.0, 1.0), (0.3, 1.0)])
-def test_a_motion_halts_and_goes_on_along_its_path_within_the_limits(first, second):
+def test_a_motion_halts_and_goes_on_along_its_path_within_the_limits(first, second, rate):
     frames = (HERE, moved(0.2, 0.6), moved(0.2, 0.6))
     path = way_points([0.0, 2.0, 3.0], [(f.p_d, f.R_d) for f in frames])
-    motion = follow([(0.1, sent(path))], 6.0, scale=Plan(first, second))
-    assert_within(motion, jerk=False)
+    motion = follow([(0.1, sent(path))], 6.0, rate=rate, scale=Plan(first, second))
+    assert_within(motion, rate=rate)
     line = (motion.p - HERE.p_d) @ np.diag([0.0, 1.0, 1.0])
     assert norm(line) < 1e-12
-    stopped = int(1.9 * RATE)
+    stopped = int(1.9 * rate)
     if first == 0.0:
         assert not motion.v[stopped].any()
     if second == 1.0:
@@ -465,7 +465,8 @@ def test_a_motion_beyond_limits_that_were_lowered_can_always_brake():
     scale = TimeScale(MotionLimits(0.5, 1.0, 0.2, 4.0, 20.0, 80.0))
     circling = moved(twist=0.27)._replace(ddp_d=np.array([0.0, 0.9, 0.0]))
     for _ in range(1500):
-        scale.update(0.002, 0.0, circling)
+        scale.advance(0.002)
+        scale.paced(0.002, 0.0, circling, lambda _: circling)
     assert scale.now == 0
 
 

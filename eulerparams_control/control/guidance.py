@@ -148,14 +148,15 @@ class Guidance:
         """
         scheme, motion, scale = self.scheme, self.motion, self.scale
         is_shaped = self._options.motion is not None
+        scale.advance(dt)
         if scheme.is_frozen and is_shaped:  # it comes to rest as the compliant frame does
             scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
-        u = 0.0 if scheme.is_frozen and not is_shaped else scale.now
+        u = 0.0 if scheme.is_frozen and not is_shaped else scale.mean
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))
-        planned = desired = motion.sample(t - self._jump)
+        desired = motion.sample(t - self._jump)
         if not scheme.is_frozen or is_shaped:
-            desired = planned.at_pace(scale.now, scale.rate)
+            desired = scale.paced(dt, self._wanted, desired, motion.after)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
         try:
@@ -171,29 +172,32 @@ class Guidance:
     def _led(self, desired: DesiredFrame, dt: float) -> DesiredFrame:
         """Return the frame with its mean acceleration over the next dt [s]."""
         u, du = self.scale.now, self.scale.rate
-        later = self.motion.after(u * dt).at_pace(u + du * dt, du)
+        later = self.motion.after((u + du * dt / 2) * dt).at_pace(u + du * dt, du)
         return desired._replace(
             ddp_d=(later.dp_d - desired.dp_d) / dt,
             domega_d=(later.omega_d - desired.omega_d) / dt,
         )
 
+    @property
+    def _wanted(self) -> float:
+        """The rate of time to go to."""
+        if self.is_braking:
+            return 0.0
+        if self.scheme.is_frozen:
+            return self.scale.now  # it has to start again from rest
+        return min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
+
     def _pace(self, dt: float, tick: Tick) -> None:
-        """Choose the rate of time for the next tick; end a stop."""
-        scale, state, planned = self.scale, tick.state, self.motion.last
+        """See what rate of time the arm bears; end a stop."""
+        scale, state, motion = self.scale, tick.state, self.motion
         self.pace.update(dt, scale.now, state.q, state.dq, state.J)
         if self.is_braking:
-            scale.update(dt, 0.0, planned)
-            if scale.now == 0 or self.motion.is_at_rest:
-                self.motion.hold(planned)
+            if scale.now == 0 or motion.is_at_rest:
+                motion.hold(motion.last)
                 self._rest()
-        elif self.scheme.is_frozen and self._options.motion is not None:
-            return  # it has to start again from rest
-        elif tick.excess > 1 and self._options.motion is not None:
+        elif tick.excess > 1 and self._options.motion is not None and not self.scheme.is_frozen:
             # the arm is behind already: time waits for it at once
             scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
-        else:
-            wanted = min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
-            scale.update(dt, wanted, planned)
 
     def lyapunov(self) -> tuple[float, float, float] | None:
         """Return V, its derivative by the paper, and as measured over the last tick.

@@ -51,7 +51,7 @@ class ClikLaw:
     k_Pp: float = 100.0
     k_Po: float = 100.0
     inverse: DampedInverse = field(default_factory=DampedInverse)
-    posture: Array | None = None
+    posture: Array | None = field(default=None, compare=False)
     k_posture: float = 1.0
     difference: Difference = field(default=np.subtract, compare=False)
 
@@ -199,6 +199,9 @@ class Clik(Scheme):
             ConfigurationError: if its posture has the wrong size.
         """
         law = _checked(law, self.robot)
+        was, is_now = ([] if p is None else list(p) for p in (self.law.posture, law.posture))
+        if law == self.law and was == is_now:
+            return
         if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation
         self.law = law

@@ -1,7 +1,7 @@
 """How fast the time of a motion runs: it halts and goes on along its path, within the limits.
 
 At the rate u the tip has the acceleration u^2 a + du v, where v and a are those of the motion as
-planned.  du is bounded by what u^2 a leaves of the limit, its change by the jerk.
+planned.  du is bounded by what u^2 a leaves of the limit, and by the jerk of the sum.
 
 Notation: ``u`` rate of time, ``du`` [1/s] its change.
 """
@@ -11,21 +11,23 @@ import math
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.plan import Sample
 
 # u changes by no more than this [1/s], du by no more than that [1/s^2], where the tip is slow.
 _MOST_RATE, _MOST_CHANGE = 10.0, 200.0
+
+# A rate is reached within this.
+_SAME = 1e-9
 
 # Of the acceleration it takes this part: a law of finite rate adds to it where it changes.
 _OF_ACCELERATION = 0.9
 
 # Of the acceleration a brake gets this part, whatever the motion takes.
-_AT_LEAST = 0.6
+_AT_LEAST = 0.54
 
-# Of the jerk du gets this part; the rest is the motion's own.
-_OF_THE_JERK = 0.7
-
-# Braking begins early by this part, since du ends with a jerk of its own.
-_EARLY = 0.8
+# du comes to its end with this part of the jerk that the motion leaves at the rate wanted; it gets
+# the other part of the whole jerk, whatever the motion takes.
+_TO_THE_END, _LEAST_JERK = 0.9, 0.1
 
 
 class TimeScale:
@@ -36,63 +38,85 @@ class TimeScale:
 
     Attributes:
         now: u, from 0 to 1.
-        rate: du [1/s].
+        rate: du [1/s], until the next step.
+        mean: of u in the last step.
     """
 
     def __init__(self, limits: MotionLimits | None) -> None:
         self.limits = limits
-        self.now, self.rate = 1.0, 0.0
+        self.forget()
 
     def forget(self, now: float = 1.0) -> None:
         """Start again at a rate; nothing moves."""
-        self.now, self.rate = now, 0.0
+        self.now = self.mean = now
+        self.rate = 0.0
+        self._before: DesiredFrame | None = None
 
-    def update(self, dt: float, wanted: float, planned: DesiredFrame) -> None:
-        """Go towards a rate.
+    def advance(self, dt: float) -> None:
+        """Let dt [s] go by."""
+        before = self.now
+        self.now = min(max(before + self.rate * dt, 0.0), 1.0)
+        self.mean = (before + self.now) / 2
+
+    def paced(self, dt: float, wanted: float, planned: DesiredFrame, after: Sample) -> DesiredFrame:
+        """Choose du, and return the frame at this pace.
 
         Args:
-            dt: [s] of the step.
-            wanted: rate of time, from 0 to 1.
-            planned: the frame of the motion as planned, at u = 1.
+            dt: [s] of a step.
+            wanted: rate of time to go to, from 0 to 1.
+            planned: the frame as planned, at u = 1.
+            after: the same, so many seconds of its own time later.
         """
-        if (self.now == wanted and self.rate == 0.0) or dt <= 0:
-            return
-        low, high, change = self._bounds(planned)
-        away = wanted - self.now
-        ideal = math.copysign(math.sqrt(2 * _EARLY * change * abs(away)), away)
-        ideal = min(max(ideal, low), high)
-        self.rate += min(max(ideal - self.rate, -change * dt), change * dt)
-        after = self.now + self.rate * dt
-        if (after - wanted) * away >= 0 and abs(self.rate) <= 2 * change * dt:
-            self.now, self.rate = wanted, 0.0  # it is there
-        else:
-            self.now = min(max(after, 0.0), 1.0)
+        if abs(wanted - self.now) < _SAME:
+            self.now = wanted
+        if (self.now != wanted or self.rate) and dt > 0:
+            self.rate = self._chosen(dt, wanted, planned, after(self.now * dt))
+        self._before = planned.at_pace(self.now, self.rate)
+        return self._before
 
-    def _bounds(self, planned: DesiredFrame) -> tuple[float, float, float]:
-        """Return the least and the largest du, and by how much it may change [1/s^2]."""
+    def _chosen(
+        self, dt: float, wanted: float, planned: DesiredFrame, later: DesiredFrame
+    ) -> float:
+        """Return the du which falls in equal steps until the rate wanted, within the bounds."""
         low, high, change = -_MOST_RATE, _MOST_RATE, _MOST_CHANGE
-        if self.limits is None:
-            return low, high, change
-        for v, a, most, jerk in zip(
+        least, most = -change * dt, change * dt  # of the step of du
+        limits = self.limits or MotionLimits()
+        now, then = planned.at_pace(self.now, 0.0), later.at_pace(self.now, 0.0)
+        before = self._before or now.moved(-dt)
+        for v, (v_0, a_0), (v_1, a_1), (v_2, _), most_a, jerk in zip(
             (planned.dp_d, planned.omega_d),
-            (planned.ddp_d, planned.domega_d),
-            (_OF_ACCELERATION * most for most in self.limits.accelerations),
-            self.limits.jerks,
+            *(_rates(frame) for frame in (before, now, then)),
+            limits.accelerations,
+            limits.jerks,
             strict=True,
         ):
-            least, largest, speed = _interval(v, self.now**2 * a, most)
-            if speed > 0:
-                # to brake lowers u^2 a, too: it is possible where that is beyond the limit
-                least, largest = min(least, -_AT_LEAST * most / speed), max(largest, 0.0)
-                low, high = max(low, least), min(high, largest)
-                change = min(change, _OF_THE_JERK * jerk / speed)
-        return low, high, change
+            speed = math.sqrt(v @ v)
+            if speed == 0:
+                continue
+            a, b = _interval(v, a_1, _OF_ACCELERATION * most_a)
+            # to brake lowers u^2 a, too: it is possible where that is beyond the limit
+            low, high = max(low, min(a, -_AT_LEAST * most_a / speed)), min(high, max(b, 0.0))
+            part = max(_LEAST_JERK, _TO_THE_END * (1 - wanted**3))
+            change = min(change, part * jerk / speed)
+            kept = _LEAST_JERK * jerk / speed * dt
+            for da in (a_1 - a_0, (v_2 - 2 * v_1 + v_0) / dt):  # of the instant, and of the step
+                a, b = _interval(v, da + self.rate * v, jerk * dt)
+                least, most = max(least, min(a, -kept)), min(most, max(b, kept))
+        away, step = abs(wanted - self.now), change * dt
+        whole = math.floor(math.sqrt(2 * away / (step * dt) + 0.25) - 0.5)  # of the steps
+        ideal = math.copysign(whole / 2 * step + away / ((whole + 1) * dt), wanted - self.now)
+        return self.rate + min(max(min(max(ideal, low), high) - self.rate, least), most)
 
 
-def _interval(v: Array, a: Array, most: float) -> tuple[float, float, float]:
-    """Return between which du |a + du v| is at most ``most``, and |v|."""
+def _rates(frame: DesiredFrame) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return velocity and acceleration (3,) of the point and of the turning."""
+    return (frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d)
+
+
+def _interval(v: Array, a: Array, most: float) -> tuple[float, float]:
+    """Return between which du |a + du v| is at most ``most``; v is not 0."""
+    if not math.isfinite(most):
+        return -math.inf, math.inf
     vv, av = float(v @ v), float(a @ v)
-    if vv == 0.0 or not math.isfinite(most):
-        return -math.inf, math.inf, math.sqrt(vv)
     root = math.sqrt(max(av * av - vv * (float(a @ a) - most * most), 0.0))
-    return (-av - root) / vv, (-av + root) / vv, math.sqrt(vv)
+    return (-av - root) / vv, (-av + root) / vv
