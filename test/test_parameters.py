@@ -12,6 +12,7 @@ import pytest
 import rclpy
 import yaml
 from rclpy.context import Context
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_processes import free_domain
@@ -172,6 +173,14 @@ def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(node, valu
     assert {name: own.get_parameter(name).value for name in values} == before
     assert change(own, mass=2.0) == []  # what was refused has left nothing behind
     assert seen == [Gains(mass=2.0)]
+
+
+def test_a_name_that_is_unknown_is_answered_with_the_one_that_was_probably_meant(node):
+    own = node()
+    declare(own, Gains, lambda *_: None)
+    with pytest.raises(ParameterNotDeclaredException) as refusal:  # its text is the answer
+        change(own, laww="fast")
+    assert str(refusal.value).startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
 
 
 def test_what_the_node_refuses_is_refused_with_its_reason(node):

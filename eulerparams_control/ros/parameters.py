@@ -5,10 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import (
     checked,
     fields_of,
@@ -95,4 +96,16 @@ def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | Non
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def refuse_unknown_names(changes: list[Parameter]) -> list[Parameter]:
+        """Say which name is unknown before rclpy refuses it, which does not."""
+        names = [change.name for change in changes if not node.has_parameter(change.name)]
+        try:
+            refuse_unknown(type(current), names)
+        except UnknownNameError as error:
+            refusal = ParameterNotDeclaredException(names)
+            refusal.args = (str(error),)  # the answer of the parameter services
+            raise refusal from error
+        return changes
+
+    node.add_pre_set_parameters_callback(refuse_unknown_names)
     node.add_on_set_parameters_callback(check)
