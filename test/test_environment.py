@@ -188,20 +188,9 @@ def test_a_key_that_is_needed_is_asked_for_and_the_others_are_not(shape, key):
         assert read_environment({"odd": keys})["odd"].keys.keys() == EXAMPLES[shape].keys()
 
 
-BAD_VALUES = (
-    *(
-        math.nan,
-        -math.inf,
-        "1.0",
-        "heavy",
-        True,
-        None,
-        [],
-        [1.0] * 5,
-        {"x": 1.0},
-        [[1.0, 0.0, 0.0]],
-    ),
-)
+BAD_VALUES = [
+    *(math.nan, -math.inf, "1.0", "heavy", True, None, [], [1.0] * 5, {"x": 1.0}, [[1.0, 0.0, 0.0]])
+]
 
 
 @pytest.mark.parametrize(("shape", "key"), KEYS)
