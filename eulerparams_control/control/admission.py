@@ -143,8 +143,10 @@ class RateCheck:
         period, least = self._period.seconds, self._period.least
         if period == 0 and hold_rate * least > 1:
             period = least
-        turn = 0.0 if gain is None else gain.rate * period
-        rate = Rate.FINE
+        turn, rate = 0.0 if gain is None else gain.rate * period, Rate.FINE
+        is_clear = turn <= _CLEAR * _FINE_TURN and period <= _CLEAR * _OF_TIMEOUT * self._timeout
+        if is_clear and self.rate is rate and self._is_known:
+            return
         if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * self._timeout):
             rate = Rate.TOO_RARE
         elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
@@ -222,6 +224,7 @@ class Admission:
         self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
         self._robot, self._timeout, self._strict = robot, timeout, strict
+        self._fastest = _MOST_SPEED * robot.limits.velocity
         turning = np.logical_not(robot.is_prismatic)
         turning = np.logical_and(turning, np.isinf(robot.limits.upper))
         self._turns = Turns(turning, q) if turning.any() else None
@@ -340,7 +343,7 @@ class Admission:
     def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array) -> None:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
         robot = self._robot
-        fast = np.abs(dq) > _MOST_SPEED * robot.limits.velocity
+        fast = np.abs(dq) > self._fastest
         if True in fast.tolist():
             i = int(np.argmax(fast))
             raise InvalidMessageError(
@@ -350,7 +353,7 @@ class Admission:
         if self.clock.last is None or not 0 <= dt <= self._timeout:
             return
         moved = robot.limits.deviation(q, self._q)
-        far = moved > _MOST_ASTRAY + _MOST_SPEED * dt * robot.limits.velocity
+        far = moved > _MOST_ASTRAY + dt * self._fastest
         if True in far.tolist():
             i = int(np.argmax(far))
             self.conflicts.append(at.seconds)

@@ -30,9 +30,13 @@ def S(v: Array) -> Array:
 
 def cross(v: Array, w: Array) -> Array:
     """Return v x w (3,); np.cross is several times slower for one pair."""
-    a, b, c = v.tolist()
-    x, y, z = w.tolist()
-    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+    return np.array(_cross(v.tolist(), w.tolist()))
+
+
+def _cross(v: list[float], w: list[float]) -> list[float]:
+    a, b, c = v
+    x, y, z = w
+    return [b * z - c * y, c * x - a * z, a * y - b * x]
 
 
 def R_axis(axis: int, angle: float) -> Array:
@@ -208,11 +212,17 @@ def body_rates(x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
     """
     a, b, da, db = _jacobian_coefficients(math.sqrt(x @ x))
     theta_dtheta = float(x @ dx)
-    x_dx, x_ddx = cross(x, dx), cross(x, ddx)
-    x_x_dx = cross(x, x_dx)
-    omega = dx - a * x_dx + b * x_x_dx
-    dJ_dx = b * cross(dx, x_dx) + theta_dtheta * (db * x_x_dx - da * x_dx)
-    return omega, ddx - a * x_ddx + b * cross(x, x_ddx) + dJ_dx
+    v, dv, d2v = x.tolist(), dx.tolist(), ddx.tolist()  # floats are faster than arrays of three
+    x_dx, x_ddx = _cross(v, dv), _cross(v, d2v)
+    x_x_dx, x_x_ddx, dx_x_dx = _cross(v, x_dx), _cross(v, x_ddx), _cross(dv, x_dx)
+    omega = [dx - a * once + b * twice for dx, once, twice in zip(dv, x_dx, x_x_dx, strict=True)]
+    domega = [
+        ddx - a * x_ddx + b * x_x_ddx + (b * dx_x_dx + theta_dtheta * (db * twice - da * once))
+        for ddx, x_ddx, x_x_ddx, dx_x_dx, twice, once in zip(
+            d2v, x_ddx, x_x_ddx, dx_x_dx, x_x_dx, x_dx, strict=True
+        )
+    ]
+    return np.array(omega), np.array(domega)
 
 
 def _jacobian_coefficients(theta: float) -> tuple[float, float, float, float]:
