@@ -54,5 +54,8 @@ SLOWED = "slowed trajectory"
 SATURATED = "saturated ticks"
 """How many commands limits have changed since activation."""
 
+DESERIALISED = "messages deserialised"
+"""How many joint_states and wrenches did not come in a layout that was known: one at first."""
+
 FROZEN = "frozen"
 """1 while the desired motion waits, because what it needs is not known; else 0."""

@@ -3,20 +3,36 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
+from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
+from eulerparams_control.messages.wire import Template
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
 
 # How far ahead [s] the point of a joint_trajectory is.
 HORIZON = 0.02
+
+
+def _ahead(c: JointCommand) -> Array | None:
+    return None if c.q is None or c.dq is None else c.q + HORIZON * c.dq
+
+
+_NUMBERS: dict[str, Callable[[JointCommand], dict[str, Array | None]]] = {
+    "joint_state": lambda c: {"position": c.q, "velocity": c.dq, "effort": c.effort},
+    "joint_trajectory": lambda c: {"positions": _ahead(c)},
+    "forward": lambda c: {"data": c.q if c.effort is None else c.effort},
+}
+"""What messages of a type say of a command, by the names of their fields."""
+
+_OF_A_FRAME = "p_d", "eps", "eta", "dp_d", "omega_d", "ddp_d", "domega_d"
 
 
 class Commands(Protocol):
@@ -26,7 +42,7 @@ class Commands(Protocol):
     def topic(self) -> str:
         """The topic of the commands."""
 
-    def publish(self, stamp: Time, command: JointCommand) -> None:
+    def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
 
     def count_subscribers(self) -> int:
@@ -54,16 +70,32 @@ class CommandPublisher:
     def __init__(
         self, node: Node, topic: str, kind: str, joints: Sequence[str], qos: QoSProfile
     ) -> None:
-        self._node = node
-        self._joints = list(joints)
-        message, self._fill = self._kinds()[kind]
-        self._message = message
-        self._publisher = node.create_publisher(type(message), topic, qos)
+        self._node, self._is_stamped = node, kind == "joint_state"
+        # joint_trajectory_controller refuses a trajectory that ends in the past or with a
+        # velocity: its stamp stays 0, which is now, and its point has a position only
+        point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
+        self._message = {
+            "joint_state": JointState(name=list(joints)),
+            "joint_trajectory": JointTrajectory(joint_names=list(joints), points=[point]),
+            "forward": Float64MultiArray(),
+        }[kind]
+        self._owner: Any = point if kind == "joint_trajectory" else self._message
+        self._parts = _NUMBERS[kind]
+        self._names: list[str] = []
+        self._publisher = node.create_publisher(type(self._message), topic, qos)
 
-    def publish(self, stamp: Time, command: JointCommand) -> None:
+    def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
-        self._fill(stamp, command)
-        self._publisher.publish(self._message)
+        parts = self._parts(command)
+        numbers = {name: values for name, values in parts.items() if values is not None}
+        if self._names != [*numbers]:
+            self._names = [*numbers]
+            for name, values in parts.items():
+                setattr(self._owner, name, [] if values is None else values.tolist())
+            data, kind = serialize_message(self._message), type(self._message).__name__
+            self._template = Template(kind, data, self._names)
+        stamp = stamp if self._is_stamped else None
+        self._publisher.publish(self._template.filled(stamp, numbers.values()))
 
     @property
     def topic(self) -> str:
@@ -78,38 +110,9 @@ class CommandPublisher:
         """Take the publisher off the graph."""
         self._node.destroy_publisher(self._publisher)
 
-    def _kinds(self) -> dict[str, tuple[Any, Callable[[Time, JointCommand], None]]]:
-        point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
-        trajectory = JointTrajectory(joint_names=self._joints, points=[point])
-        return {
-            "joint_state": (JointState(name=self._joints), self._fill_joint_state),
-            "joint_trajectory": (trajectory, self._fill_trajectory),
-            "forward": (Float64MultiArray(), self._fill_forward),
-        }
-
-    def _fill_joint_state(self, stamp: Time, command: JointCommand) -> None:
-        self._message.header.stamp = stamp
-        if command.q is not None:
-            self._message.position = command.q.tolist()
-        if command.dq is not None:
-            self._message.velocity = command.dq.tolist()
-        if command.effort is not None:
-            self._message.effort = command.effort.tolist()
-
-    def _fill_trajectory(self, stamp: Time, command: JointCommand) -> None:
-        # joint_trajectory_controller refuses a trajectory that ends in the past or with a
-        # velocity: the stamp stays 0, which is now, and the point has a position only
-        if command.q is not None and command.dq is not None:
-            self._message.points[0].positions = (command.q + HORIZON * command.dq).tolist()
-
-    def _fill_forward(self, stamp: Time, command: JointCommand) -> None:
-        values = command.effort if command.effort is not None else command.q
-        if values is not None:
-            self._message.data = values.tolist()
-
 
 class ComplianceCommands:
-    """Publishes the compliant frame, then the efforts that follow it.
+    """Publishes the efforts, then the compliant frame that they follow.
 
     Args:
         node: the node that publishes.
@@ -122,18 +125,22 @@ class ComplianceCommands:
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
+        self._template: Template | None = None
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
         )
 
-    def publish(self, stamp: Time, command: JointCommand) -> None:
+    def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish both under the stamp of the joint_states that they answer."""
-        if command.frame is not None:
-            msg = motion_to_ros(Trajectory([0.0], [command.frame]), *self._frames)
-            msg.header.stamp = stamp
-            self._publisher.publish(msg)
         if self._efforts is not None:
             self._efforts.publish(stamp, command)
+        if (frame := command.frame) is not None:
+            if self._template is None:
+                msg = motion_to_ros(Trajectory([0.0], [frame]), *self._frames)
+                self._template = Template(type(msg).__name__, serialize_message(msg), _OF_A_FRAME)
+            eta, eps = EulerParameters.from_R(frame.R_d)
+            numbers = frame.p_d, eps, eta, *frame[2:]
+            self._publisher.publish(self._template.filled(stamp, numbers))
 
     @property
     def topic(self) -> str:

@@ -100,7 +100,9 @@ class ControlNode(ManagedNode):
     # --- messages ----------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        self._states = self._listen(JointState, "joint_states", self._on_joint_states, QOS)
+        take = self._on_joint_states
+        self._states = self._listen(JointState, "joint_states", take, QOS, raw=True)
+        self._read_state = self._reader(JointState)
         if not self._description:
             self._listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
 
@@ -112,14 +114,15 @@ class ControlNode(ManagedNode):
         self._description = msg.data
         self._try_start()
 
-    def _on_joint_states(self, msg: JointState) -> None:
+    def _on_joint_states(self, data: bytes) -> None:
         if self._robot is None:
-            return
-        if not self._input.concerns(msg):
-            self._say_strange(msg)
             return
         was_answered = self._input.unanswered is None
         try:
+            msg = self._read_state(data)
+            if not self._input.concerns(msg):
+                self._say_strange(msg)
+                return
             self._input.take(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
@@ -128,7 +131,7 @@ class ControlNode(ManagedNode):
             self._health.count("states dropped, waiting for what belongs to them")
         self._answer()
 
-    def _say_strange(self, msg: JointState) -> None:
+    def _say_strange(self, msg: Any) -> None:
         """Say whose joint_states come, as long as none of the arm do."""
         if self._robot is not None and self._input.measured is None:
             self._health.complain(
@@ -158,11 +161,11 @@ class ControlNode(ManagedNode):
             self._health.reject("joint_states", error)
             self._see_rivals(controller)
             return
-        self._see_rivals(controller)
         if command is not None:
             self._stamp = stamp
             self._commands.publish(stamp, command)
         states.answered(is_commanded=command is not None)
+        self._see_rivals(controller)
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             self._report_tick(controller)

@@ -121,10 +121,11 @@ class ControlReport:
         self._next = t + period
         return True
 
-    def tick(self, controller: Controller, parameters: ControlParameters, stamp: Time) -> None:
+    def tick(self, controller: Controller, parameters: ControlParameters, stamp: Any) -> None:
         """Publish pose, desired frame, error and Lyapunov function of the last tick."""
         tick, robot = controller.guidance.tick_now, controller.scheme.robot
         assert tick is not None
+        stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
         frame, p_e, R_e = robot.base_frame, tick.state.p_e, tick.state.R_e
         self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
         desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)

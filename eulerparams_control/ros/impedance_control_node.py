@@ -47,7 +47,8 @@ class ImpedanceControlNode(ControlNode):
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
-        self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS)
+        self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
+        self._read_wrench = self._reader(WrenchStamped)
         self.create_service(Trigger, "~/tare", self._on_tare)
         super()._subscribe()
 
@@ -108,8 +109,13 @@ class ImpedanceControlNode(ControlNode):
 
     # --- the wrench --------------------------------------------------------------------
 
-    def _on_wrench(self, msg: WrenchStamped) -> None:
+    def _on_wrench(self, data: bytes) -> None:
         if self._robot is None:
+            return
+        try:
+            msg = self._read_wrench(data)
+        except InvalidMessageError as error:
+            self._health.reject("wrench", error)
             return
         try:
             refuse_two_publishers(self, self._wrench)

@@ -5,8 +5,6 @@ from statistics import quantiles
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from sensor_msgs.msg import JointState
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
@@ -57,16 +55,16 @@ class StateInput:
         """Read the joints of a robot from now on."""
         self._reader, self._limits = JointStateReader(robot.joints, needs_velocity), robot.limits
 
-    def concerns(self, msg: JointState) -> bool:
+    def concerns(self, msg: Any) -> bool:
         """Whether a message is one of the arm; others publish their joints on the topic, too."""
         return self._reader is None or self._reader.concerns(msg)
 
     def forget(self) -> None:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
-        self._last: JointState | None = None
+        self._last: Any = None
         self._moved: int | None = None  # stamp [ns] of the last one that moved
-        self.unanswered: Time | None = None
+        self.unanswered: Any = None
         self.is_commanded = self.repeats = False
         self._marks: deque[tuple[int, Array]] = deque(maxlen=2)  # stamps [ns] and q (n,)
         self._answered = self._before = 0.0  # when those came that were answered last [s]
@@ -80,7 +78,7 @@ class StateInput:
             return None
         return self._reader.effort_from_ros(self._last)
 
-    def take(self, msg: JointState) -> tuple[int, Array, Array]:
+    def take(self, msg: Any) -> tuple[int, Array, Array]:
         """Return stamp [ns], q and dq (n,) of a message; raises InvalidMessageError."""
         assert self._reader is not None
         now, last = steady(), self.measured

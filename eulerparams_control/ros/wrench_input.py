@@ -1,9 +1,9 @@
 """The newest valid wrench of a sensor, and whether it is still to be believed."""
 
 import math
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 
 from eulerparams_control.control.clock import Latency, steady
@@ -68,7 +68,7 @@ class WrenchInput:
         self._latency.forget()
         self._may_go_back = True
 
-    def take(self, msg: WrenchStamped, sensor: Placement, *, may_repeat: bool, waits: bool) -> None:
+    def take(self, msg: Any, sensor: Placement, *, may_repeat: bool, waits: bool) -> None:
         """Take a message of a sensor.
 
         Args:
@@ -111,7 +111,7 @@ class WrenchInput:
                 f"{most:g} s: is the network or the computer overloaded?"
             )
 
-    def refuse(self, msg: WrenchStamped) -> None:
+    def refuse(self, msg: Any) -> None:
         """Note that a message was refused: the state of its stamp need not wait for another."""
         self._refused = ns_from_ros(msg.header.stamp)
 

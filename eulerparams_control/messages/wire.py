@@ -1,0 +1,245 @@
+"""Messages at their bytes (CDR): numbers read and written where a message before had them.
+
+Messages whose strings and lengths of sequences agree have the same layout, so that one of them
+shows where each number of all of them is.  What comes in a layout that is known is read by offset;
+any other goes the plain way, deserialised as a whole, and its layout is known from then on.
+"""
+
+import struct
+from collections import namedtuple
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.laws.rotations import Array
+
+NUMBERS = {
+    "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1",
+    "uint16": "u2", "int16": "i2", "uint32": "u4", "int32": "i4",
+    "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+_HEAD = 4  # bytes that say how the rest is encoded; alignment counts from behind them
+_ORDERS = {0: ">", 1: "<"}  # CDR, by the second byte
+_LITTLE_ENDIAN = b"\0\1"
+
+
+class Field(NamedTuple):
+    """A field of a type; ``length`` is None for one, 0 for a sequence, else of an array."""
+
+    name: str
+    type: str
+    length: int | None
+
+
+@dataclass
+class Layout:
+    """Where the fields of a message are.
+
+    Attributes:
+        order: ``<`` or ``>``.
+        numbers: offset, type and count by path.
+        texts: by path.
+        fixed: (L,) whether a byte is part of what the layout depends on.
+        end: behind the last field.
+    """
+
+    order: str
+    fixed: NDArray[np.bool_]
+    end: int = 0
+    numbers: dict[str, tuple[int, str, int | None]] = field(default_factory=dict)
+    texts: dict[str, Any] = field(default_factory=dict)
+
+    def part(self, path: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+        """Return the shape of a number or an array of them, its type, and where it begins."""
+        at, kind, count = self.numbers[path]
+        return () if count is None else (count,), np.dtype(self.order + kind), at
+
+
+class Walk:
+    """Goes through one message to find where its fields are."""
+
+    def __init__(self, types: dict[str, tuple[Field, ...]], data: bytes) -> None:
+        self._types, self._data = types, data
+        if len(data) < _HEAD or data[1] not in _ORDERS:
+            raise ValueError("it is not in CDR")
+        self._layout = Layout(_ORDERS[data[1]], np.zeros(len(data), dtype=np.bool_))
+        self._layout.fixed[:2] = True
+        self._at = _HEAD
+
+    def message(self, name: str) -> Layout:
+        """Return the layout of the message, of the type ``name``."""
+        self._fields(name, "")
+        self._layout.end = self._at
+        return self._layout
+
+    def _fields(self, name: str, prefix: str) -> None:
+        for entry in self._types[name]:
+            self._field(entry, prefix + entry.name)
+
+    def _field(self, entry: Field, path: str) -> None:
+        count = self._length() if entry.length == 0 else entry.length
+        if entry.type in NUMBERS:
+            self._numbers(NUMBERS[entry.type], path, count)
+        elif entry.type == "string":
+            texts = [self._text() for _ in range(1 if count is None else count)]
+            self._layout.texts[path] = texts[0] if count is None else texts
+        elif count is None:
+            self._fields(entry.type, path + ".")
+        else:
+            self._layout.texts[path] = count
+            for i in range(count):
+                self._fields(entry.type, f"{path}[{i}].")
+
+    def _numbers(self, kind: str, path: str, count: int | None) -> None:
+        size = int(kind[1])
+        if count != 0:
+            self._at += (_HEAD - self._at) % size
+        self._layout.numbers[path] = (self._at, kind, count)
+        self._take(size * (1 if count is None else count))
+
+    def _length(self) -> int:
+        self._at += (_HEAD - self._at) % 4
+        at = self._at
+        self._take(4, fixed=True)
+        (length,) = struct.unpack_from(self._layout.order + "I", self._data, at)
+        if length > len(self._data):
+            raise ValueError("a sequence is longer than the message")
+        return int(length)
+
+    def _text(self) -> str:
+        length = self._length()
+        at = self._at
+        self._take(length, fixed=True)
+        return self._data[at : at + length].rstrip(b"\0").decode()
+
+    def _take(self, size: int, fixed: bool = False) -> None:
+        end = self._at + size
+        if end > len(self._data):
+            raise ValueError("the message ends too early")
+        self._layout.fixed[self._at : end] |= fixed
+        self._at = end
+
+
+_STAMP = "sec", "nanosec"
+_STAMPED = (
+    *(Field("sec", "int32", None), Field("nanosec", "uint32", None)),
+    Field("frame_id", "string", None),
+)
+_OF_JOINTS = *_STAMPED, Field("joint_names", "string", 0), Field("points", "uint32", None)
+_TYPES = {
+    "JointState": (
+        *(*_STAMPED, Field("name", "string", 0)),
+        *(Field(name, "float64", 0) for name in ("position", "velocity", "effort")),
+    ),
+    "WrenchStamped": (*_STAMPED, Field("wrench", "float64", 6)),
+    "Float64MultiArray": (
+        *(Field("dim", "uint32", None), Field("data_offset", "uint32", None)),
+        Field("data", "float64", 0),
+    ),
+    "JointTrajectory": (*_OF_JOINTS, Field("positions", "float64", 0)),
+    "MultiDOFJointTrajectory": (
+        *(*_OF_JOINTS, Field("transforms", "uint32", None)),
+        *(Field(name, "float64", 3) for name in ("p_d", "eps")),
+        *(Field("eta", "float64", None), Field("velocities", "uint32", None)),
+        *(Field(name, "float64", 3) for name in ("dp_d", "omega_d")),
+        Field("accelerations", "uint32", None),
+        *(Field(name, "float64", 3) for name in ("ddp_d", "domega_d")),
+    ),
+}
+"""What messages are made of; those of a motion have one point, with all of its parts."""
+
+_KNOWN = 8  # layouts on a topic: those of the arm, of its gripper, of other arms
+_LONGEST = 2**14  # bytes of a message whose layout is learnt: hundreds of joints
+
+# Parts of messages, by the names that they have in the messages of rclpy.
+_Stamp = namedtuple("_Stamp", "sec nanosec")
+_Header = namedtuple("_Header", "stamp frame_id")
+_JointState = namedtuple("_JointState", "header name position velocity effort")
+_WrenchStamped = namedtuple("_WrenchStamped", "header wrench")
+_Wrench = namedtuple("_Wrench", "force torque")
+_Vector3 = namedtuple("_Vector3", "x y z")
+
+_stamp = struct.Struct("<iI")
+_six = struct.Struct("<6d")
+
+
+class _Known:
+    """A layout of a message that came, and what all messages of this layout have in common."""
+
+    def __init__(self, layout: Layout, data: bytes, msg: Any) -> None:
+        self.end = layout.end
+        self._mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
+        self._common = self._fixed(data)
+        self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
+        self._parts = [layout.part(name) for name in layout.numbers if name not in _STAMP]
+
+    def _fixed(self, data: bytes) -> int:
+        return int.from_bytes(data[: self.end], "little") & self._mask
+
+    def message(self, data: bytes) -> Any:
+        """Return what a message says; None if it has another layout.  What pads it may vary."""
+        if len(data) < self.end or self._fixed(data) != self._common:
+            return None
+        header = _Header(_Stamp(*_stamp.unpack_from(data, _HEAD)), self._frame_id)
+        if self._name is None:
+            w = _six.unpack_from(data, self._parts[0][2])
+            return _WrenchStamped(header, _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:])))
+        arrays = [np.ndarray(shape, dtype, data, at) for shape, dtype, at in self._parts]
+        return _JointState(header, self._name, *arrays)
+
+
+class Reader:
+    """Reads messages of one type as those of rclpy, at their bytes once their layout is known.
+
+    Args:
+        kind: the type, "JointState" or "WrenchStamped".
+        plain: deserialises a message.
+    """
+
+    def __init__(self, kind: str, plain: Callable[[bytes], Any]) -> None:
+        self._kind, self._plain = kind, plain
+        self._known: list[_Known] = []
+
+    def read(self, data: bytes) -> Any:
+        """Return a message, or what has its fields; raises what ``plain`` raises."""
+        for known in self._known:
+            if (msg := known.message(data)) is not None:
+                return msg
+        msg = self._plain(data)
+        if data[:2] != _LITTLE_ENDIAN:
+            return msg
+        try:
+            layout = Walk(_TYPES, data[:_LONGEST]).message(self._kind)
+        except (struct.error, IndexError, ValueError):  # too long, or not UTF-8
+            return msg
+        self._known = [_Known(layout, data, msg), *self._known[: _KNOWN - 1]]
+        return msg
+
+
+class Template:
+    """A message whose stamp and numbers are written into its bytes.
+
+    Args:
+        kind: the type.
+        data: such a message (serialised), with as many numbers as those to come.
+        names: of the fields of the numbers.
+    """
+
+    def __init__(self, kind: str, data: bytes, names: Iterable[str]) -> None:
+        layout = Walk(_TYPES, data).message(kind)
+        self._data = bytearray(data)
+        self._stamp = struct.Struct(layout.order + "iI")
+        parts = [layout.part(name) for name in names]
+        self._numbers = [np.ndarray(shape, dtype, self._data, at) for shape, dtype, at in parts]
+
+    def filled(self, stamp: Any, values: Iterable[Array | float]) -> bytes:
+        """Return the message with the numbers of the fields; a stamp of None stays."""
+        if stamp is not None:
+            self._stamp.pack_into(self._data, _HEAD, stamp.sec, stamp.nanosec)
+        for numbers, value in zip(self._numbers, values, strict=True):
+            numbers[...] = value
+        return bytes(self._data)

@@ -1,0 +1,190 @@
+"""Messages at their bytes say what rclpy finds in them, and what is written so, rclpy reads."""
+
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message
+from ros_processes import FRAMES, Controlled, values
+from samples import examples, uniform
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.scheme import JointCommand
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
+from eulerparams_control.messages.keys import DESERIALISED
+from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
+from eulerparams_control.messages.wire import Reader
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.ros.commands import HORIZON, CommandPublisher, ComplianceCommands
+from eulerparams_control.ros.qos import QOS
+
+RMWError = rclpy_implementation.RMWError
+JOINTS = ("shoulder", "elbow")
+LETTERS = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
+NAMES = st.permutations(JOINTS) | st.permutations([*JOINTS, "finger"]) | st.lists(
+    st.sampled_from([*JOINTS, "finger", ""]) | st.text(LETTERS, max_size=9), max_size=4
+)  # fmt: skip
+STAMPS = st.tuples(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
+FRAME_IDS = st.sampled_from(["", "base", "tool0"]) | st.text(LETTERS, max_size=9)
+FLOATS = st.floats(-3, 3) | st.floats()
+
+
+class Cdr:
+    """Writes values one after the other; what pads them is drawn, as it is anything."""
+
+    def __init__(self, order: str, draw: Any) -> None:
+        self.order, self.draw = order, draw
+        self.data = b"\0\1\0\0" if order == "<" else b"\0\0\0\0"
+
+    def put(self, form: str, *numbers: float) -> None:
+        pad = (4 - len(self.data)) % struct.calcsize(form[-1]) if numbers else 0
+        self.data += self.draw(st.binary(min_size=pad, max_size=pad))
+        self.data += struct.pack(self.order + form, *numbers)
+
+    def text(self, text: str) -> None:
+        self.put("I", len(text.encode()) + 1)
+        self.data += text.encode() + b"\0"
+
+    def sequence(self, numbers: list[float]) -> None:
+        self.put("I", len(numbers))
+        self.put(f"{len(numbers)}d", *numbers)
+
+
+def numbers(count: int) -> st.SearchStrategy[list[float]]:
+    return st.lists(FLOATS, min_size=count, max_size=count)
+
+
+@st.composite
+def rows(draw: Any, kind: type[Any]) -> list[bytes]:
+    """Draw messages of one layout, but for some that are cut, changed or of another."""
+    found = []
+    frame_id, names = draw(FRAME_IDS), draw(NAMES)
+    n = len(names)
+    counts = [draw(st.sampled_from([n, n, n, 0, n + 1])) for _ in range(3)]
+    for _ in range(draw(st.integers(1, 6))):
+        cdr = Cdr(draw(st.sampled_from("<<<>")), draw)
+        cdr.put("i", draw(STAMPS)[0])
+        cdr.put("I", draw(STAMPS)[1])
+        cdr.text(draw(st.just(frame_id) | FRAME_IDS))
+        if kind is WrenchStamped:
+            cdr.put("6d", *draw(numbers(6)))
+        else:
+            used = draw(st.just(names) | st.permutations(names))
+            cdr.put("I", len(used))
+            for name in used:
+                cdr.text(name)
+            for count in counts:
+                cdr.sequence(draw(numbers(count)))
+        data = bytearray(cdr.data)
+        if draw(st.integers(0, 3)) == 0:
+            data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
+        end = draw(st.sampled_from([len(data)] * 3 + [len(data) - 1]) | st.integers(0, len(data)))
+        found.append(bytes(data[:end]) + draw(st.binary(max_size=8)))
+    return found
+
+
+def said(read: Any, joints: JointStateReader, data: bytes) -> list[Any]:
+    """Return all that a message says, or how it is refused."""
+    found: list[Any] = []
+    try:
+        msg = read(data)
+        found += [ns_from_ros(msg.header.stamp), msg.header.frame_id]
+        if hasattr(msg, "wrench"):
+            return [*found, wrench_from_ros(msg, msg.header.frame_id).tolist()]
+        found += [list(msg.name), joints.concerns(msg)]
+        t, q, dq = joints.from_ros(msg)
+        effort = joints.effort_from_ros(msg)
+        found += [t, q.tolist(), dq.tolist(), joints.has_velocity]
+        return [*found, effort if effort is None else effort.tolist()]
+    except (InvalidMessageError, RMWError) as error:
+        return [*found, type(error), str(error)]
+
+
+@pytest.mark.parametrize("kind", [JointState, WrenchStamped])
+@examples(600)
+@given(drawn=st.data(), needs_velocity=st.booleans())
+def test_bytes_say_what_rclpy_finds_in_them(kind, drawn, needs_velocity):
+    def plain(data: bytes) -> Any:
+        return deserialize_message(data, kind)
+
+    read, joints = Reader(kind.__name__, plain).read, [
+        JointStateReader(JOINTS, needs_velocity) for _ in range(2)
+    ]  # fmt: skip
+    for data in drawn.draw(rows(kind)):
+        assert repr(said(read, joints[0], data)) == repr(said(plain, joints[1], data))
+
+
+class Sent(list):
+    """A node whose publishers keep what they send."""
+
+    def create_publisher(self, kind: Any, *_: Any) -> Any:
+        return SimpleNamespace(publish=lambda data: self.append(deserialize_message(data, kind)))
+
+
+def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) -> Any:
+    """Return a command as a message."""
+    q, dq, effort = ([] if each is None else each.tolist() for each in command[:3])
+    if kind == "joint_state":
+        msg = JointState(name=joints, position=q, velocity=dq, effort=effort)
+        msg.header.stamp.sec, msg.header.stamp.nanosec = stamp.sec, stamp.nanosec
+        return msg
+    if kind == "forward":
+        return Float64MultiArray(data=effort or q)
+    point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
+    point.positions = (command.q + HORIZON * command.dq).tolist()
+    return JointTrajectory(joint_names=joints, points=[point])
+
+
+@pytest.mark.parametrize("kind", ["joint_state", "forward", "joint_trajectory"])
+@given(drawn=st.data(), joints=st.lists(st.text(LETTERS, max_size=9), min_size=1, max_size=8))
+def test_rclpy_reads_the_commands_that_are_written(kind, drawn, joints):
+    sent = Sent()
+    publisher = CommandPublisher(sent, "topic", kind, joints, QOS)
+    for _ in range(3):
+        sec, nanosec = drawn.draw(STAMPS)
+        q, dq, effort = drawn.draw(arrays(float, (3, len(joints))))
+        both = JointCommand(q, dq), JointCommand(effort=effort)
+        command = both[0 if kind == "joint_trajectory" else drawn.draw(st.integers(0, 1))]
+        with np.errstate(all="ignore"):
+            publisher.publish(SimpleNamespace(sec=sec, nanosec=nanosec), command)
+            msg = expected(kind, joints, SimpleNamespace(sec=sec, nanosec=nanosec), command)
+        assert repr(sent[-1]) == repr(msg)
+
+
+@given(st.lists(STAMPS, min_size=2, max_size=2), FRAME_IDS, FRAME_IDS, arrays(
+    float, (2, 5, 3), elements=st.floats(-1e300, 1e300)))  # fmt: skip
+def test_rclpy_reads_the_compliant_frames_that_are_written(stamps, base, tip, vectors):
+    sent = Sent()
+    publisher = ComplianceCommands(sent, base, tip, None)
+    for (sec, nanosec), R, row in zip(stamps, uniform(2), vectors, strict=True):
+        frame = DesiredFrame(row[0], R, *row[1:])
+        publisher.publish(SimpleNamespace(sec=sec, nanosec=nanosec), JointCommand(frame=frame))
+        msg = motion_to_ros(Trajectory([0.0], [frame]), base, tip)
+        msg.header.stamp.sec, msg.header.stamp.nanosec = sec, nanosec
+        assert sent[-1] == msg
+
+
+@pytest.mark.parametrize(("executable", "inputs"), [("clik", 1), ("impedance_control", 2)])
+def test_only_messages_of_a_new_layout_are_deserialised(world, executable, inputs):
+    node = Controlled(world, executable, FRAMES)
+    node.arm.ticks(50)
+    assert int(values(node.status())[DESERIALISED]) == inputs
+    for _ in range(10):
+        node.arm.send(JointState(name=["finger"], position=[0.01]))
+        node.arm.tick()
+    assert int(values(node.status())[DESERIALISED]) == inputs + 1
+    node.arm.states.publish(b"\0\1\0\0\7")
+    refused = values(node.status(lambda s: "last rejected" in values(s)))["last rejected"]
+    assert refused == "joint_states: 5 bytes are no JointState"
+    assert node.arm.tick().name  # answered as before
