@@ -93,7 +93,7 @@ class _JointReader:
         self._joints = tuple(joints)
         self._topic = topic
         self._names: list[str] | None = None
-        self._index = np.zeros(0, dtype=int)
+        self._index: list[int] = []
 
     def concerns(self, msg: Any) -> bool:
         """Whether a message is meant for us: it has one of the joints, or no names at all."""
@@ -114,7 +114,7 @@ class _JointReader:
                 f"{self._topic} has {', '.join(twice)} twice; expected each joint once: are there "
                 "two publishers in one?"
             )
-        self._index = np.array([names.index(joint) for joint in self._joints])
+        self._index = [names.index(joint) for joint in self._joints]
         self._names = names
 
     def _pick(self, values: Sequence[float], msg: Any, what: str) -> Array:
@@ -122,13 +122,13 @@ class _JointReader:
             raise InvalidMessageError(
                 f"{self._topic} has {len(msg.name)} names but {len(values)} values of {what}"
             )
-        picked = np.asarray(values)[self._index]
-        if not (np.abs(picked) <= self._largest).all():  # nor for NaN
+        picked = [values[i] for i in self._index]
+        if not sum(map(abs, picked)) <= LARGEST and not _are_possible(picked, self._largest):
             raise InvalidMessageError(
                 f"{self._topic} has a {_fault(picked)} {what}: "
-                f"{dict(zip(self._joints, picked.tolist(), strict=True))}"
+                f"{dict(zip(self._joints, picked, strict=True))}"
             )
-        return picked
+        return np.array(picked)
 
 
 class JointStateReader(_JointReader):
@@ -178,7 +178,7 @@ class JointStateReader(_JointReader):
         """Whether all velocities are NaN, as joint_state_broadcaster fills what hardware lacks."""
         if len(msg.velocity) != len(msg.name) or not math.isnan(msg.velocity[self._index[0]]):
             return False
-        return bool(np.isnan(np.asarray(msg.velocity)[self._index]).all())
+        return all(math.isnan(msg.velocity[i]) for i in self._index)
 
 
 class CommandReader(_JointReader):
@@ -330,7 +330,8 @@ def wrench_from_ros(msg: Any, frame_id: str) -> Array:
         raise InvalidMessageError(
             f"the wrench is in the frame '{shown(msg.header.frame_id)}'; expected '{frame_id}'"
         )
-    wrench = np.concatenate((vector_from_ros(msg.wrench.force), vector_from_ros(msg.wrench.torque)))
+    force, torque = msg.wrench.force, msg.wrench.torque
+    wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
     if not _are_possible(wrench):
         raise InvalidMessageError(f"the wrench has a {_fault(wrench)} value: {wrench.tolist()}")
     return wrench

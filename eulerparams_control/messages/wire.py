@@ -124,7 +124,6 @@ class Walk:
         self._at = end
 
 
-_STAMP = "sec", "nanosec"
 _STAMPED = (
     *(Field("sec", "int32", None), Field("nanosec", "uint32", None)),
     Field("frame_id", "string", None),
@@ -164,7 +163,6 @@ _Wrench = namedtuple("_Wrench", "force torque")
 _Vector3 = namedtuple("_Vector3", "x y z")
 
 _stamp = struct.Struct("<iI")
-_six = struct.Struct("<6d")
 
 
 class _Known:
@@ -172,24 +170,23 @@ class _Known:
 
     def __init__(self, layout: Layout, data: bytes, msg: Any) -> None:
         self.end = layout.end
-        self._mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
-        self._common = self._fixed(data)
+        self.mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
+        self.common = int.from_bytes(data[: self.end], "little") & self.mask
         self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
-        self._parts = [layout.part(name) for name in layout.numbers if name not in _STAMP]
-
-    def _fixed(self, data: bytes) -> int:
-        return int.from_bytes(data[: self.end], "little") & self._mask
+        self._numbers = [
+            (struct.Struct(f"<{count}d").unpack_from, at)
+            for at, kind, count in layout.numbers.values()
+            if kind == "f8"
+        ]
 
     def message(self, data: bytes) -> Any:
-        """Return what a message says; None if it has another layout.  What pads it may vary."""
-        if len(data) < self.end or self._fixed(data) != self._common:
-            return None
+        """Return what a message of this layout says."""
         header = _Header(_Stamp(*_stamp.unpack_from(data, _HEAD)), self._frame_id)
-        if self._name is None:
-            w = _six.unpack_from(data, self._parts[0][2])
-            return _WrenchStamped(header, _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:])))
-        arrays = [np.ndarray(shape, dtype, data, at) for shape, dtype, at in self._parts]
-        return _JointState(header, self._name, *arrays)
+        numbers = [unpack(data, at) for unpack, at in self._numbers]
+        if self._name is not None:
+            return _JointState(header, self._name, *numbers)
+        (w,) = numbers
+        return _WrenchStamped(header, _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:])))
 
 
 class Reader:
@@ -207,8 +204,10 @@ class Reader:
     def read(self, data: bytes) -> Any:
         """Return a message, or what has its fields; raises what ``plain`` raises."""
         for known in self._known:
-            if (msg := known.message(data)) is not None:
-                return msg
+            end = known.end
+            fits = len(data) >= end
+            if fits and int.from_bytes(data[:end], "little") & known.mask == known.common:
+                return known.message(data)
         msg = self._plain(data)
         if data[:2] != _LITTLE_ENDIAN:
             return msg

@@ -28,8 +28,9 @@ def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None
     A node that was killed stays in the graph for some 20 s; its successor has its name, and is
     for a moment without one.
     """
-    if subscription is None or node.count_publishers(topic := subscription.topic_name) < 2:
+    if subscription is None or subscription.get_publisher_count() < 2:
         return
+    topic = subscription.topic_name
     names = publishers_of(node, topic)
     if len(names) > 1:
         raise InvalidMessageError(

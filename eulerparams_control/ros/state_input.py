@@ -83,7 +83,7 @@ class StateInput:
         assert self._reader is not None
         now, last = steady(), self.measured
         t, q, dq = self.measured = self._reader.from_ros(msg)
-        if (np.abs(dq) > MOVES).any():
+        if max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
         self.unanswered, self._last = msg.header.stamp, msg
