@@ -313,21 +313,22 @@ class World:
 
     def watch(self, publisher: Any) -> Any:
         """Let what a publisher sends be acted on."""
-        send = publisher.publish
+        send, count = publisher.publish, publisher.get_subscription_count
+
+        def settled_count() -> int:
+            least, words = len(self._listeners(publisher)), "the subscribers of"
+            wait_for(lambda: count() >= least, f"{words} {publisher.topic_name}")
+            return int(count())
 
         def publish(msg: Any) -> None:
-            listeners = self._listeners(publisher)
-            wait_for(
-                lambda: publisher.get_subscription_count() >= len(listeners),
-                f"the subscribers of {publisher.topic_name}",
-            )
+            settled_count()
             send(msg)
             self._sent[id(publisher)] += 1
-            for node, subscription in listeners:
+            for node, subscription in self._listeners(publisher):
                 self._expect(node, subscription)
             self.act()
 
-        publisher.publish = publish
+        publisher.publish, publisher.get_subscription_count = publish, settled_count
         self._publishers.append(publisher)
         self.change()
         return publisher

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from in_process import each_once, run_to_its_end
 from ros_processes import (
@@ -43,14 +42,11 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
-from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.keys import SLOWED
 from eulerparams_control.messages.to_ros import pose_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import RobotState
-from eulerparams_control.ros.commands import HORIZON, CommandPublisher
-from eulerparams_control.ros.qos import QOS
 
 CONFIG = ROOT / "config"
 CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
@@ -597,21 +593,6 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_effor
     world.until(lambda: (arm.send(arm.message()), arm.commands)[1], "a command")
     held = HOME if executable == "clik" else MODEL.dynamic_state(HOME, np.zeros(6)).g
     np.testing.assert_allclose(found(arm.commands[0]), held, rtol=1e-9)
-
-
-def test_a_joint_trajectory_asks_for_where_the_joints_will_be_then(world):
-    peer = world.peer
-    found = peer.listen(JointTrajectory, "trajectory")
-    commands = CommandPublisher(peer.node, "trajectory", "joint_trajectory", UR5.joints, QOS)
-    q, dq = HOME, np.arange(6) / 10
-    commands.publish(Time(sec=5), JointCommand(q, dq))
-    (point,) = found[0].points
-    assert found[0].joint_names == list(UR5.joints)
-    horizon = ns_from_ros(point.time_from_start) / 1e9
-    assert horizon == HORIZON > 0
-    np.testing.assert_allclose(point.positions, q + horizon * dq, atol=RELATIVE)
-    assert list(point.velocities) == []  # a controller refuses to end with a velocity
-    assert found[0].header.stamp == Time()  # from now on
 
 
 def test_require_reference_is_silent_until_the_first_reference(world):

@@ -122,19 +122,23 @@ class ControlReport:
         return True
 
     def tick(self, controller: Controller, parameters: ControlParameters, stamp: Any) -> None:
-        """Publish pose, desired frame, error and Lyapunov function of the last tick."""
+        """Publish pose, desired frame, error and Lyapunov function of the last tick, if heard."""
         tick, robot = controller.guidance.tick_now, controller.scheme.robot
         assert tick is not None
         stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
         frame, p_e, R_e = robot.base_frame, tick.state.p_e, tick.state.R_e
-        self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
-        desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)
-        desired.header.stamp = stamp
-        self._desired.publish(desired)
-        self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
-        lyapunov = controller.guidance.lyapunov()
-        if lyapunov is not None:
-            self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
+        if self._pose.get_subscription_count():
+            self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
+        if self._desired.get_subscription_count():
+            desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)
+            desired.header.stamp = stamp
+            self._desired.publish(desired)
+        if self._error.get_subscription_count():
+            self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
+        if self._lyapunov.get_subscription_count():
+            lyapunov = controller.guidance.lyapunov()
+            if lyapunov is not None:
+                self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
         self._health.values.update(_values(controller, tick, parameters))
         if controller.scheme.lyapunov(tick) is None:
             self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
