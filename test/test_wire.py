@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from ros_processes import FRAMES, Controlled, values
 from samples import examples, uniform
 from sensor_msgs.msg import JointState
@@ -23,7 +23,7 @@ from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.messages.keys import DESERIALISED
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
-from eulerparams_control.messages.wire import Reader
+from eulerparams_control.messages.wire import Reader, Template
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.commands import HORIZON, CommandPublisher, ComplianceCommands
@@ -144,6 +144,18 @@ def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) ->
     point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
     point.positions = (command.q + HORIZON * command.dq).tolist()
     return JointTrajectory(joint_names=joints, points=[point])
+
+
+def test_what_was_in_memory_between_the_fields_and_behind_them_is_not_written():
+    data = serialize_message(JointState(name=["a"], position=[1.0], velocity=[2.0]))
+    clean, noisy = bytearray(data + b"\0\0\0"), bytearray(data + b"\1\2\3")
+    noisy[17:20], noisy[30:32] = b"\4\5\6", b"\7\7"  # behind the frame_id, and behind the name
+    stamp, values = SimpleNamespace(sec=1, nanosec=2), ([3.0], [4.0])
+    written = [
+        Template("JointState", bytes(each), ("position", "velocity")).filled(stamp, values)
+        for each in (clean, noisy)
+    ]
+    assert written[0] == written[1]
 
 
 @pytest.mark.parametrize("kind", ["joint_state", "forward", "joint_trajectory"])

@@ -129,6 +129,7 @@ _STAMPED = (
     Field("frame_id", "string", None),
 )
 _OF_JOINTS = *_STAMPED, Field("joint_names", "string", 0), Field("points", "uint32", None)
+_FROM_START = Field("from_start_sec", "int32", None), Field("from_start_nanosec", "uint32", None)
 _TYPES = {
     "JointState": (
         *(*_STAMPED, Field("name", "string", 0)),
@@ -139,7 +140,11 @@ _TYPES = {
         *(Field("dim", "uint32", None), Field("data_offset", "uint32", None)),
         Field("data", "float64", 0),
     ),
-    "JointTrajectory": (*_OF_JOINTS, Field("positions", "float64", 0)),
+    "JointTrajectory": (
+        *_OF_JOINTS,
+        *(Field(name, "float64", 0) for name in ("positions", "velocities", "accelerations")),
+        *(Field("effort", "float64", 0), *_FROM_START),
+    ),
     "MultiDOFJointTrajectory": (
         *(*_OF_JOINTS, Field("transforms", "uint32", None)),
         *(Field(name, "float64", 3) for name in ("p_d", "eps")),
@@ -147,6 +152,7 @@ _TYPES = {
         *(Field(name, "float64", 3) for name in ("dp_d", "omega_d")),
         Field("accelerations", "uint32", None),
         *(Field(name, "float64", 3) for name in ("ddp_d", "domega_d")),
+        *_FROM_START,
     ),
 }
 """What messages are made of; those of a motion have one point, with all of its parts."""
@@ -230,7 +236,11 @@ class Template:
 
     def __init__(self, kind: str, data: bytes, names: Iterable[str]) -> None:
         layout = Walk(_TYPES, data).message(kind)
-        self._data = bytearray(data)
+        kept = layout.fixed  # what lies between is what was in memory
+        kept[:_HEAD] = True
+        for at, number, count in layout.numbers.values():
+            kept[at : at + np.dtype(number).itemsize * (1 if count is None else count)] = True
+        self._data = bytearray((np.frombuffer(data, np.uint8) * kept).tobytes())
         self._stamp = struct.Struct(layout.order + "iI")
         parts = [layout.part(name) for name in names]
         self._numbers = [np.ndarray(shape, dtype, self._data, at) for shape, dtype, at in parts]
