@@ -102,7 +102,7 @@ class SpeedScaling:
             self._look_at_singularity(J)
             self._since = 0.0
             self.wanted = min(
-                self._by_singularity(), self._by_braking(now, J @ dq), self._by_limits(now, q, dq)
+                self._by_singularity(), self._by_braking(now, J, dq), self._by_limits(now, q, dq)
             )
 
     def _look_at_singularity(self, J: Array) -> None:
@@ -129,8 +129,8 @@ class SpeedScaling:
         ratio = self._sigma / self.threshold
         return min(1.0, max(LEAST, 2 * ratio if self.singularity is Nearness.LEAVING else ratio))
 
-    def _by_braking(self, now: float, v: Array) -> float:
-        """Return the pace at which the tip, at v (6,), can stop before a singularity.
+    def _by_braking(self, now: float, J: Array, dq: Array) -> float:
+        """Return the pace at which the tip, at v = J dq, can stop before a singularity.
 
         That is v tau / 2 away if sigma, which is 0 in the time tau at the rate at which it falls,
         goes as the root of the distance: so it does at the edge of the workspace.  The speed of
@@ -138,7 +138,7 @@ class SpeedScaling:
         """
         if self.motion is None or self._left == math.inf:
             return 1.0
-        pace = 1.0
+        pace, v = 1.0, J @ dq
         for part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
             speed, aT = math.sqrt(part @ part), a * _STOP_TIME
             if speed > 0 and math.isfinite(a):
