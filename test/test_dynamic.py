@@ -612,6 +612,13 @@ def test_hold_brings_a_moving_arm_to_rest_where_the_hold_began(limited):
     assert_close(plant.q, HOME, 1e-4)
 
 
+def test_hold_leaves_an_arm_where_others_have_braked_it():
+    scheme = dynamic(limits_of(joints=replace(UR5.limits, acceleration=np.full(6, 10.0))))
+    for k in range(200):
+        command = scheme.hold(DT, HOME, STILL if k else np.ones(6))
+    assert_close(command.effort, gravity(), NULL_SPACE)
+
+
 def test_hold_is_a_spring_with_damping_and_leaves_the_friction_that_helps_to_stop():
     scheme = dynamic(dynamics=InverseDynamics(friction=FRICTION))
     scheme.hold(DT, HOME, STILL)

@@ -34,6 +34,9 @@ from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
 _HOLD_K, _HOLD_D = 400.0, 40.0
 
+# Joints that brake slower than this [rad/s or m/s] are all but at rest.
+_SLOW = 0.05
+
 # Time constant [s] of the acceleration that disturbances cause.
 _DRIFT_TIME = 0.005
 _NO_DRIFT = np.zeros(6)
@@ -274,8 +277,11 @@ class DynamicControl(Scheme):
         nor the orientation.  Friction, which helps to stop, is not compensated.
         """
         state = self.robot.dynamic_state(q, dq)
-        since = 0.0 if self._braked is None else dt
-        q_b, dq_b, ddq_b = self._brake(since, *(self._braked or (q, dq)))
+        since, (q_b, dq_b) = dt, self._braked or (q, dq)
+        speed = dq_b @ dq_b
+        if self._braked is None or (speed > _SLOW**2 and dq @ dq_b < speed / 2):
+            since, q_b, dq_b = 0.0, q, dq  # it begins; or the arm is slower: others brake it
+        q_b, dq_b, ddq_b = self._brake(since, q_b, dq_b)
         self._braked = q_b, dq_b
         self._q, self._x_de = q, None
         self._blend.reset()
