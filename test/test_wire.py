@@ -146,6 +146,15 @@ def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) ->
     return JointTrajectory(joint_names=joints, points=[point])
 
 
+def test_the_layouts_of_others_are_learnt_up_to_a_number_and_push_out_none_of_ours():
+    plain = []
+    reader = Reader("JointState", lambda data: plain.append(data) or deserialize_message(
+        data, JointState), lambda msg: "a" in msg.name)  # fmt: skip
+    for name in "abcdefghijk" * 2:
+        assert reader.read(serialize_message(JointState(name=[name]))).name == [name]
+    assert len(plain) == 11 + 2
+
+
 def test_what_was_in_memory_between_the_fields_and_behind_them_is_not_written():
     data = serialize_message(JointState(name=["a"], position=[1.0], velocity=[2.0]))
     clean, noisy = bytearray(data + b"\0\0\0"), bytearray(data + b"\1\2\3")

@@ -94,7 +94,9 @@ class CommandLimiter:
             return False
         step, led, change = q - last.q, dt * last.dq, dt * limits.acceleration
         if not (
-            every(np.abs(step - led) <= dt * change)
+            every(np.abs(step) < math.pi)  # no turn is lost; nor is it infinite
+            and math.isfinite(dq @ dq)
+            and every(np.abs(step - led) <= dt * change)
             and every(np.abs(step) <= elapsed * limits.velocity)
             and every(np.abs(dq - last.dq) <= change)
             and every(np.abs(dq) <= limits.velocity)

@@ -35,6 +35,8 @@ _STEP = 0.5
 STOP_TIME = 0.05
 """A frozen compliant frame comes to rest with this time constant [s], a fast one later."""
 
+_LONGEST_STOP = 0.5  # the same, however low the accelerations are
+
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
@@ -141,10 +143,15 @@ class CompliantFrame:
         self.now, self._desired, self._input = frame, desired, None
 
     def stop_time(self, motion: MotionLimits | None) -> float:
-        """Return the time constant [s] to come to rest with, within accelerations of the tip."""
+        """Return the time constant [s] with which it comes to rest now.
+
+        So it brakes by the accelerations of the tip, at last by STOP_TIME; but not for long: what
+        is in its way is not felt.
+        """
         if self.now is None or motion is None:
             return STOP_TIME
-        return max(STOP_TIME, motion.stop_time(self.now.dp_d, self.now.omega_d))
+        by_limits = motion.stop_time(self.now.dp_d, self.now.omega_d)
+        return max(STOP_TIME, min(by_limits, _LONGEST_STOP))
 
     def freeze(self, dt: float, actual: DesiredFrame, T: float = STOP_TIME) -> DesiredFrame:
         """Return the compliant frame, which comes to rest until the next step.

@@ -16,7 +16,7 @@ import numpy as np
 
 from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.compliant_frame import STOP_TIME, ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
@@ -155,8 +155,6 @@ class ImpedanceControl(Scheme):
         chain: of the wrench, with its tare; None is a new one.
     """
 
-    stop_time = STOP_TIME
-
     def __init__(
         self, motion: MotionLoop, law: ImpedanceLaw, chain: WrenchChain | None = None
     ) -> None:
@@ -187,7 +185,6 @@ class ImpedanceControl(Scheme):
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
         if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
             self._fade.replace(-self._h)
-            self.stop_time = self._compliant.stop_time(self.motion.limits.motion)
         self._sensed = wrench
 
     def replace_law(
@@ -235,6 +232,11 @@ class ImpedanceControl(Scheme):
     def is_frozen(self) -> bool:
         """Whether the compliant frame is at rest because no wrench is known."""
         return self._sensed is None
+
+    @property
+    def stop_time(self) -> float:
+        """That of the compliant frame [s]."""
+        return self._compliant.stop_time(self.motion.limits.motion)
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does."""

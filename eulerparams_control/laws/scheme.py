@@ -146,11 +146,9 @@ class Scheme(ABC):
 
     Attributes:
         robot: the arm.
-        stop_time: time constant [s] with which the desired motion comes to rest, if it is frozen.
     """
 
     robot: Robot
-    stop_time: float
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the frame of the tip at rest at the positions q (n,)."""
@@ -202,6 +200,11 @@ class Scheme(ABC):
     def is_frozen(self) -> bool:
         """Whether the desired motion has to wait: what it needs is not known."""
         return False
+
+    @property
+    def stop_time(self) -> float:
+        """The time constant [s] with which a desired motion that has to wait comes to rest."""
+        raise NotImplementedError
 
     @abstractmethod
     def start_frame(self) -> DesiredFrame:

@@ -158,7 +158,7 @@ _TYPES = {
 """What messages are made of; those of a motion have one point, with all of its parts."""
 
 _KNOWN = 8  # layouts on a topic: those of the arm, of its gripper, of other arms
-_LONGEST = 2**14  # bytes of a message whose layout is learnt: hundreds of joints
+_LONGEST = 2**12  # bytes of a message whose layout is learnt: dozens of joints
 
 # Parts of messages, by the names that they have in the messages of rclpy.
 _Stamp = namedtuple("_Stamp", "sec nanosec")
@@ -201,27 +201,40 @@ class Reader:
     Args:
         kind: the type, "JointState" or "WrenchStamped".
         plain: deserialises a message.
+        concerns: whether a message is meant for us: of others the first few layouts are learnt.
     """
 
-    def __init__(self, kind: str, plain: Callable[[bytes], Any]) -> None:
-        self._kind, self._plain = kind, plain
+    def __init__(
+        self,
+        kind: str,
+        plain: Callable[[bytes], Any],
+        concerns: Callable[[Any], bool] = lambda _: True,
+    ) -> None:
+        self._kind, self._plain, self._concerns = kind, plain, concerns
         self._known: list[_Known] = []
+        self._others: list[_Known] = []
 
     def read(self, data: bytes) -> Any:
         """Return a message, or what has its fields; raises what ``plain`` raises."""
-        for known in self._known:
+        for known in (*self._known, *self._others):
             end = known.end
             fits = len(data) >= end
             if fits and int.from_bytes(data[:end], "little") & known.mask == known.common:
                 return known.message(data)
         msg = self._plain(data)
-        if data[:2] != _LITTLE_ENDIAN:
+        is_ours = self._concerns(msg)
+        if data[:2] != _LITTLE_ENDIAN or len(data) > _LONGEST:
+            return msg
+        if not is_ours and len(self._others) == _KNOWN:
             return msg
         try:
-            layout = Walk(_TYPES, data[:_LONGEST]).message(self._kind)
-        except (struct.error, IndexError, ValueError):  # too long, or not UTF-8
+            layout = Walk(_TYPES, data).message(self._kind)
+        except (struct.error, IndexError, ValueError):  # not UTF-8
             return msg
-        self._known = [_Known(layout, data, msg), *self._known[: _KNOWN - 1]]
+        if is_ours:
+            self._known = [_Known(layout, data, msg), *self._known[: _KNOWN - 1]]
+        else:
+            self._others.append(_Known(layout, data, msg))
         return msg
 
 

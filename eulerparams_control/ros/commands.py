@@ -88,6 +88,8 @@ class CommandPublisher:
         """Publish a command under the stamp of the joint_states that it answers."""
         parts = self._parts(command)
         numbers = {name: values for name, values in parts.items() if values is not None}
+        if not numbers:
+            return
         if self._names != [*numbers]:
             self._names = [*numbers]
             for name, values in parts.items():

@@ -151,9 +151,10 @@ class ImpedanceControlNode(ControlNode):
         """Take the wrench for the state, and remember it for a tare."""
         if self._robot is None:
             return
-        if self._controller is not None and self._controller.set_backs != self._set_backs:
+        if self._controller is not None:
+            if self._controller.set_backs > self._set_backs:
+                self._sensor.set_back()
             self._set_backs = self._controller.set_backs
-            self._sensor.set_back()
         is_new = self._sensor.choose(t, q, self._robot.limits)
         sensed = self._sensor.fresh
         if self._controller is not None:

@@ -314,7 +314,9 @@ class ManagedNode(LifecycleNode):
             kind, topic, callback, qos, raw=raw, qos_overriding_options=overrides
         )
 
-    def _reader(self, kind: type[Any]) -> Callable[[bytes], Any]:
+    def _reader(
+        self, kind: type[Any], concerns: Callable[[Any], bool] = lambda _: True
+    ) -> Callable[[bytes], Any]:
         """Return what reads messages of a type; raises InvalidMessageError if they are broken."""
 
         def plain(data: bytes) -> Any:
@@ -324,7 +326,7 @@ class ManagedNode(LifecycleNode):
             except RMWError as error:
                 raise InvalidMessageError(f"{len(data)} bytes are no {kind.__name__}") from error
 
-        return Reader(kind.__name__, plain).read
+        return Reader(kind.__name__, plain, concerns).read
 
     def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback after whose defects the arm is held, and the node goes on."""
