@@ -5,7 +5,7 @@ import math
 import re
 import typing
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,12 @@ from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.maps.definition import load_map
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
+from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
-from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.parameters import declare, refuse_words
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
@@ -131,6 +132,27 @@ def test_a_file_for_a_node_of_nearly_this_name_is_refused(section, tmp_path):
     file.write_text(yaml.safe_dump({section: {"ros__parameters": {"k_Po": 1.0}}}))
     with pytest.raises(ConfigurationError, match=r"did you mean 'clik'\?"):
         refuse_misspelt_sections("clik", ["x", "--ros-args", "--params-file", str(file)])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "refused"),
+    [
+        ("-p k_Pp:=fast", "'k_Pp' is 'fast', a str; expected a float"),
+        ("-p clik:enforce_limits:=maybe", "'enforce_limits' is 'maybe'"),
+        ("-p max_linear_speed:=0.05x", "'max_linear_speed'"),
+        ("--params-file words.yaml", "'k_Po' is 'slow'"),
+        ("-p other:k_Pp:=fast -p k_Pp:=1e-3 -p k_Po:=.5 -p orientation:=no -p x:=y", ""),
+        ("-p enforce_limits:=true --params-file none.yaml", ""),
+    ],
+)
+def test_a_word_for_a_number_is_refused_also_where_another_source_gives_a_number(
+    arguments, refused, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("words.yaml").write_text("clik: {ros__parameters: {k_Pp: 100.0, k_Po: slow}}")
+    fields = fields_of(schemes()["clik"].parameters)
+    with pytest.raises(ConfigurationError, match=refused) if refused else nullcontext():
+        refuse_words("clik", fields, ["clik", "--ros-args", *arguments.split()])
 
 
 @pytest.mark.parametrize(

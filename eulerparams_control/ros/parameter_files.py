@@ -1,11 +1,13 @@
-"""The sections of a parameter file: which of them are for a node.
+"""What the command line of a node gives: the sections of parameter files, and single parameters.
 
 rcl leaves out the sections of other nodes without a word.  So a name that is misspelt would mean
-that all its parameters are the defaults.
+that all its parameters are the defaults.  Nor does it say that a word is dropped where another
+source gives the same parameter as a number: that would count.
 """
 
 import sys
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,7 @@ def refuse_misspelt_sections(name: str, arguments: Iterable[str] | None = None) 
         ConfigurationError: if no section of a file is for the node, but one is probably meant so.
     """
     for path in _files(sys.argv if arguments is None else arguments):
-        sections = list(_sections(path))
+        sections = [section for section, _ in _sections(path)]
         last_parts = [section.rpartition("/")[2] for section in sections]
         if name in last_parts or any("*" in part for part in last_parts):
             continue
@@ -41,6 +43,33 @@ def refuse_misspelt_sections(name: str, arguments: Iterable[str] | None = None) 
                 )
 
 
+def given_words(name: str, arguments: Iterable[str] | None = None) -> Iterator[tuple[str, str]]:
+    """Yield names and values of the parameters of the node ``name`` that are given as words."""
+    arguments = list(sys.argv if arguments is None else arguments)
+    for flag, argument in pairwise(arguments):
+        if flag in ("-p", "--param"):
+            node, _, key = argument.partition(":=")[0].rpartition(":")
+            if node in ("", name):
+                yield from _words({key: _loaded(argument.partition(":=")[2])})
+    for path in _files(arguments):
+        for section, values in _sections(path):
+            part = section.rpartition("/")[2]
+            if part == name or "*" in part:
+                yield from _words(values)
+
+
+def _words(values: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(values, dict):
+        yield from ((str(key), word) for key, word in values.items() if isinstance(word, str))
+
+
+def _loaded(text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except (ValueError, RecursionError, yaml.YAMLError):
+        return None  # rcl has read it in its own way, or has refused it
+
+
 def _files(arguments: Iterable[str]) -> Iterator[str]:
     before = ""
     for argument in arguments:
@@ -49,21 +78,21 @@ def _files(arguments: Iterable[str]) -> Iterator[str]:
         before = argument
 
 
-def _sections(path: str) -> Iterator[str]:
-    """Yield the full names of the nodes that a file is for; none if it cannot be read."""
+def _sections(path: str) -> Iterator[tuple[str, Any]]:
+    """Yield the full names of the nodes that a file is for, with what it gives them."""
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, ValueError):
         return  # rcl has read it in its own way, or has refused it
-    yield from _named(content, "")
+    yield from _named(_loaded(text), "")
 
 
-def _named(content: Any, above: str) -> Iterator[str]:
+def _named(content: Any, above: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(content, dict):
         return
     for key, value in content.items():
         name = f"{above}/{str(key).strip('/')}"
         if isinstance(value, dict) and _PARAMETERS in value:
-            yield name
+            yield name, value[_PARAMETERS]
         else:
             yield from _named(value, name)

@@ -17,7 +17,7 @@ from eulerparams_control.parameters.fields import (
     item_type,
     refuse_unknown,
 )
-from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
+from eulerparams_control.ros.parameter_files import given_words, refuse_misspelt_sections
 
 
 def declare[P](
@@ -44,10 +44,21 @@ def declare[P](
     """
     refuse_misspelt_sections(node.get_name())
     refuse_unknown(parameters, node._parameter_overrides, prefixes)
+    refuse_words(node.get_name(), fields_of(parameters))
     fields = fields_of(parameters).items()
     filled = parameters(**{name: checked(field, _declare(node, field)) for name, field in fields})
     _watch(node, filled, on_change)
     return filled
+
+
+def refuse_words(name: str, fields: dict[str, Any], arguments: list[str] | None = None) -> None:
+    """Raise ConfigurationError where a word is given for what is no text."""
+    for key, word in given_words(name, arguments):
+        if key in fields and not isinstance(fields[key].default, str):
+            try:
+                float(word)  # 1e-3 is a word for YAML
+            except ValueError:
+                checked(fields[key], word)
 
 
 def _declare(node: Node, field: Any) -> Any:
