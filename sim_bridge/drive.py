@@ -32,8 +32,8 @@ from sim_bridge.drive_modes import (
 from sim_bridge.parameters import each_joint
 from sim_bridge.simulator import Simulator, SimulatorState
 
-# Stamps older than this part of the timeout of commands are forgotten, or older than this [s]: so a
-# restarted clock is accepted before silence brakes the robot.
+# Older stamps are refused for this part of the timeout of commands, and for this time [s] at most:
+# a clock that restarts is believed before silence brakes the robot.
 _OF_TIMEOUT, _LONGEST_MEMORY = 0.3, 1.0
 
 # One of two controllers has gone when it has been silent for so long [s].

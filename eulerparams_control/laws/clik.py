@@ -199,8 +199,7 @@ class Clik(Scheme):
             ConfigurationError: if its posture has the wrong size.
         """
         law = _checked(law, self.robot)
-        was, is_now = ([] if p is None else list(p) for p in (self.law.posture, law.posture))
-        if law == self.law and was == is_now:
+        if law == self.law and np.array_equal(law.posture, self.law.posture):  # type: ignore[arg-type]
             return
         if law.orientation != self.law.orientation:
             self._x_de = None  # means nothing to another representation

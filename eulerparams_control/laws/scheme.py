@@ -203,8 +203,8 @@ class Scheme(ABC):
 
     @property
     def stop_time(self) -> float:
-        """The time constant [s] with which a desired motion that has to wait comes to rest."""
-        raise NotImplementedError
+        """The time constant [s] with which a frozen motion comes to rest; 0: none freezes."""
+        return 0.0
 
     @abstractmethod
     def start_frame(self) -> DesiredFrame:

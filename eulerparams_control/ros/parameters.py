@@ -44,9 +44,10 @@ def declare[P](
     """
     refuse_misspelt_sections(node.get_name())
     refuse_unknown(parameters, node._parameter_overrides, prefixes)
-    refuse_words(node.get_name(), fields_of(parameters))
-    fields = fields_of(parameters).items()
-    filled = parameters(**{name: checked(field, _declare(node, field)) for name, field in fields})
+    fields = fields_of(parameters)
+    refuse_words(node.get_name(), fields)
+    values = {name: checked(field, _declare(node, field)) for name, field in fields.items()}
+    filled = parameters(**values)
     _watch(node, filled, on_change)
     return filled
 
