@@ -59,6 +59,7 @@ setup(
         "ros-jazzy-common-interfaces",
         "pin>=4.1",
         "numpy",
+        "numba>=0.61",
         "pybullet>=3.2.7",
         "example-robot-data",
         "mcap>=1.6",

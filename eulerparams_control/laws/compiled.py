@@ -1,0 +1,417 @@
+"""What makes formulas fast: written once, for one sample, they are compiled and mapped over many.
+
+``@formula`` marks what the laws are made of, plain Python on values: numbers, vectors, matrices
+(:mod:`eulerparams_control.laws.linear`), and NamedTuples of these.  ``@entry`` marks what Python
+calls with arrays.  Its types are fixed by its annotations, so that nothing is compiled while an
+arm moves.  Where numba is installed both are compiled; else, or with EULERPARAMS_PLAIN=1 in the
+environment, the same source runs as it is, 20 to 50 times slower.
+
+A formula takes arrays, too: of one sample, for which it runs as it is, or of N samples in a row,
+for which it is compiled at the first call, and mapped.
+"""
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable
+from functools import cache, cached_property, update_wrapper
+from pathlib import Path
+from types import FunctionType
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+IS_COMPILED = not os.environ.get("EULERPARAMS_PLAIN") and bool(importlib.util.find_spec("numba"))
+"""Whether formulas are compiled."""
+
+# What an entry takes and fills: rows of floats in a row, and what it only reads, however it lies.
+Row = Annotated[Array, "float64", 1, "C", False]
+Rows = Annotated[Array, "float64", 2, "C", False]
+Input = Annotated[Array, "float64", 1, "A", True]
+Inputs = Annotated[Array, "float64", 2, "A", True]
+
+# Rooms whose files have formulas: where one changes, all is compiled anew.
+_ROOMS = ("laws", "robot", "motion", "control")
+_KEPT = 4  # folders of compiled formulas, one for each state of these files
+
+if IS_COMPILED:
+    import numba
+    import numba.extending
+
+_ATOMS: dict[type, tuple[str, ...]] = {}  # kinds of values that are a row of floats
+
+
+# --- kinds of values: how they lie in a row of floats --------------------------------------
+
+
+class Kernel:
+    """A function that is compiled where a compiled one calls it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        update_wrapper(self, function)
+
+    def __call__(self, *args: Any) -> Any:
+        """Return what the function returns."""
+        return self.function(*args)
+
+    @cached_property
+    def compiled(self) -> Any:
+        """The function as numba has it."""
+        return _njit(self.function)
+
+
+class RowLayout(NamedTuple):
+    """How a kind of value lies in a row of floats.
+
+    Attributes:
+        width: how many floats it is.
+        read: returns the value (a, i) that begins at a[i].
+        put: writes a value (a, i, v) from a[i] on.
+    """
+
+    width: int
+    read: Kernel
+    put: Kernel
+
+
+@cache
+def layout(kind: Any) -> RowLayout:
+    """Return the layout of a kind: a number, an atom, or a tuple of kinds, named or not."""
+    leaves, names = list(_leaves(kind, "v")), dict[str, Any]()
+    made = _making(kind, iter(range(len(leaves))), names)
+    writes = "".join(f"    a[i + {k}] = {leaf}\n" for k, leaf in enumerate(leaves))
+    name = hashlib.sha256(f"{kind}{leaves}".encode()).hexdigest()[:8]
+    read = _source(f"read_{name}", f"(a, i):\n    return {made}\n", names)
+    put = _source(f"put_{name}", f"(a, i, v):\n{writes}", names)
+    return RowLayout(len(leaves), Kernel(read), Kernel(put))
+
+
+@cache
+def _parts(kind: Any) -> list[tuple[str, Any]]:
+    """Return how the parts of a kind are reached, and their kinds; none of a number."""
+    if kind in _ATOMS:
+        return [(f".{name}", float) for name in _ATOMS[kind]]
+    if hasattr(kind, "_fields"):
+        return [(f".{name}", part) for name, part in get_type_hints(kind).items()]
+    return [(f"[{k}]", part) for k, part in enumerate(get_args(kind))]
+
+
+def _leaves(kind: Any, name: str) -> Iterable[str]:
+    parts = _parts(kind)
+    for path, part in parts:
+        yield from _leaves(part, name + path)
+    if not parts:
+        yield f"float({name})" if kind is not float else name
+
+
+def _making(kind: Any, at: Iterable[int], names: dict[str, Any]) -> str:
+    parts = _parts(kind)
+    if not parts:
+        value = f"a[i + {next(iter(at))}]"
+        return {bool: f"{value} != 0.0", int: f"int({value})"}.get(kind, value)
+    made = ", ".join(_making(part, at, names) for _, part in parts)
+    if isinstance(kind, type) and not get_args(kind):
+        names[kind.__name__] = kind
+        return f"{kind.__name__}({made})"
+    return f"({made},)"
+
+
+def _source(name: str, body: str, names: dict[str, Any]) -> FunctionType:
+    """Return a function of a text that is made here; for the cache it is of this file."""
+    exec(compile(f"def {name}{body}", __file__, "exec"), names)  # noqa: S102  no text from outside
+    made: FunctionType = names[name]
+    made.__module__ = __name__
+    return made
+
+
+def to_rows(kind: Any, value: Any) -> Array:
+    """Return a value whose parts are arrays, of one sample or of N, as rows (..., width)."""
+    parts = _parts(kind)
+    if not parts:
+        return np.asarray(value, dtype=float)[..., None]
+    if kind in _ATOMS:
+        array, axes = np.asarray(value, dtype=float), _axes(kind)
+        return array.reshape(*array.shape[: array.ndim - axes], len(parts))
+    rows = [to_rows(part, v) for (_, part), v in zip(parts, value, strict=True)]
+    return _side_by_side(rows)
+
+
+def _axes(kind: Any) -> int:
+    return len(_ATOMS[kind][0])
+
+
+def _side_by_side(rows: list[Array]) -> Array:
+    shape = np.broadcast_shapes(*(row.shape[:-1] for row in rows))
+    return np.concatenate([np.broadcast_to(r, (*shape, r.shape[-1])) for r in rows], axis=-1)
+
+
+def from_rows(kind: Any, rows: Array) -> Any:
+    """Return rows (..., width) as a value of a kind whose parts are arrays."""
+    parts = _parts(kind)
+    if not parts:
+        return rows[..., 0] if rows.ndim > 1 else rows[0].item()
+    if kind in _ATOMS:
+        return rows.reshape(*rows.shape[:-1], *(3,) * _axes(kind))
+    values, at = [], 0
+    for _, part in parts:
+        width = layout(part).width
+        values.append(from_rows(part, rows[..., at : at + width]))
+        at += width
+    return tuple(values) if get_args(kind) else kind(*values)
+
+
+# --- formulas ------------------------------------------------------------------------------
+
+
+class Formula(Kernel):
+    """A formula: called with values, or with arrays of one sample or of N."""
+
+    def __call__(self, *args: Any) -> Any:
+        """Return what the formula makes of values, or of arrays."""
+        return self._of_arrays(args) if any(map(_is_array, args)) else self.function(*args)
+
+    @cached_property
+    def _kinds(self) -> tuple[list[Any], Any]:
+        """The kinds of what it takes, and of what it returns."""
+        kinds = get_type_hints(self.function)
+        result = kinds.pop("return")
+        return list(kinds.values()), result
+
+    def _of_arrays(self, args: tuple[Any, ...]) -> Any:
+        kinds, result = self._kinds
+        pairs = list(zip(kinds, args, strict=True))
+        if not any(_is_stack(kind, arg) for kind, arg in pairs):
+            return _arrays(self.function(*(_value(kind, arg) for kind, arg in pairs)))
+        samples = np.ascontiguousarray(_side_by_side([to_rows(kind, arg) for kind, arg in pairs]))
+        out = np.empty((len(samples), layout(result).width))
+        self._series(samples, out)
+        return from_rows(result, out)
+
+    @cached_property
+    def _series(self) -> Any:
+        """The formula over N samples: fills out (N, ...) from what it takes side by side."""
+        kinds, result = self._kinds
+        names, at, taken = {"f": self, "put": layout(result).put}, 0, []
+        for k, kind in enumerate(kinds):
+            names[f"read_{k}"] = layout(kind).read
+            taken.append(f"read_{k}(a[n], {at})")
+            at += layout(kind).width
+        call = f"put(out[n], 0, f({', '.join(taken)}))"
+        name = f"{self.function.__module__}_{self.function.__name__}".replace(".", "_")
+        series = _source(name, f"(a, out):\n    for n in range(len(a)):\n        {call}", names)
+        series.__annotations__ = {"a": Rows, "out": Rows, "return": None}
+        return entry(series)
+
+
+def _is_array(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return any(map(_is_array, value))
+    return isinstance(value, np.ndarray)
+
+
+def _is_stack(kind: Any, value: Any) -> bool:
+    """Whether a value whose parts are arrays is one of N samples."""
+    if isinstance(value, tuple):
+        return any(_is_stack(k, v) for (_, k), v in zip(_parts(kind), value, strict=True))
+    return isinstance(value, np.ndarray) and value.ndim > (_axes(kind) if kind in _ATOMS else 0)
+
+
+def _value(kind: Any, value: Any) -> Any:
+    """Return a value whose parts are arrays of one sample as the formulas have it."""
+    if kind in _ATOMS:
+        return kind(*value.ravel().tolist())
+    if isinstance(value, tuple):
+        parts = [_value(k, v) for (_, k), v in zip(_parts(kind), value, strict=True)]
+        return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)
+    return kind(value)
+
+
+def _arrays(value: Any) -> Any:
+    """Return a value of the formulas as one whose parts are arrays."""
+    kind = type(value)
+    if kind in _ATOMS:
+        return np.array([getattr(value, name) for name in _ATOMS[kind]]).reshape((3,) * _axes(kind))
+    if isinstance(value, tuple):
+        parts = map(_arrays, value)
+        return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)
+    return value
+
+
+def formula(function: Callable[..., Any]) -> Formula:
+    """Mark a formula on values; its annotations say of which kinds they are."""
+    return Formula(function)
+
+
+def kernel(function: Callable[..., Any]) -> Kernel:
+    """Mark what formulas and entries call with rows of floats, of whatever length."""
+    return Kernel(function)
+
+
+def template(function: Callable[..., Any], name: str, **slots: Any) -> FunctionType:
+    """Return a function like another one, of another name, in which these names mean the slots.
+
+    A compiled function that is an argument of another one would not be kept in the cache.
+    """
+    assert isinstance(function, FunctionType)
+    made = FunctionType(function.__code__, {**function.__globals__, **slots}, name)
+    made.__qualname__, made.__annotations__ = name, function.__annotations__
+    made.__module__, made.__doc__ = function.__module__, function.__doc__
+    return made
+
+
+def entry(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile what Python calls for the types of its annotations, now; see :data:`Row`."""
+    if not IS_COMPILED:
+        return function
+    hints = get_type_hints(function, include_extras=True)
+    result = _type(hints.pop("return"))
+    return _njit(function, result(*map(_type, hints.values())))  # type: ignore[no-any-return]
+
+
+# --- numba ---------------------------------------------------------------------------------
+
+type Rule = tuple[Callable[..., Any], tuple[type, ...], Callable[..., Any]]
+"""An operator, the kinds that it is between, and what it does."""
+
+
+def register(
+    atoms: tuple[type, ...],
+    rules: Iterable[Rule],
+    properties: Iterable[tuple[type, str, Callable[..., Any]]],
+) -> None:
+    """Make classes of floats kinds of values, with the operators between them.
+
+    Their ``__slots__`` are the floats; a name has one letter for each axis of the array.
+    """
+    _ATOMS.update({atom: tuple(atom.__slots__) for atom in atoms})  # type: ignore[attr-defined]
+    if not IS_COMPILED:
+        return
+    kinds: dict[type, Any] = {atom: _struct(atom, _ATOMS[atom]) for atom in atoms}
+    tables: dict[Any, dict[Any, Any]] = {}
+    for operation, between, rule in rules:
+        tables.setdefault(operation, {})[tuple(kinds.get(k, numba.float64) for k in between)] = rule
+    for operation, table in tables.items():
+        numba.extending.overload(operation, strict=False)(_chosen_from(table))
+    for atom, name, rule in properties:
+        _add_property(type(kinds[atom]), name, rule)
+
+
+def _add_property(struct: Any, name: str, rule: Callable[..., Any]) -> None:
+    @numba.extending.overload_attribute(struct, name, strict=False)
+    def chosen(_value: Any) -> Callable[..., Any]:
+        return rule
+
+
+def _chosen_from(table: dict[Any, Any]) -> Callable[..., Any]:
+    """Return what chooses the rule of an operator by the types that it is between."""
+
+    def is_number(kind: Any) -> bool:
+        return isinstance(kind, numba.types.Number)
+
+    def unary(a: Any) -> Any:
+        return table.get((a,))
+
+    def binary(a: Any, b: Any) -> Any:
+        return table.get(tuple(numba.float64 if is_number(k) else k for k in (a, b)))
+
+    return unary if len(next(iter(table))) == 1 else binary
+
+
+def _struct(atom: type, fields: tuple[str, ...]) -> Any:
+    """Return numba's type for a class of floats, of which it now knows all."""
+    float64 = numba.float64
+
+    class Struct(numba.types.Type):  # type: ignore[misc]
+        pass
+
+    @numba.extending.register_model(Struct)
+    class Model(numba.extending.models.StructModel):  # type: ignore[misc]
+        def __init__(self, manager: Any, kind: Any) -> None:
+            super().__init__(manager, kind, [(name, float64) for name in fields])
+
+    for name in fields:
+        numba.extending.make_attribute_wrapper(Struct, name, name)
+    struct = Struct(atom.__name__)
+
+    @numba.extending.type_callable(atom)
+    def typed(_context: Any) -> Callable[..., Any]:
+        def kind(*_args: Any) -> Any:
+            return struct
+
+        kind.__signature__ = inspect.signature(atom)  # type: ignore[attr-defined]
+        return kind
+
+    @numba.extending.lower_builtin(atom, *(float64 for _ in fields))
+    def made(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        value = numba.core.cgutils.create_struct_proxy(struct)(context, builder)
+        for name, arg in zip(fields, args, strict=True):
+            setattr(value, name, arg)
+        return value._getvalue()
+
+    return struct
+
+
+def _type(kind: Any) -> Any:
+    """Return numba's type for the annotation of an entry."""
+    if kind in (float, int, bool):
+        return {float: numba.float64, int: numba.int64, bool: numba.boolean}[kind]
+    if kind is type(None):
+        return numba.void
+    _, dtype, axes, order, is_read_only = get_args(kind)
+    return numba.types.Array(getattr(numba, dtype), axes, order, readonly=is_read_only)
+
+
+def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
+    """Return a function compiled for these types now, or for any as they come."""
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
+    try:
+        options = {"cache": True, "error_model": "numpy"}
+        return numba.njit(list(signatures) or None, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+@cache
+def cache_folder() -> str:
+    """Return the folder of what is compiled, for this state of the files that have formulas.
+
+    That is below NUMBA_CACHE_DIR, or $XDG_CACHE_HOME, or ~/.cache; where none can be written, a
+    folder that lasts as long as this process.  numba alone would not see a change in a file from
+    which a formula is called.
+    """
+    package = Path(__file__).parents[1]
+    files = sorted(file for room in _ROOMS for file in (package / room).rglob("*.py"))
+    state = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(home, "eulerparams_control"))
+    try:
+        folder = root / state
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        warnings.warn(
+            f"compiled formulas cannot be kept in {root} ({error}), so each start compiles them "
+            "again, for about a minute; set NUMBA_CACHE_DIR to a folder that can be written",
+            stacklevel=2,
+        )
+        return tempfile.mkdtemp(prefix="eulerparams_control_")
+    known = sorted(root.iterdir(), key=lambda path: path.stat().st_mtime)
+    for old in known[:-_KEPT]:
+        shutil.rmtree(old, ignore_errors=True)
+    return str(folder)
+
+
+if IS_COMPILED:
+
+    @numba.extending.typeof_impl.register(Kernel)
+    def _typeof(kernel: Kernel, context: Any) -> Any:
+        return numba.extending.typeof_impl(kernel.compiled, context)
