@@ -30,6 +30,7 @@ from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.runtime import run
 from sim_bridge.bridge_parameters import LOCKSTEP, BridgeParameters
 from sim_bridge.commands import push_from_ros
@@ -86,6 +87,7 @@ class BridgeNode(Node):
         simulator = Simulator(robot, p.simulator(environment))
         self._drive = Drive(simulator, p.policy(), self._say, self._senders)
         self._health.values, self._obeyed = self._drive.values, False
+        claim(p, self._health)
         now = 0.0 if p.mode == LOCKSTEP else steady()
         self._drive.reset(p.first_positions(robot.joints), now)
         ready = f"{robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.real_time import RealTimeParameters
 from sim_bridge.drive_modes import DrivePolicy, OnSilence
 from sim_bridge.environment import Environment
 from sim_bridge.parameters import SimulatedParameters, SimulatorParameters
@@ -14,7 +15,7 @@ REALTIME, LOCKSTEP = MODES = ("realtime", "lockstep")
 
 
 @dataclass(frozen=True)
-class BridgeParameters(SimulatedParameters):
+class BridgeParameters(SimulatedParameters, RealTimeParameters):
     """Parameters of the node ``pybullet_bridge``."""
 
     robot: str = parameter("ur5", "name of a robot of config/robots")

@@ -23,6 +23,7 @@ from eulerparams_control.laws.orientation import (
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.real_time import RealTimeParameters
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.robot import Robot
 
@@ -46,7 +47,7 @@ SIMULATED_ONLY = frozenset(
 
 
 @dataclass(frozen=True)
-class ControlParameters:
+class ControlParameters(RealTimeParameters):
     """Parameters of every control node."""
 
     robot_description: str = parameter("", "URDF; empty: from the topic robot_description")

@@ -117,7 +117,7 @@ def is_list(field: dataclasses.Field[Any]) -> bool:
 
 
 def item_type(field: dataclasses.Field[Any]) -> Any:
-    """Return the type of each item of a list: float or str."""
+    """Return the type of each item of a list: float, int or str."""
     return typing.get_args(field.type)[0]
 
 

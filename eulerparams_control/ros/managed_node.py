@@ -44,6 +44,7 @@ from eulerparams_control.ros.guards import (
 )
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.state_input import MOVES, StateInput
 
 RMWError = rclpy_implementation.RMWError
@@ -61,6 +62,7 @@ class ManagedNode(LifecycleNode):
         self._health = Health(self)
         self._params = declare(self, self.parameters_type, self._on_change)
         refuse_unless_simulated(self, self._params)
+        claim(self._params, self._health)
         self._robot: Robot | None = None
         self._controller: Controller | None = None
         self._description = self._params.robot_description

@@ -19,6 +19,12 @@ from eulerparams_control.parameters.fields import (
 )
 from eulerparams_control.ros.parameter_files import given_words, refuse_misspelt_sections
 
+_LISTS = {
+    float: Parameter.Type.DOUBLE_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
+
 
 def declare[P](
     node: Node,
@@ -67,9 +73,7 @@ def _declare(node: Node, field: Any) -> Any:
     name, default = field.name, list(field.default) if is_list(field) else field.default
     node.declare_parameter(name, default, _descriptor(field))
     if node.get_parameter(name).type_ is Parameter.Type.BYTE_ARRAY:  # rclpy's guess for []
-        strings = item_type(field) is str
-        kind = Parameter.Type.STRING_ARRAY if strings else Parameter.Type.DOUBLE_ARRAY
-        node.set_parameters([Parameter(name, kind, [])])
+        node.set_parameters([Parameter(name, _LISTS[item_type(field)], [])])
     return node.get_parameter(name).value
 
 
