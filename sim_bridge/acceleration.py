@@ -13,7 +13,8 @@ controller that steps over a long gap is found, one that leaves out what was mis
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,11 +29,10 @@ _ROUNDING = 1e-6
 _TURN = 2.0 * np.pi
 
 
-@dataclass(frozen=True, slots=True)
-class _Asked:
+class _Asked(NamedTuple):
     """A command that was judged: its stamp [ns], when it came and what time it took [s]; (n,).
 
-    Its speed, and the age of that, are known in m ways (m, n).
+    Its speed, and the age of that, one for all joints or (n,), are known in m ways.
     """
 
     stamp: int
@@ -40,8 +40,8 @@ class _Asked:
     elapsed: float  # between its stamp and the one before
     q: Array
     dq: Array
-    speed: Array  # v
-    age: Array  # of v at the command, twice: T, or more where it is still that of the one before
+    speeds: Sequence[Array]  # v
+    ages: Sequence[Array | float]  # of v, twice: T, or more where it is still that before
 
 
 class CommandAcceleration:
@@ -65,6 +65,8 @@ class CommandAcceleration:
     ) -> None:
         self._joints, self._limit, self._dt = tuple(joints), limit, dt
         self._turning, self._prismatic = turning, tuple(prismatic)
+        self._may_turn = bool(turning.any())
+        self._zero = np.zeros(len(limit))
         self.rest()
 
     def rest(self) -> None:
@@ -100,9 +102,8 @@ class CommandAcceleration:
         self, last: _Asked | None, standing: Array, q: Array, dq: Array, stamp: int, now: float
     ) -> tuple[_Asked, Array]:
         """Return a command, and the acceleration (n,) that it asks for after the last one."""
-        zero = np.zeros_like(q)
-        rest = zero[None]
-        before = last or _Asked(0, now, self._dt, standing, zero, rest, rest + BRIDGED)
+        zero = self._zero
+        before = last or _Asked(0, now, self._dt, standing, zero, [zero], [BRIDGED])
         elapsed = self._elapsed(before, stamp, now)
         short = min(elapsed, before.elapsed)
         long = max(short, min(elapsed, short + BRIDGED))
@@ -110,18 +111,27 @@ class CommandAcceleration:
         if last is None:  # what is measured of an arm at rest may be noisy; the period is unknown
             long, elapsed = short + BRIDGED, np.inf
         step = q - before.q
-        step = np.where(self._turning, step - _TURN * np.round(step / _TURN), step)
-        times, ages = rest + long, rest + long
+        if self._may_turn:
+            step = np.where(self._turning, step - _TURN * np.round(step / _TURN), step)
+        times: list[Array | float] = [long]
+        ages: list[Array | float] = [long]
         if short < long:
-            same, way = np.full_like(before.speed, long), step * before.speed > 0.0
-            same = np.clip(np.divide(step, before.speed, out=same, where=way), short, long)
-            bends = np.abs(step / same - before.speed) / (0.5 * (same + before.age))
+            speed, age = np.array(before.speeds), np.array([zero + age for age in before.ages])
+            same, way = np.full_like(speed, long), step * speed > 0.0
+            same = np.clip(np.divide(step, speed, out=same, where=way), short, long)
+            bends = np.abs(step / same - speed) / (0.5 * (same + age))
             least = bends.argmin(axis=0), np.arange(len(q))
-            times = np.stack((times[0], same[least]))
-            ages = np.stack((ages[0], before.age[least] + 2.0 * same[least]))
-        speeds = step / times
-        turns = np.abs(speeds[:, None] - before.speed) / (0.5 * (times[:, None] + before.age))
-        bend = turns.min(axis=(0, 1))
+            times.append(same[least])
+            ages.append(age[least] + 2.0 * same[least])
+        speeds = [step / time for time in times]
+        bend = reduce(
+            np.minimum,
+            (
+                np.abs(v - v_before) / (0.5 * (time + age))
+                for v, time in zip(speeds, times, strict=True)
+                for v_before, age in zip(before.speeds, before.ages, strict=True)
+            ),
+        )
         return _Asked(stamp, now, elapsed, q, dq, speeds, ages), np.maximum(change, bend)
 
     def _elapsed(self, before: _Asked, stamp: int, now: float) -> float:

@@ -137,9 +137,9 @@ class Engine:
 
     def sample(self) -> Sample:
         """Return joints and sensor after the last step."""
-        *joints, sensor = pybullet.getJointStates(self.body, self._sensed, self.client)
-        q, dq, _, motors = zip(*joints, strict=True)
-        return Sample(q, dq, motors, sensor[2])
+        states = pybullet.getJointStates(self.body, self._sensed, self.client)
+        q, dq, reactions, motors = zip(*states, strict=True)
+        return Sample(q[:-1], dq[:-1], motors[:-1], reactions[-1])  # the sensor is the last
 
     def inertia(self, q: Array) -> Array:
         """Return the joint-space inertia M at ``q``, (n, n), kg m^2."""

@@ -6,6 +6,7 @@ from operator import le
 import numpy as np
 
 from eulerparams_control.laws.limits import JointLimits
+from sim_bridge.urdf import NO_LIMIT
 
 POSITION_MARGIN = 1e-4
 """So far beyond a position limit is too far [rad or m].
@@ -51,8 +52,8 @@ class Protection:
         self._limits = limits
         self._factor = speed_factor
         self._speed: list[float] = (speed_factor * limits.velocity).tolist()
-        self._slowest = min(self._speed)
         self._unstoppable: list[float] = [UNSTOPPABLE * max(_FAST, v) for v in self._speed]
+        self._slow: float = min(*self._speed, *self._unstoppable, NO_LIMIT)
         self.reset()
 
     def reset(self) -> None:
@@ -65,6 +66,14 @@ class Protection:
         self._lower = (np.minimum(self._limits.lower, q) - POSITION_MARGIN).tolist()
         self._upper = (np.maximum(self._limits.upper, q) + POSITION_MARGIN).tolist()
 
+    def is_slow(self, dq: Sequence[float]) -> bool:
+        """Return whether no joint is too fast for anything, at dq (n) [rad/s or m/s]."""
+        return max(dq) < self._slow and min(dq) > -self._slow
+
+    def is_within(self, q: Sequence[float]) -> bool:
+        """Return whether all joints are within their limits, at q (n) [rad or m]."""
+        return all(map(le, q, self._upper)) and all(map(le, self._lower, q))
+
     def violation(self, q: Sequence[float], dq: Sequence[float]) -> str:
         """Return which joint is where, or as fast as, it must not be; "" if none is.
 
@@ -72,9 +81,6 @@ class Protection:
             q: positions, n [rad or m].
             dq: velocities, n [rad/s or m/s].
         """
-        slow = max(dq) <= self._slowest and min(dq) >= -self._slowest
-        if slow and all(map(le, q, self._upper)) and all(map(le, self._lower, q)):
-            return ""
         return self._too_fast(dq) or self._too_far(q)
 
     def unstoppable(self, dq: Sequence[float]) -> str:

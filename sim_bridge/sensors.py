@@ -1,6 +1,6 @@
 """What the sensors of the robot measure: noise, counts of the encoders, turns."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.servo import wrapped
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatorState:
+class SimulatorState(NamedTuple):
     """What the robot's drivers report.
 
     Attributes:

@@ -94,6 +94,8 @@ class Simulator:
         self._forces = [thing for thing in things.values() if isinstance(thing, Force)]
         self._solids = {name: thing for name, thing in things.items() if isinstance(thing, Solid)}
         self._dt = 1.0 / parameters.rate
+        self._slowest, self._fastest = -self._limits.velocity, self._limits.velocity
+        self._least, self._most = -self._limits.effort, self._limits.effort
         self._bias = np.array(parameters.wrench_bias, dtype=float)
         self._sensors = Sensors(parameters, self.turning)
         self._servo = PositionServo(
@@ -131,7 +133,7 @@ class Simulator:
         self._external = None
         self.clipped: Clipped | None = None
         self.violation = ""
-        self._may_lock = True
+        self._wild = -1  # the last step after which no brakes could stop the joints
         self._protection.reset()
         self._count = 0
         self.engine.place(q)
@@ -164,13 +166,10 @@ class Simulator:
         self._require("position")
         q, dq = self._vector("q_ref", q_ref), self._vector("dq_ref", dq_ref)
         self.contacts.rub(True)
-        within, limit = clip(q, self._limits.lower, self._limits.upper), self._limits.velocity
-        self._servo.follow(within, dq, self._q)
         self.clipped = None
-        if not are_same(q, within):
-            self.clipped = self._find_clipped("position", q, within)
-        if self.clipped is None and not are_same(dq, slow := clip(dq, -limit, limit)):
-            self.clipped = self._find_clipped("speed", dq, slow)
+        within = self._cut("position", q, self._limits.lower, self._limits.upper)
+        self._servo.follow(within, dq, self._q)
+        self._cut("speed", dq, self._slowest, self._fastest)
 
     def command_effort(self, tau: ArrayLike) -> None:
         """Let the motors exert ``tau`` (n,), clipped to the limits, and release the brakes.
@@ -184,13 +183,16 @@ class Simulator:
         if self._effort is None:
             self.engine.drive(self._zero, self._zero)
             self._protection.let_stand(self._q.tolist())
-        self._effort = clip(effort, -self._limits.effort, self._limits.effort)
         self.clipped = None
-        if not are_same(effort, self._effort):
-            self.clipped = self._find_clipped("effort", effort, self._effort)
+        self._effort = self._cut("effort", effort, self._least, self._most)
 
-    def _find_clipped(self, quantity: str, asked: Array, given: Array) -> Clipped | None:
-        return find_clipped(self.robot.joints, self.prismatic, quantity, asked, given)
+    def _cut(self, quantity: str, asked: Array, lower: Array, upper: Array) -> Array:
+        """Return what was asked for, clipped to limits; note what was ``clipped`` first."""
+        given = clip(asked, lower, upper)
+        if self.clipped is None and not are_same(asked, given):
+            joints = self.robot.joints, self.prismatic
+            self.clipped = find_clipped(*joints, quantity, asked, given)
+        return given
 
     @property
     def motion(self) -> tuple[Array, Array]:
@@ -231,8 +233,8 @@ class Simulator:
         """
         self.violation = ""
         if self._servo.is_on:
-            limit = self._limits.velocity
-            self.engine.drive(clip(self._servo.speed(self._q), -limit, limit), self._limits.effort)
+            speed = clip(self._servo.speed(self._q), self._slowest, self._fastest)
+            self.engine.drive(speed, self._most)
         self._advance()
         self._count += 1
         if (self._is_stiff or self._has_rotors) and self._effort is not None:
@@ -305,11 +307,10 @@ class Simulator:
         what still drives them after that leads where it leads.  Returns why; "" if they are free.
         """
         if not self.parameters.enforce_limits or not (wild := self._protection.unstoppable(dq)):
-            self._may_lock = True
             return ""
-        if self._external is None and not self._may_lock:
+        goes_on, self._wild = self._wild == self._count - 1, self._count
+        if self._external is None and goes_on:
             return ""
-        self._may_lock = False
         self.engine.place(self._q)
         pushed, self._external = self._external is not None, None
         return f"{wild}: locked where it was" + pushed * ", and the push let go"
@@ -320,13 +321,14 @@ class Simulator:
         What the arm exerts on the massless links beyond the sensor is minus what touches
         them; the weight and the inertia of the load come on top.
         """
-        sample = self.engine.sample()
-        locked = self._lock(sample.dq)
-        if locked:
+        sample, locked = self.engine.sample(), ""
+        is_slow = self._protection.is_slow(sample.dq)
+        if not is_slow and (locked := self._lock(sample.dq)):
             sample = self.engine.sample()
-        self._check(sample)
+        self._check(sample, is_slow or max(map(abs, sample.dq)) < NO_LIMIT)
         dq_before, self._q, self._dq = self._dq, np.array(sample.q), np.array(sample.dq)
-        if self._is_protected and self._effort is not None:
+        is_free = not self._is_protected or self._effort is None
+        if not is_free and not (is_slow and self._protection.is_within(sample.q)):
             self.violation = self._protection.violation(sample.q, sample.dq)
         self.violation = locked or self.violation
         tau = self._effort
@@ -344,10 +346,9 @@ class Simulator:
         t = self._count / self.parameters.rate
         self._state = SimulatorState(self._count, t, q, dq, tau, wrench)
 
-    def _check(self, sample: Sample) -> None:
+    def _check(self, sample: Sample, is_limited: bool = True) -> None:
         """Refuse what is not finite; a speed of ``NO_LIMIT`` stands for an infinite one."""
-        slow = min(sample.dq) > -NO_LIMIT and max(sample.dq) < NO_LIMIT
-        if slow and all(math.isfinite(sum(values)) for values in sample):
+        if is_limited and math.isfinite(sum(map(sum, sample))):
             return
         self._is_broken = True
         q, dq, motors, sensor = map(_text, sample)

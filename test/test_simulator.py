@@ -764,7 +764,7 @@ def test_a_bad_command_is_refused_and_changes_nothing(bad, control):
                 sim.command_position(np.array(robot("ur5").home) + 0.2, np.full(6, 0.1))
             if k == 15:
                 sim.set_external_wrench(np.arange(6.0))
-            states.append(np.concatenate(dataclasses.astuple(run(sim, 1))[2:]))
+            states.append(np.concatenate(run(sim, 1)[2:]))
         trajectories.append(np.array(states))
     assert np.array_equal(trajectories[0], trajectories[1])
 
@@ -1003,7 +1003,7 @@ def trajectory() -> str:
     for k in range(500):
         sim.command_effort(10.0 * np.sin(0.01 * k + np.arange(6)))
         sim.set_external_wrench([0.0, 0.0, 5.0 * (k > 250), 0.0, 0.5, 0.0])
-        digest.update(np.concatenate(dataclasses.astuple(run(sim, 1))[2:]).tobytes())
+        digest.update(np.concatenate(run(sim, 1)[2:]).tobytes())
     sim.close()
     return digest.hexdigest()
 
@@ -1045,7 +1045,7 @@ def test_reset_starts_again_and_ends_pushes_and_commands(drives):
 def test_reading_twice_gives_the_same_state():
     sim = simulator("ur5", noise_position=1.0)
     assert sim.read() is sim.read()
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(AttributeError):
         sim.read().t = 0.0  # type: ignore[misc]
 
 
