@@ -18,7 +18,7 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable
-from functools import cache, cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
 from types import FunctionType
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
@@ -34,6 +34,7 @@ IS_COMPILED = not os.environ.get("EULERPARAMS_PLAIN") and bool(importlib.util.fi
 # What an entry takes and fills: rows of floats in a row, and what it only reads, however it lies.
 Row = Annotated[Array, "float64", 1, "C", False]
 Rows = Annotated[Array, "float64", 2, "C", False]
+Blocks = Annotated[Array, "float64", 3, "C", False]
 Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
 
@@ -250,7 +251,7 @@ def formula(function: Callable[..., Any]) -> Formula:
     return Formula(function)
 
 
-def kernel(function: Callable[..., Any]) -> Kernel:
+def kernel[R](function: Callable[..., R]) -> Callable[..., R]:
     """Mark what formulas and entries call with rows of floats, of whatever length."""
     return Kernel(function)
 
@@ -267,13 +268,20 @@ def template(function: Callable[..., Any], name: str, **slots: Any) -> FunctionT
     return made
 
 
-def entry(function: Callable[..., Any]) -> Callable[..., Any]:
+def entry[R](function: Callable[..., R]) -> Callable[..., R]:
     """Compile what Python calls for the types of its annotations, now; see :data:`Row`."""
-    if not IS_COMPILED:
-        return function
     hints = get_type_hints(function, include_extras=True)
-    result = _type(hints.pop("return"))
-    return _njit(function, result(*map(_type, hints.values())))  # type: ignore[no-any-return]
+    result = hints.pop("return")
+    if IS_COMPILED:
+        return _njit(function, _type(result)(*map(_type, hints.values())))  # type: ignore[no-any-return]
+
+    @wraps(function)
+    def plain(*args: Any) -> Any:
+        with np.errstate(all="ignore"):  # numbers of rows become infinite or NaN without a word
+            value = function(*args)
+        return None if value is None else result(value)
+
+    return plain
 
 
 # --- numba ---------------------------------------------------------------------------------

@@ -9,12 +9,16 @@ characteristic length of the arm.  So an arm of half the size is damped at the s
 
 import math
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.compiled import Array, Inputs, Rows, entry, kernel
+
+# Two vectors are orthogonal if their cosine is below this; turning all pairs of six so takes
+# five to ten rounds.
+_ORTHOGONAL = 1e-15
+_ROUNDS = 40
 
 
 @dataclass(frozen=True)
@@ -42,36 +46,9 @@ class DampedInverse:
 
     def __call__(self, J: Array) -> Array:
         """Return J* (n, 6): J^-1 for a regular square J, the pseudo-inverse for n > 6."""
-        J_inverse = _regular_inverse(J)
-        # 1 / |J^-1|_F is a lower bound of sigma_min: where it suffices, no SVD is needed
-        if J_inverse is not None:
-            bound = J_inverse * _scale(self.length)
-            if self.eps * math.sqrt(np.vdot(bound, bound)) < 1:
-                return J_inverse
-        return self._damped(J)
-
-    def _damped(self, J: Array) -> Array:
-        scale = _scale(self.length)
-        U, sigma, Vt = np.linalg.svd(J / scale[:, None], full_matrices=False)
-        ratio = float(sigma[-1]) / self.eps if self.eps > 0 else 1.0
-        lambda_2 = (1 - ratio**2) * self.lambda_max**2 if ratio < 1 else 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gains = sigma / (sigma**2 + lambda_2)
-        J_inverse: Array = (Vt.T * np.where(np.isfinite(gains), gains, 0.0)) @ U.T
-        return J_inverse / scale
-
-
-def _regular_inverse(J: Array) -> Array | None:
-    """Return J^-1, or J' (J J')^-1 for n > 6; None where there is none."""
-    rows, columns = J.shape
-    if columns < rows:
-        return None
-    try:
-        if rows == columns:
-            return np.linalg.inv(J)
-        return J.T @ np.linalg.inv(J @ J.T)
-    except np.linalg.LinAlgError:
-        return None
+        J_inverse = np.empty((J.shape[1], 6))
+        invert(J, self.eps, self.lambda_max, self.length, J_inverse)
+        return J_inverse
 
 
 def smallest_singular_value(J: Array, length: float = 1.0) -> float:
@@ -81,10 +58,161 @@ def smallest_singular_value(J: Array, length: float = 1.0) -> float:
         J: Jacobian, position first.
         length: by which the rows of the position are divided [m].
     """
-    return float(np.linalg.svd(J / _scale(length)[:, None], compute_uv=False)[-1])
+    return sigma_min(J, length)
 
 
-@cache
-def _scale(length: float) -> Array:
-    """Return the units (6,) in which J is without units."""
-    return np.array([length] * 3 + [1.0] * 3)
+@kernel
+def _unit(row: int, length: float) -> float:
+    """Return the unit of a row of J."""
+    return length if row < 3 else 1.0
+
+
+@kernel
+def _principal(J: Inputs, length: float, A: Rows) -> None:
+    """Turn the rows of J (6, n), without units, among each other until they are orthogonal.
+
+    The columns for n < 6.  By Jacobi's rotations of pairs (Hestenes, 1958), which keep small
+    singular values exact.  A (m, size) begins with them, m = min(6, n), and may have m columns
+    more, from which then follows what they are of the rows of J: A = [W, Q], J = Q' W.
+    """
+    m, n = len(A), J.shape[1]
+    size = max(6, n)
+    for row in range(6):
+        for column in range(n):
+            value = J[row, column] / _unit(row, length)
+            if n < 6:
+                A[column, row] = value
+            else:
+                A[row, column] = value
+    for i in range(m):
+        for j in range(size, A.shape[1]):
+            A[i, j] = 1.0 if j == size + i else 0.0
+    for _ in range(_ROUNDS):
+        turned = False
+        for i in range(m - 1):
+            for j in range(i + 1, m):
+                a, b, c = 0.0, 0.0, 0.0
+                for k in range(size):
+                    a += A[i, k] * A[i, k]
+                    b += A[j, k] * A[j, k]
+                    c += A[i, k] * A[j, k]
+                if abs(c) > _ORTHOGONAL * math.sqrt(a) * math.sqrt(b):
+                    turned = True
+                    slope = (b - a) / (2.0 * c)
+                    t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
+                    cosine = 1.0 / math.sqrt(1.0 + t * t)
+                    for k in range(A.shape[1]):
+                        x, y = A[i, k], A[j, k]
+                        A[i, k], A[j, k] = cosine * (x - t * y), cosine * (t * x + y)
+        if not turned:
+            break
+
+
+@kernel
+def _square(A: Rows, i: int, size: int) -> float:
+    """Return sigma_i^2 of rows that are orthogonal."""
+    square = 0.0
+    for k in range(size):
+        square += A[i, k] * A[i, k]
+    return square
+
+
+@kernel
+def _least(A: Rows, size: int) -> float:
+    """Return sigma_min of rows that are orthogonal."""
+    least = _square(A, 0, size)
+    for i in range(1, len(A)):
+        least = min(least, _square(A, i, size))
+    return math.sqrt(least)
+
+
+@entry
+def sigma_min(J: Inputs, length: float) -> float:
+    """Return the smallest singular value of J (6, n)."""
+    n = J.shape[1]
+    A = np.empty((min(6, n), max(6, n)))
+    _principal(J, length, A)
+    return _least(A, max(6, n))
+
+
+@kernel
+def _solve(A: Rows) -> bool:
+    """Turn A = [B, C] into [I, B^-1 C] by Gauss and Jordan; return whether there is a B^-1."""
+    m, width = A.shape
+    for k in range(m):
+        pivot = k
+        for i in range(k + 1, m):
+            if abs(A[i, k]) > abs(A[pivot, k]):
+                pivot = i
+        if A[pivot, k] == 0.0:
+            return False
+        for j in range(k, width):
+            A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
+        factor = 1.0 / A[k, k]
+        for j in range(k, width):
+            A[k, j] *= factor
+        for i in range(m):
+            if i != k:
+                factor = A[i, k]
+                for j in range(k, width):
+                    A[i, j] -= factor * A[k, j]
+    return True
+
+
+@kernel
+def _invert_regular(J: Inputs, X: Rows) -> bool:
+    """Fill X (n, 6) with J^-1, or J' (J J')^-1 for n > 6; return whether there is one."""
+    n = J.shape[1]
+    if n < 6:
+        return False
+    A = np.zeros((6, 6 + n))
+    for i in range(6):
+        for j in range(6):
+            if n == 6:
+                A[i, j] = J[i, j]
+            else:
+                for k in range(n):
+                    A[i, j] += J[i, k] * J[j, k]
+        if n == 6:
+            A[i, 6 + i] = 1.0
+        else:
+            for k in range(n):
+                A[i, 6 + k] = J[i, k]
+    is_regular = _solve(A)
+    for i in range(6):
+        for k in range(n):
+            if n == 6:
+                X[i, k] = A[i, 6 + k]
+            else:
+                X[k, i] = A[i, 6 + k]
+    return is_regular
+
+
+@entry
+def invert(J: Inputs, eps: float, lambda_max: float, length: float, X: Rows) -> None:
+    """Fill X (n, 6) with J* of J (6, n); see :class:`DampedInverse`."""
+    n = J.shape[1]
+    if _invert_regular(J, X):
+        # 1 / |J^-1|_F is a lower bound of sigma_min: where it suffices, sigma_min is not needed
+        bound = 0.0
+        for i in range(n):
+            for j in range(6):
+                part = X[i, j] * _unit(j, length)
+                bound += part * part
+        if eps * math.sqrt(bound) < 1.0:
+            return
+    m, size = min(6, n), max(6, n)
+    A = np.empty((m, size + m))
+    _principal(J, length, A)
+    ratio = _least(A, size) / eps if eps > 0.0 else 1.0
+    lambda_2 = (1.0 - ratio * ratio) * lambda_max * lambda_max if ratio < 1.0 else 0.0
+    for i in range(n):
+        for j in range(6):
+            X[i, j] = 0.0
+    for k in range(m):  # J* is the sum of w_k q_k' / (sigma_k^2 + lambda^2)
+        square = _square(A, k, size) + lambda_2
+        if square > 0.0:  # else this direction is lost, and not damped
+            for i in range(n):
+                for j in range(6):
+                    w, q = (A[k, i], A[k, size + j]) if n >= 6 else (A[k, j], A[k, size + i])
+                    X[i, j] += w * q / square / _unit(j, length)

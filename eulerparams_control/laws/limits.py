@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array, every
+from eulerparams_control.laws.compiled import Array, Input, Row, Rows, entry, kernel
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without
@@ -33,8 +33,7 @@ _PLANNED = 0.8
 
 _TINY = 1e-300
 
-# Steps up to this [s] are short: how far a joint may need to stop is known for them beforehand.
-_SHORT = 0.02
+_UNKNOWN = np.empty(0)
 
 type Difference = Callable[[Array, Array], Array]
 """Returns q_c - q (n,), modulo a turn where a joint may turn on and on."""
@@ -62,23 +61,9 @@ class JointLimits:
         object.__setattr__(self, "acceleration", a)
 
     @cached_property
-    def _turns(self) -> bool:
-        """Whether a joint may turn on and on."""
-        return bool(np.isinf(self.upper).any())
-
-    @cached_property
-    def _clear(self) -> tuple[Array, Array]:
-        """Positions (n,) between which each joint can stop in time, however fast it is."""
-        v, a = self.velocity, _PLANNED * self.acceleration
-        with np.errstate(invalid="ignore"):  # of infinite limits, from which nothing is clear
-            step = np.where(np.isinf(a), 0.0, a) * _SHORT**2 / 8
-            room = v / POSITION_RATE + v**2 / (2 * a) + v * _SHORT / 2 + step
-        return self.lower + room, self.upper - room
-
-    def _is_clear(self, q: Array, dt: float) -> bool:
-        """Whether all joints are far from their position limits, for steps of dt [s]."""
-        low, high = self._clear
-        return dt <= _SHORT and every(q >= low) and every(q <= high)
+    def rows(self) -> Array:
+        """All limits (5, n) in the order of the attributes, as formulas take them."""
+        return np.array([self.lower, self.upper, self.velocity, self.effort, self.acceleration])
 
     def scaled(self, velocity_scale: float) -> "JointLimits":
         """Return the limits with the speeds times ``velocity_scale``."""
@@ -91,11 +76,9 @@ class JointLimits:
 
     def difference(self, q_c: Array, q: Array) -> Array:
         """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
-        difference = q_c - q
-        if not self._turns:
-            return difference
-        turns = 2 * np.pi * np.round(difference / (2 * np.pi))
-        return np.where(np.isinf(self.upper), difference - turns, difference)
+        difference = np.empty(len(q))
+        subtract(self.rows, q_c, q, difference)
+        return difference
 
     def deviation(self, q_c: Array, q: Array) -> Array:
         """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
@@ -103,22 +86,19 @@ class JointLimits:
 
     def stop_time(self, dq: Array) -> float:
         """Return the time [s] in which joints stop together from dq (n,); efforts follow late."""
-        return float((np.abs(dq) / (_PLANNED * self.acceleration)).max())
+        return stop_time(self.rows, dq)
 
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
-        return every(q <= self.upper) and every(q >= self.lower)
+        return contain(self.rows, q)
 
     def excess(self, dq: Array) -> float:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
-        speed = np.abs(dq)
-        if every(speed <= self.velocity):
-            return 1.0
-        return float((speed / self.velocity).max())
+        return excess(self.rows, dq)
 
     def excess_of_acceleration(self, dq: Array, ddq: Array) -> float:
         """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
-        return self.excess(dq + ddq / _SPEED_RATE)
+        return excess(self.rows, dq + ddq / _SPEED_RATE)
 
     def limit_velocity(
         self, q: Array, dq: Array, dt: float, before: Array | None = None
@@ -136,40 +116,10 @@ class JointLimits:
             dt: time that dq will last [s]; positive.
             before: (n,) velocities until now; None does not bound their change.
         """
-        rate = min(POSITION_RATE, 1 / dt)
-        if self._allow(q, dq, dt, rate, before):
-            return dq, False
-        high = self._fastest(self.upper - q, before, dt, rate)
-        low = -self._fastest(q - self.lower, None if before is None else -before, dt, rate)
-        limited = np.clip(dq / self.excess(dq), low, high)
-        if before is not None:
-            change = limited - before
-            excess = float((np.abs(change) / (self.acceleration * dt)).max())
-            if excess > 1:
-                limited = np.clip(before + change / excess, low, high)
-        return limited, bool((limited != dq).any())
-
-    def _allow(self, q: Array, dq: Array, dt: float, rate: float, before: Array | None) -> bool:
-        """Return whether dq (n,) keeps all limits as it is."""
-        speed = np.abs(dq)
-        if not every(speed <= self.velocity):
-            return False
-        if before is not None and not every(np.abs(dq - before) <= self.acceleration * dt):
-            return False
-        if self._is_clear(q, dt):
-            return True
-        room = np.maximum(np.where(dq > 0, self.upper - q, q - self.lower), 0.0)
-        return bool((speed <= _braking_speed(room, self.acceleration, dt, rate)).all())
-
-    def _fastest(self, room: Array, before: Array | None, dt: float, rate: float) -> Array:
-        """Return how fast (n,) joints may be towards a limit that is ``room`` (n,) away."""
-        room = np.maximum(room, 0.0)
-        fastest = _braking_speed(room, self.acceleration, dt, rate)
-        if before is None:
-            return fastest
-        speed = np.maximum(before, 0.0)
-        needed = _braking(speed, room, dt)
-        return np.maximum(fastest, before - np.maximum(self.acceleration, needed) * dt)
+        limited = np.empty(len(dq))
+        before = _UNKNOWN if before is None else before
+        changed = limit_velocity(self.rows, q, dq, dt, before, limited)
+        return (limited, True) if changed else (dq, False)
 
     def limit_acceleration(
         self, q: Array, dq: Array, ddq: Array, dt: float, drift: Array | float = 0.0
@@ -188,67 +138,172 @@ class JointLimits:
             drift: (n,) by which the joints accelerate more than wanted, because of friction say;
                 what is wanted against it does not count.
         """
-        fastest = 1 / dt if dt > 0 else np.inf
-        position_rate, speed_rate = min(POSITION_RATE, fastest), min(_SPEED_RATE, fastest)
-        if (
-            every(np.abs(ddq) <= self.acceleration)
-            and every(np.abs(dq + ddq / speed_rate) <= self.velocity)
-            and self._is_clear(q, dt)
-        ):
-            return ddq, False
-        rates = dt, position_rate, speed_rate
-        up = self.acceleration - np.minimum(drift, 0.0)
-        down = self.acceleration + np.maximum(drift, 0.0)
-        most = self._most(self.upper - q, dq, up, *rates)
-        least = -self._most(q - self.lower, -dq, down, *rates)
-        if every(ddq <= most) and every(ddq >= least):
-            return ddq, False
-        excess = max(1.0, float((ddq / np.where(ddq > 0, up, -down)).max()))
-        return np.minimum(np.maximum(ddq / excess, least), most), True
-
-    def _most(
-        self,
-        room: Array,
-        dq: Array,
-        most: Array,
-        dt: float,
-        position_rate: float,
-        speed_rate: float,
-    ) -> Array:
-        """Return the largest accelerations (n,) towards a limit that is ``room`` (n,) away."""
-        room, a = np.maximum(room, 0.0), self.acceleration
-        high = np.minimum(
-            self.velocity, _braking_speed(room, _PLANNED * a, dt, position_rate)
-        )
-        speed = np.maximum(dq, 0.0)
-        needed = _braking(speed, room, dt)
-        return np.minimum(np.maximum(speed_rate * (high - dq), -np.maximum(a, needed)), most)
+        limited = np.empty(len(ddq))
+        drift = drift if isinstance(drift, np.ndarray) else np.full(len(ddq), drift)
+        changed = limit_acceleration(self.rows, q, dq, ddq, dt, drift, limited)
+        return (limited, True) if changed else (ddq, False)
 
     def limit_effort(self, effort: Array) -> tuple[Array, bool]:
         """Return the efforts (n,) cut to their limits, and whether one had to be cut."""
-        if every(np.abs(effort) <= self.effort):
-            return effort, False
-        return np.minimum(np.maximum(effort, -self.effort), self.effort), True
+        limited = np.empty(len(effort))
+        changed = limit_effort(self.rows, effort, limited)
+        return (limited, True) if changed else (effort, False)
 
 
-def _braking_speed(room: Array, a: Array, dt: float, rate: float) -> Array:
-    """Return the speed (n,) from which joints stop within ``room`` (n,) in steps of dt [s].
+# --- of one joint ---------------------------------------------------------------------------
+
+
+@kernel
+def _clip(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
+
+
+@kernel
+def _rate(most: float, dt: float) -> float:
+    """Return the rate [1/s] at which a limit is approached in steps of dt [s]."""
+    return min(most, 1.0 / dt) if dt > 0.0 else most
+
+
+@kernel
+def _braking_speed(room: float, a: float, dt: float) -> float:
+    """Return the speed from which a joint stops within ``room`` in steps of dt [s].
 
     It is rate * room up to v_0 = a / rate; a speed u beyond that needs the way
     (v_0 + u) / rate + u^2 / (2 a) + u dt / 2 + a dt^2 / 8: after a step it holds again.
     """
+    rate = _rate(POSITION_RATE, dt)
     linear = rate * room
-    is_near = linear * rate <= a
-    if is_near.all():
+    if linear * rate <= a:
         return linear
-    b = a * (1 / rate + dt / 2)
-    with np.errstate(invalid="ignore"):  # of infinite limits, which are linear
-        beyond = np.maximum(room - a / rate**2 - a * dt**2 / 8, 0.0)
-        curved = a / rate - b + np.sqrt(b**2 + 2 * a * beyond)
-    return np.where(is_near, linear, curved)
+    b = a * (1.0 / rate + dt / 2.0)
+    beyond = max(room - a / (rate * rate) - a * (dt * dt) / 8.0, 0.0)
+    return a / rate - b + math.sqrt(b * b + 2.0 * a * beyond)
 
 
-def _braking(speed: Array, room: Array, dt: float) -> Array:
-    """Return the deceleration (n,) that stops joints within ``room`` (n,) in steps of dt [s]."""
-    with np.errstate(over="ignore"):
-        return speed * (speed / np.maximum(2 * room + speed * dt, _TINY))
+@kernel
+def _braking(speed: float, room: float, dt: float) -> float:
+    """Return the deceleration that stops a joint within ``room`` in steps of dt [s]."""
+    return speed * (speed / max(2.0 * room + speed * dt, _TINY))
+
+
+@kernel
+def _fastest(room: float, before: float, a: float, dt: float) -> float:
+    """Return how fast a joint may be towards a limit that is ``room`` away."""
+    room = max(room, 0.0)
+    needed = _braking(max(before, 0.0), room, dt)
+    return max(_braking_speed(room, a, dt), before - max(a, needed) * dt)
+
+
+@kernel
+def _most(room: float, dq: float, high: float, a: float, most: float, dt: float) -> float:
+    """Return the largest acceleration towards a limit that is ``room`` away, up to ``most``."""
+    room = max(room, 0.0)
+    high = min(high, _braking_speed(room, _PLANNED * a, dt))
+    needed = _braking(max(dq, 0.0), room, dt)
+    return min(max(_rate(_SPEED_RATE, dt) * (high - dq), -max(a, needed)), most)
+
+
+# --- of n joints; ``limits`` (5, n) are JointLimits.rows --------------------------------------
+
+_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION = range(5)
+
+
+@entry
+def subtract(limits: Rows, q_c: Input, q: Input, difference: Row) -> None:
+    """Fill ``difference`` (n,) as :meth:`JointLimits.difference`."""
+    for i in range(len(q)):
+        difference[i] = q_c[i] - q[i]
+        if math.isinf(limits[_UPPER, i]):
+            difference[i] -= 2.0 * math.pi * np.rint(difference[i] / (2.0 * math.pi))
+
+
+@entry
+def stop_time(limits: Rows, dq: Input) -> float:
+    """Return :meth:`JointLimits.stop_time` [s]."""
+    longest = 0.0
+    for i in range(len(dq)):
+        longest = max(longest, abs(dq[i]) / (_PLANNED * limits[_ACCELERATION, i]))
+    return longest
+
+
+@entry
+def contain(limits: Rows, q: Input) -> bool:
+    """Return whether the positions q (n,) are within the limits."""
+    for i in range(len(q)):  # noqa: SIM110  a generator is not compiled
+        if not limits[_LOWER, i] <= q[i] <= limits[_UPPER, i]:
+            return False
+    return True
+
+
+@entry
+def excess(limits: Rows, dq: Input) -> float:
+    """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
+    most = 1.0
+    for i in range(len(dq)):
+        if abs(dq[i]) > limits[_VELOCITY, i]:
+            most = max(most, abs(dq[i]) / limits[_VELOCITY, i])
+    return most
+
+
+@kernel
+def _span(limits: Rows, i: int, q: float, before: Input, dt: float) -> tuple[float, float]:
+    """Return the least and the largest velocity of joint i."""
+    a, up, down = limits[_ACCELERATION, i], -math.inf, -math.inf
+    if len(before) > 0:
+        up, down = before[i], -before[i]
+    low = -_fastest(q - limits[_LOWER, i], down, a, dt)
+    return low, _fastest(limits[_UPPER, i] - q, up, a, dt)
+
+
+@entry
+def limit_velocity(
+    limits: Rows, q: Input, dq: Input, dt: float, before: Input, limited: Row
+) -> bool:
+    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_velocity`; return if it changed.
+
+    ``before`` (0,) does not bound the change.
+    """
+    slowed, shortened, changed = excess(limits, dq), 1.0, False
+    for i in range(len(q)):
+        low, high = _span(limits, i, q[i], before, dt)
+        limited[i] = _clip(dq[i] / slowed, low, high)
+        if len(before) > 0:
+            change = abs(limited[i] - before[i])
+            shortened = max(shortened, change / (limits[_ACCELERATION, i] * dt))
+    for i in range(len(q)):
+        if shortened > 1.0:
+            low, high = _span(limits, i, q[i], before, dt)
+            limited[i] = _clip(before[i] + (limited[i] - before[i]) / shortened, low, high)
+        changed = changed or limited[i] != dq[i]
+    return changed
+
+
+@entry
+def limit_acceleration(
+    limits: Rows, q: Input, dq: Input, ddq: Input, dt: float, drift: Input, limited: Row
+) -> bool:
+    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_acceleration`; return if it changed."""
+    shortened, changed = 1.0, False
+    for i in range(len(q)):
+        a = limits[_ACCELERATION, i]
+        up, down = a - min(drift[i], 0.0), a + max(drift[i], 0.0)
+        shortened = max(shortened, ddq[i] / (up if ddq[i] > 0.0 else -down))
+    for i in range(len(q)):
+        a, high = limits[_ACCELERATION, i], limits[_VELOCITY, i]
+        up, down = a - min(drift[i], 0.0), a + max(drift[i], 0.0)
+        most = _most(limits[_UPPER, i] - q[i], dq[i], high, a, up, dt)
+        least = -_most(q[i] - limits[_LOWER, i], -dq[i], high, a, down, dt)
+        limited[i] = _clip(ddq[i] / shortened, least, most)
+        changed = changed or limited[i] != ddq[i]
+    return changed
+
+
+@entry
+def limit_effort(limits: Rows, effort: Input, limited: Row) -> bool:
+    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_effort`; return if one changed."""
+    changed = False
+    for i in range(len(effort)):
+        most = limits[_EFFORT, i]
+        limited[i] = _clip(effort[i], -most, most)
+        changed = changed or limited[i] != effort[i]
+    return changed

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.compiled import Array, kernel
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class MotionLimits:
         """
         (e_p, e_o), (k_p, k_o) = errors, rates
         return (
-            _approach(e_p, k_p, self.linear_speed, self.linear_acceleration),
-            _approach(e_o, k_o, self.angular_speed, self.angular_acceleration),
+            approach(e_p, k_p, self.linear_speed, self.linear_acceleration),
+            approach(e_o, k_o, self.angular_speed, self.angular_acceleration),
         )
 
     def stop_time(self, v: Array, omega: Array) -> float:
@@ -78,5 +78,7 @@ class MotionLimits:
         return self.linear_jerk, self.angular_jerk
 
 
-def _approach(e: float, k: float, speed: float, a: float) -> float:
-    return min(speed, math.sqrt(2 * a * e - (a / k) ** 2)) if k * k * e > a else speed
+@kernel
+def approach(e: float, k: float, speed: float, a: float) -> float:
+    """Return how fast to go to what is e away; see :meth:`MotionLimits.approach`."""
+    return min(speed, math.sqrt(2.0 * a * e - a / k * (a / k))) if k * k * e > a else speed
