@@ -15,6 +15,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -24,7 +25,7 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, SimulationError, kind_of
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.messages.wire import Stamp, Template
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
@@ -113,10 +114,13 @@ class BridgeNode(Node):
         locked = len(names) - len(self._robot.joints)  # grippers, at 0
         self._still = [0.0] * locked
         self._still_speed = self._still if p.velocities else [math.nan] * locked
-        self._joint_states = JointState(name=list(names))
-        self._wrench, self._random = WrenchStamped(), np.random.default_rng(0)
-        self._wrench.header.frame_id = self._robot.sensor_frame
-        self._clock_message = ClockMessage()
+        zero, wrench = [0.0] * len(names), WrenchStamped()
+        wrench.header.frame_id = self._robot.sensor_frame
+        states = JointState(name=list(names), position=zero, velocity=zero, effort=zero)
+        self._states = _template(states, "position", "velocity", "effort")
+        self._wrench, self._time = _template(wrench, "wrench"), _template(ClockMessage())
+        self._random = np.random.default_rng(0)
+        self._read = self._health.reader(JointState)
         self._clock_every = max(1, round(p.rate / p.clock_rate))
         self._progress_every = max(1, round(p.duration * p.rate) // 10) if p.duration else 0
 
@@ -132,6 +136,7 @@ class BridgeNode(Node):
             self._drive.topic,
             with_info(self._on_command),
             QOS,
+            raw=True,
             qos_overriding_options=QOS_OVERRIDES,
         )
         self.create_subscription(WrenchStamped, "external_wrench", self._on_external_wrench, QOS)
@@ -163,29 +168,30 @@ class BridgeNode(Node):
     # --- messages ----------------------------------------------------------------------
 
     def _publish(self, state: SimulatorState, stamp_ns: int) -> None:
-        stamp = stamp_to_ros(stamp_ns)
+        stamp = Stamp(*divmod(stamp_ns, 1_000_000_000))
         if state.step % self._clock_every == 0:
-            self._clock_message.clock = stamp
-            self._clock_publisher.publish(self._clock_message)
+            self._clock_publisher.publish(self._time.filled(stamp, ()))
         w = state.wrench
         if self._params.mode != LOCKSTEP:
             w = w + self._random.uniform(-_DITHER, _DITHER, 6)
-        wrench_to_ros(w, stamp, self._wrench)
-        self._wrench_publisher.publish(self._wrench)
-        msg = self._joint_states
-        msg.header.stamp = stamp
-        msg.position = state.q.tolist() + self._still
-        msg.velocity = state.dq.tolist() + self._still_speed
-        msg.effort = state.tau.tolist() + self._still
-        self._state_publisher.publish(msg)
+        self._wrench_publisher.publish(self._wrench.filled(stamp, (w,)))
+        still = self._still, self._still_speed, self._still
+        joints = zip((state.q, state.dq, state.tau), still, strict=True)
+        data = self._states.filled(stamp, map(np.concatenate, joints))
+        self._state_publisher.publish(data)
         if self._progress_every and state.step and state.step % self._progress_every == 0:
             tell(Event.PROGRESS, t=state.t)
 
-    def _on_command(self, msg: JointState, info: Mapping[str, Any]) -> None:
+    def _on_command(self, data: bytes, info: Mapping[str, Any]) -> None:
+        try:
+            msg = self._read(data)
+        except InvalidMessageError as error:
+            self._health.reject(self._drive.topic, error)
+            return
         if self._pacing.command(msg, info[NUMBER]) is DriveReply.REJECTED:
-            error = self._drive.rejection
-            assert error is not None
-            self._health.complain(f"command rejected: {error}", error=True, about=kind_of(error))
+            why = self._drive.rejection
+            assert why is not None
+            self._health.complain(f"command rejected: {why}", error=True, about=kind_of(why))
             self._health.warn("a command rejected")
 
     def _on_external_wrench(self, msg: WrenchStamped) -> None:
@@ -225,6 +231,10 @@ class BridgeNode(Node):
         if status.mode is DriveMode.OBEYING and not self._obeyed:
             tell(Event.COMMANDED)
         self._obeyed = status.mode is DriveMode.OBEYING
+
+
+def _template(msg: Any, *names: str) -> Template:
+    return Template(type(msg).__name__, serialize_message(msg), names)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -209,3 +209,23 @@ def test_only_messages_of_a_new_layout_are_deserialised(world, executable, input
     refused = values(node.status(lambda s: "last rejected" in values(s)))["last rejected"]
     assert refused == "joint_states: 5 bytes are no JointState"
     assert node.arm.tick().name  # answered as before
+
+
+def test_a_robot_deserialises_only_commands_of_a_new_layout_and_refuses_broken_ones(world):
+    peer, robot = world.peer, "pybullet_bridge"
+    states = peer.listen(JointState, "joint_states")
+    world.start(robot, {"mode": "lockstep", "robot": "panda"})
+    commands = peer.publisher(JointState, "joint_reference")
+    world.until(lambda: states, "the robot")
+    arm, gripper = states[0].name[:7], states[0].name[7:]
+    for k in range(20):
+        names = arm if k < 15 else states[0].name
+        msg = JointState(name=names, position=states[-1].position[: len(names)])
+        msg.header.stamp = states[-1].header.stamp
+        commands.publish(msg)
+        world.until(lambda k=k: len(states) > k + 1, "a step")
+    assert len(gripper) == len(states[-1].position) - 7 == 2
+    commands.publish(b"\0\1\0\0\7")
+    found = values(peer.status(robot, lambda s: "last rejected" in values(s)))
+    assert found["last rejected"] == "joint_reference: 5 bytes are no JointState"
+    assert int(found[DESERIALISED]) == 2 + 1

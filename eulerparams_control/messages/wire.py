@@ -135,6 +135,7 @@ _TYPES = {
         *(*_STAMPED, Field("name", "string", 0)),
         *(Field(name, "float64", 0) for name in ("position", "velocity", "effort")),
     ),
+    "Clock": _STAMPED[:2],
     "WrenchStamped": (*_STAMPED, Field("wrench", "float64", 6)),
     "Float64MultiArray": (
         *(Field("dim", "uint32", None), Field("data_offset", "uint32", None)),
@@ -161,7 +162,7 @@ _KNOWN = 8  # layouts on a topic: those of the arm, of its gripper, of other arm
 _LONGEST = 2**12  # bytes of a message whose layout is learnt: dozens of joints
 
 # Parts of messages, by the names that they have in the messages of rclpy.
-_Stamp = namedtuple("_Stamp", "sec nanosec")
+Stamp = namedtuple("Stamp", "sec nanosec")
 _Header = namedtuple("_Header", "stamp frame_id")
 _JointState = namedtuple("_JointState", "header name position velocity effort")
 _WrenchStamped = namedtuple("_WrenchStamped", "header wrench")
@@ -187,7 +188,7 @@ class _Known:
 
     def message(self, data: bytes) -> Any:
         """Return what a message of this layout says."""
-        header = _Header(_Stamp(*_stamp.unpack_from(data, _HEAD)), self._frame_id)
+        header = _Header(Stamp(*_stamp.unpack_from(data, _HEAD)), self._frame_id)
         numbers = [unpack(data, at) for unpack, at in self._numbers]
         if self._name is not None:
             return _JointState(header, self._name, *numbers)

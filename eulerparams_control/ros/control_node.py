@@ -100,7 +100,7 @@ class ControlNode(ManagedNode):
     # --- messages ----------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        self._read_state = self._reader(JointState, self._input.concerns)
+        self._read_state = self._health.reader(JointState, self._input.concerns)
         take = self._on_joint_states
         self._states = self._listen(JointState, "joint_states", take, QOS, raw=True)
         if not self._description:

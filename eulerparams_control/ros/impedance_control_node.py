@@ -47,7 +47,7 @@ class ImpedanceControlNode(ControlNode):
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
-        self._read_wrench = self._reader(WrenchStamped)
+        self._read_wrench = self._health.reader(WrenchStamped)
         self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
         self.create_service(Trigger, "~/tare", self._on_tare)
         super()._subscribe()

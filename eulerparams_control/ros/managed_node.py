@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from eulerparams_control.control.controller import Controller
@@ -22,15 +20,13 @@ from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
-    InvalidMessageError,
     defect,
 )
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import Scheme
-from eulerparams_control.messages.keys import DESERIALISED, Lifecycle
+from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
-from eulerparams_control.messages.wire import Reader
 from eulerparams_control.parameters.common import NO_COMMANDS, ControlParameters
 from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
 from eulerparams_control.robot.robot import Robot
@@ -46,8 +42,6 @@ from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.state_input import MOVES, StateInput
-
-RMWError = rclpy_implementation.RMWError
 
 
 class ManagedNode(LifecycleNode):
@@ -310,25 +304,11 @@ class ManagedNode(LifecycleNode):
     def _listen(
         self, kind: Any, topic: str, callback: Any, qos: QoSProfile, *, raw: bool = False
     ) -> Subscription:
-        """Listen to a topic; ``raw``: to the bytes of its messages, see ``_reader``."""
+        """Listen to a topic; ``raw``: to the bytes of its messages, see ``Health.reader``."""
         callback, overrides = self._surviving(callback), QOS_OVERRIDES
         return self.create_subscription(
             kind, topic, callback, qos, raw=raw, qos_overriding_options=overrides
         )
-
-    def _reader(
-        self, kind: type[Any], concerns: Callable[[Any], bool] = lambda _: True
-    ) -> Callable[[bytes], Any]:
-        """Return what reads messages of a type; raises InvalidMessageError if they are broken."""
-
-        def plain(data: bytes) -> Any:
-            self._health.count(DESERIALISED)
-            try:
-                return deserialize_message(data, kind)
-            except RMWError as error:
-                raise InvalidMessageError(f"{len(data)} bytes are no {kind.__name__}") from error
-
-        return Reader(kind.__name__, plain, concerns).read
 
     def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback after whose defects the arm is held, and the node goes on."""
