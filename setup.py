@@ -58,7 +58,7 @@ setup(
         "ros-jazzy-rclpy[fastrtps]",
         "ros-jazzy-common-interfaces",
         "pin>=4.1",
-        "numpy",
+        "numpy>=2.2",
         "numba>=0.61",
         "pybullet>=3.2.7",
         "example-robot-data",

@@ -24,7 +24,7 @@ from tolerances import ASIN, DIFFERENCES, RELATIVE, UNBOUNDED, assert_close
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
-from eulerparams_control.laws.orientation.sequences import wrap
+from eulerparams_control.laws.orientation.sequences import wrapped as wrapped_angle
 from eulerparams_control.laws.rotations import S
 
 COUNT = 50
@@ -193,7 +193,7 @@ def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
     just_above_pi = np.nextafter(math.pi, 4.0)
     edges = [math.pi, -math.pi, just_above_pi, 3 * math.pi, 5 * math.pi]
     angles = np.concatenate((generator(13).uniform(-20, 20, size=3000), edges))
-    wrapped = wrap(angles)
+    wrapped = wrapped_angle(angles)
     turns = (angles - wrapped) / (2 * math.pi)
     assert_close(turns, np.round(turns))
     assert (wrapped > -math.pi).all()

@@ -18,8 +18,7 @@ ROS = {"rclpy", "ament_index_python", *MESSAGES}
 # The floors, from the ground up: a module imports what is on its own floor or below.
 FLOORS = (
     ("errors", "events", "resources", "command_line", "parameters.fields", "parameters.real_time"),
-    ("laws.compiled", "laws.linear"),
-    ("laws.rotations", "laws.rotations_batch"),
+    ("laws.compiled", "laws.linear", "laws.rotations"),
     ("motion",),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
     ("robot.urdf",),

@@ -36,9 +36,8 @@ from tolerances import ALGEBRAIC, ERROR_EQUATION, ILL_CONDITIONED, RELATIVE, ass
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     EulerSequence,
-    OrientationRepresentation,
-    representation,
 )
+from eulerparams_control.laws.orientation.base import Laws
 
 COUNT = 40
 K_PO, K_VO = GAINS = 12.0, 5.0  # [1/s^2], [1/s]
@@ -278,13 +277,7 @@ def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():
             assert_close(a_o, 0, ALGEBRAIC * K_PO)
 
 
-def test_a_representation_without_a_resolved_acceleration_cannot_be_made(monkeypatch):
-    registry = dict(OrientationRepresentation.registry)
-    monkeypatch.setattr(OrientationRepresentation, "registry", registry)
-
-    class Half(type(make("euler_parameters"))):
-        name = "half"
-        resolved_acceleration = OrientationRepresentation.resolved_acceleration
-
-    with pytest.raises(TypeError, match="resolved_acceleration"):
-        representation("half")
+def test_a_representation_without_a_resolved_acceleration_cannot_be_made():
+    laws = make("euler_parameters").laws
+    with pytest.raises(TypeError, match="acceleration"):
+        Laws(laws.displacement, laws.velocity)

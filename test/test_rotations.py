@@ -72,7 +72,7 @@ def test_S_and_cross_perform_the_cross_product():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_elementary_rotations_turn_about_their_axis(axis):
     for angle in ANGLES:
-        assert_close(R_axis(axis, angle), about(axis, angle))
+        assert_close(R_axis(axis, np.array(angle)), about(axis, angle))
 
 
 # --- eqs. (4)-(7): angle and axis, Euler parameters --------------------------------------------

@@ -21,13 +21,7 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.analysis.wrenches import Wrenches
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import (
-    quaternions,
-    rotation_vectors,
-    transposed,
-    turn_back,
-)
+from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
@@ -73,28 +67,28 @@ class CompliantMotion:
     @cached_property
     def p_cd_d(self) -> Array:
         """(N, 3) [m] displacement from the desired frame, in its axes."""
-        return turn_back(self.desired.R, self.frames.p - self.desired.p)
+        return np.matvec(self.desired.R.mT, self.frames.p - self.desired.p)
 
     @cached_property
     def R_cd(self) -> Array:
         """(N, 3, 3) orientation relative to the desired frame."""
-        R_cd: Array = transposed(self.desired.R) @ self.frames.R
+        R_cd: Array = self.desired.R.mT @ self.frames.R
         return R_cd
 
     @cached_property
     def rho_cd_d(self) -> Array:
         """(N, 3) [rad] rotation vector of R_cd."""
-        return rotation_vectors(quaternions(self.R_cd))
+        return rotation_vector(quaternion(self.R_cd))
 
     @cached_property
     def Q_cd(self) -> Array:
         """(N, 4) eta_cd, eps_cd_d of R_cd, with eta_cd >= 0, eq. (64)."""
-        return np.column_stack(quaternions(self.R_cd))
+        return np.column_stack(quaternion(self.R_cd))
 
     @cached_property
     def x(self) -> Array:
         """(N, 3) [rad/s] angular velocity relative to the desired frame, in its axes."""
-        return turn_back(self.desired.R, self.frames.omega - self.desired.omega)
+        return np.matvec(self.desired.R.mT, self.frames.omega - self.desired.omega)
 
     @cached_property
     def dx(self) -> Array:
@@ -104,7 +98,7 @@ class CompliantMotion:
         of (59)).
         """
         c, d = self.frames, self.desired
-        return turn_back(d.R, c.domega - d.domega - np.cross(d.omega, c.omega))
+        return np.matvec(d.R.mT, c.domega - d.domega - np.cross(d.omega, c.omega))
 
 
 class ImpedanceRun(NamedTuple):
@@ -131,7 +125,7 @@ class ImpedanceRun(NamedTuple):
         return self._in_desired(self.mu)
 
     def _in_desired(self, vectors: Array) -> Array:
-        return turn_back(self.motion.desired.R, vectors)
+        return np.matvec(self.motion.desired.R.mT, vectors)
 
 
 def impedance_run(
@@ -183,7 +177,7 @@ def translational_residual(compliant: CompliantMotion, f: Array, Z: Impedance, f
     c, d = compliant.frames, compliant.desired
     in_base = frame == "base"
     x, dx, ddx = _in_base(c, d) if in_base else _in_desired(c, d)
-    f = f if in_base else turn_back(d.R, f)
+    f = f if in_base else np.matvec(d.R.mT, f)
     residual: Array = f - (ddx @ Z.M.T + dx @ Z.D.T + x @ Z.K.T)
     return residual
 
@@ -201,7 +195,7 @@ def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> 
     eta, eps = compliant.Q_cd[:, :1], compliant.Q_cd[:, 1:]
     K_eps = eps @ Z.K.T
     mu_E = 2 * (eta * K_eps + np.cross(eps, K_eps))  # 2 E' K_o eps, eqs. (60), (66)
-    mu_d = turn_back(compliant.desired.R, mu)
+    mu_d = np.matvec(compliant.desired.R.mT, mu)
     residual: Array = mu_d - (compliant.dx @ Z.M.T + compliant.x @ Z.D.T + mu_E)
     return residual
 
@@ -216,4 +210,4 @@ def _in_desired(c: Frames, d: Frames) -> _Displacement:
     omega, domega = d.omega, d.domega
     dx = dp - np.cross(omega, p)  # in base axes, as seen from the frame that turns
     ddx = ddp - np.cross(domega, p) - 2 * np.cross(omega, dx) - np.cross(omega, np.cross(omega, p))
-    return _Displacement(*(turn_back(d.R, v) for v in (p, dx, ddx)))
+    return _Displacement(*(np.matvec(d.R.mT, v) for v in (p, dx, ddx)))

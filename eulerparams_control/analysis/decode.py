@@ -14,8 +14,7 @@ from eulerparams_control.analysis.desired import NO_START, Stamps
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.bags.columns import Group
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import matrices
+from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
@@ -146,9 +145,10 @@ def frame_rows(group: Group, base_frame: str, tip_frame: str) -> list[Array]:
         norm = np.linalg.norm(xyzw, axis=1)
     norm[~(np.abs(norm - 1) <= QUATERNION_NORM_TOLERANCE)] = np.nan
     xyzw = xyzw / norm[:, None]
+    eta: Any = xyzw[:, 3]
     return [
         vector("transforms[0].translation"),
-        matrices(xyzw[:, 3], xyzw[:, :3]),
+        EulerParameters(eta, xyzw[:, :3]).R,
         vector("velocities[0].linear"),
         vector("velocities[0].angular"),
         vector("accelerations[0].linear"),

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import exps
+from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 
 
@@ -116,5 +115,5 @@ def _turned_by(x: Array, R: Array) -> Array:
     """Return exp(x) R (N, 3, 3); R as it is where x (N, 3) is 0."""
     turned: Array = R.copy()
     some = x.any(axis=1)
-    turned[some] = exps(x[some]) @ R[some]
+    turned[some] = exp(x[some]) @ R[some]
     return turned

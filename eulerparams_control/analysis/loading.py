@@ -25,11 +25,11 @@ from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.laws.compiled import sample
 from eulerparams_control.laws.orientation import (
     OrientationRepresentation,
 )
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import sample
 from eulerparams_control.motion.frames import DesiredFrame
 
 _ANSWERED = 500_000_000  # [ns] longest time by which a topic may end before another

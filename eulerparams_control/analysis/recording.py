@@ -168,7 +168,7 @@ class Recording:
             R_d, R_e = leading.desired.R[known], leading.R_e[known]
             orientation = self.orientation(name)
             with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
-                x_de = orientation.displacements(R_d, R_e, self.before.get(name))
+                x_de = orientation.displacement(R_d, R_e, self.before.get(name))
             self._displacements[name] = x_de
         return self._displacements[name]
 

@@ -45,7 +45,7 @@ def _p_e(recording: Recording) -> tuple[Array, Array]:
 
 def _phi_e(recording: Recording) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore"):  # a run that diverged
-        phi = recording.sequence.extracts(recording.leading.R_e)
+        phi = recording.sequence.extract(recording.leading.R_e)
     return recording.leading.t, np.degrees(phi)
 
 

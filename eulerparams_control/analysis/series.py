@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.laws.orientation import EulerSequence
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import angles_between
+from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -95,12 +94,12 @@ class Series:
     def angle_to(self, frames: Frames) -> Array:
         """Return (N,) [rad] the angle of the tip from N frames; NaN where there is none."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return angles_between(frames.R, self.R_e)
+            return angle_between(frames.R, self.R_e)
 
     @cached_property
     def turns(self) -> Array:
         """(N - 1,) [rad] angles between successive orientations of the tip."""
-        return angles_between(self.R_e[:-1], self.R_e[1:])
+        return angle_between(self.R_e[:-1], self.R_e[1:])
 
     @cached_property
     def joint_speed(self) -> Array:
@@ -119,4 +118,4 @@ class Series:
 
     def pole_distance(self, sequence: EulerSequence) -> Array:
         """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
-        return sequence.pole_distances(self.R_e)
+        return sequence.pole_distance(self.R_e)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import angles_between
+from eulerparams_control.laws.rotations import Array, angle_between
 
 # A motion that is nowhere farther [m], [rad] from what was asked, nor slower, is as it was asked.
 _NEAR, _ALIGNED, _AS_ASKED = 1e-3, float(np.radians(0.1)), 0.995
@@ -47,7 +46,7 @@ class Departure:
         """Take a part of a run."""
         with np.errstate(over="ignore", invalid="ignore"):  # what was asked may be non-finite
             away = np.linalg.norm(motion.asked.p - motion.made.p, axis=1)
-            angles = angles_between(motion.asked.R, motion.made.R)
+            angles = angle_between(motion.asked.R, motion.made.R)
         self.distance = float(np.nanmax(away, initial=self.distance))
         self.angle = float(np.nanmax(angles, initial=self.angle))
         self.slowest = float(motion.rates[:, 1:3].min(initial=self.slowest))

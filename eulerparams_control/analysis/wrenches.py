@@ -9,7 +9,6 @@ from eulerparams_control.analysis.controllers import parameters_to_blame, record
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import turn, turn_back
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
@@ -84,9 +83,9 @@ def at_the_tip(
     before = np.maximum(np.searchsorted(measured.t, sensed.t, side="right") - 1, 0)
     R_e = measured.R_e[before]
     if options.tool is not None and options.weight:
-        weight = options.tool.mass * turn_back(R_e, np.array(options.gravity))
+        weight = options.tool.mass * np.matvec(R_e.mT, np.array(options.gravity))
         f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
-    return Wrenches(sensed.t, turn(R_e, f_t), turn(R_e, mu_t))
+    return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
 
 
 def _sensor(robot: Robot, name: str) -> Placement:

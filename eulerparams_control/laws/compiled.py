@@ -7,7 +7,8 @@ arm moves.  Where numba is installed both are compiled; else, or with EULERPARAM
 environment, the same source runs as it is, 20 to 50 times slower.
 
 A formula takes arrays, too: of one sample, for which it runs as it is, or of N samples in a row,
-for which it is compiled at the first call, and mapped.
+for which it is compiled at the first call, and mapped.  What it calls ``previous`` is then its own
+value for the sample before.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from collections.abc import Callable, Iterable
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
 from types import FunctionType
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +102,14 @@ def _parts(kind: Any) -> list[tuple[str, Any]]:
     if kind in _ATOMS:
         return [(f".{name}", float) for name in _ATOMS[kind]]
     if hasattr(kind, "_fields"):
-        return [(f".{name}", part) for name, part in get_type_hints(kind).items()]
+        hints = get_type_hints(kind, include_extras=True)
+        return [(f".{name}", _plain(part)) for name, part in hints.items()]
     return [(f"[{k}]", part) for k, part in enumerate(get_args(kind))]
+
+
+def _plain(part: Any) -> Any:
+    """Return the kind of a field that is an array outside of formulas."""
+    return getattr(getattr(part, "__value__", part), "__metadata__", (part,))[0]
 
 
 def _leaves(kind: Any, name: str) -> Iterable[str]:
@@ -169,6 +176,15 @@ def from_rows(kind: Any, rows: Array) -> Any:
     return tuple(values) if get_args(kind) else kind(*values)
 
 
+def sample[T](stack: T, index: int) -> T:
+    """Return one of N samples of a value whose parts are arrays."""
+    value: Any = stack
+    if not isinstance(value, tuple):
+        return cast("T", value[index])
+    parts = (sample(part, index) for part in value)
+    return cast("T", type(value)(*parts) if hasattr(value, "_fields") else tuple(parts))
+
+
 # --- formulas ------------------------------------------------------------------------------
 
 
@@ -180,35 +196,51 @@ class Formula(Kernel):
         return self._of_arrays(args) if any(map(_is_array, args)) else self.function(*args)
 
     @cached_property
-    def _kinds(self) -> tuple[list[Any], Any]:
+    def _kinds(self) -> tuple[dict[str, Any], Any]:
         """The kinds of what it takes, and of what it returns."""
         kinds = get_type_hints(self.function)
         result = kinds.pop("return")
-        return list(kinds.values()), result
+        return kinds, result
+
+    @property
+    def takes(self) -> dict[str, Any]:
+        """The kinds of what it takes, by name."""
+        return self._kinds[0]
+
+    @property
+    def result(self) -> Any:
+        """The kind of what it returns."""
+        return self._kinds[1]
 
     def _of_arrays(self, args: tuple[Any, ...]) -> Any:
         kinds, result = self._kinds
-        pairs = list(zip(kinds, args, strict=True))
+        pairs = list(zip(kinds.values(), args, strict=True))
         if not any(_is_stack(kind, arg) for kind, arg in pairs):
             return _arrays(self.function(*(_value(kind, arg) for kind, arg in pairs)))
-        samples = np.ascontiguousarray(_side_by_side([to_rows(kind, arg) for kind, arg in pairs]))
+        rows = dict(zip(kinds, (to_rows(kind, arg) for kind, arg in pairs), strict=True))
+        first = rows.pop("previous", np.zeros(0))
+        samples = np.ascontiguousarray(_side_by_side(list(rows.values())))
         out = np.empty((len(samples), layout(result).width))
-        self._series(samples, out)
+        self._series(samples, first, out)
         return from_rows(result, out)
 
     @cached_property
     def _series(self) -> Any:
-        """The formula over N samples: fills out (N, ...) from what it takes side by side."""
+        """The formula over N samples: fills out (N, ...) from what it takes side by side.
+
+        What is called ``previous`` is its value for the sample before.
+        """
         kinds, result = self._kinds
         names, at, taken = {"f": self, "put": layout(result).put}, 0, []
-        for k, kind in enumerate(kinds):
-            names[f"read_{k}"] = layout(kind).read
-            taken.append(f"read_{k}(a[n], {at})")
-            at += layout(kind).width
-        call = f"put(out[n], 0, f({', '.join(taken)}))"
+        for taker, kind in kinds.items():
+            names[f"read_{taker}"] = layout(kind).read
+            taken.append("v" if taker == "previous" else f"read_{taker}(a[n], {at})")
+            at += layout(kind).width if taker != "previous" else 0
+        begin = "    v = read_previous(first, 0)\n" if "previous" in kinds else ""
+        loop = f"    for n in range(len(a)):\n        v = f({', '.join(taken)})\n"
         name = f"{self.function.__module__}_{self.function.__name__}".replace(".", "_")
-        series = _source(name, f"(a, out):\n    for n in range(len(a)):\n        {call}", names)
-        series.__annotations__ = {"a": Rows, "out": Rows, "return": None}
+        series = _source(name, f"(a, first, out):\n{begin}{loop}        put(out[n], 0, v)\n", names)
+        series.__annotations__ = {"a": Rows, "first": Input, "out": Rows, "return": None}
         return entry(series)
 
 

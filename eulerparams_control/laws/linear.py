@@ -9,14 +9,9 @@ Compiled, a vector is three floats in registers: see :mod:`eulerparams_control.l
 
 import math
 import operator
-from typing import Any, overload
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated, Any, overload
 
 from eulerparams_control.laws.compiled import formula, register
-
-Array = NDArray[np.float64]
 
 
 class Vec:
@@ -89,6 +84,11 @@ class Mat:
     def T(self) -> "Mat":
         """The transpose."""
         return transpose(self)
+
+
+type VecLike = Annotated[Any, Vec]
+type MatLike = Annotated[Any, Mat]
+"""A field that is a vector or matrix in formulas, and elsewhere an array, of one sample or of N."""
 
 
 def _times_vec(A: Mat, v: Vec) -> Vec:
@@ -203,6 +203,12 @@ def row(A: Mat, i: int) -> Vec:
 
 
 @formula
+def column(A: Mat, j: int) -> Vec:
+    """Return the column j, 0 ... 2, of a matrix."""
+    return row(A.T, j)
+
+
+@formula
 def norm(v: Vec) -> float:
     """Return |v|."""
     return math.sqrt(v @ v)
@@ -211,10 +217,9 @@ def norm(v: Vec) -> float:
 @formula
 def solve(A: Mat, b: Vec) -> Vec:
     """Return A^-1 b by Cramer's rule; NaN where A is singular."""
-    a_1, a_2, a_3 = row(A.T, 0), row(A.T, 1), row(A.T, 2)
+    a_1, a_2, a_3 = column(A, 0), column(A, 1), column(A, 2)
     a_23 = cross(a_2, a_3)
     det = a_1 @ a_23
     if det == 0.0:
         return Vec(math.nan, math.nan, math.nan)
-    x: Vec = Vec(b @ a_23, b @ cross(a_3, a_1), b @ cross(a_1, a_2)) / det
-    return x
+    return Vec(b @ a_23, b @ cross(a_3, a_1), b @ cross(a_1, a_2)) / det

@@ -17,7 +17,6 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as Profile
 
 from eulerparams_control.laws.rotations import Array, body_rates, cross, exp
-from eulerparams_control.laws.rotations_batch import body_rates_of
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import rotation_vector_at_end
@@ -231,7 +230,7 @@ def _excess(profile: Profile, axes: Array, limits: MotionLimits) -> float:
     """
     times = np.linspace(0.0, profile.duration, _PLACES).tolist()
     rows = np.array([profile.at_time(t) for t in times])  # (places, value rate acceleration, 6)
-    omega, domega = body_rates_of(*np.moveaxis(rows[:, :, 3:] @ axes.T, 1, 0))
+    omega, domega = body_rates(*np.moveaxis(rows[:, :, 3:] @ axes.T, 1, 0))
     rates = np.stack((rows[:, 1, :3], omega, rows[:, 2, :3], domega))
     norms = np.sqrt((rates * rates).sum(axis=2))
     most = np.array([*limits.speeds, *limits.accelerations])

@@ -26,16 +26,9 @@ from eulerparams_control.laws.rotations import (
     cross,
     exp,
     log,
+    quaternion,
     right_jacobian,
-)
-from eulerparams_control.laws.rotations_batch import (
-    body_rates_of,
-    exps,
-    quaternions,
-    rotation_vectors,
-    transposed,
-    turn,
-    turn_back,
+    rotation_vector,
 )
 from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
 
@@ -131,13 +124,13 @@ def _segments(frames: DesiredFrame, index: NDArray[np.intp], T: Array) -> tuple[
     """
     start, end = (DesiredFrame(*(field[k] for field in frames)) for k in (index, index + 1))
     R_0, R_1, none = start.R_d, end.R_d, np.zeros((len(index), 3))
-    x = rotation_vectors(quaternions(transposed(R_0) @ R_1))
+    x = rotation_vector(quaternion(R_0.mT @ R_1))
     units = (np.broadcast_to(axis, x.shape) for axis in np.eye(3))
-    J_r = np.stack([body_rates_of(x, unit, none)[0] for unit in units], axis=2)
-    dx = np.linalg.solve(J_r, turn_back(R_1, end.omega_d)[:, :, None])[:, :, 0]
-    dJ_dx = body_rates_of(x, dx, none)[1]
-    ddx = np.linalg.solve(J_r, (turn_back(R_1, end.domega_d) - dJ_dx)[:, :, None])[:, :, 0]
-    begin = none, turn_back(R_0, start.omega_d), turn_back(R_0, start.domega_d)
+    J_r = np.stack([body_rates(x, unit, none)[0] for unit in units], axis=2)
+    dx = np.linalg.solve(J_r, np.matvec(R_1.mT, end.omega_d)[:, :, None])[:, :, 0]
+    dJ_dx = body_rates(x, dx, none)[1]
+    ddx = np.linalg.solve(J_r, (np.matvec(R_1.mT, end.domega_d) - dJ_dx)[:, :, None])[:, :, 0]
+    begin = none, np.matvec(R_0.mT, start.omega_d), np.matvec(R_0.mT, start.domega_d)
     duration = T[:, None]
     p = quintic((start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration)
     both = np.concatenate((p, quintic(begin, (x, dx, ddx), duration)), axis=2)
@@ -200,10 +193,10 @@ class Trajectory:
             R_0, coefficients = _segments(frames, used, np.diff(times)[used])
             rows = _powers_of(t[inside] - times[at[inside]]) @ coefficients[which]
             value, rate, acceleration = np.moveaxis(rows, 1, 0)
-            R_d = R_0[which] @ exps(value[:, 3:])
-            omega, domega = body_rates_of(value[:, 3:], rate[:, 3:], acceleration[:, 3:])
-            part = (value[:, :3], R_d, rate[:, :3], turn(R_d, omega), acceleration[:, :3])
-            for field, values in zip(found, (*part, turn(R_d, domega)), strict=True):
+            R_d = R_0[which] @ exp(value[:, 3:])
+            omega, domega = body_rates(value[:, 3:], rate[:, 3:], acceleration[:, 3:])
+            part = (value[:, :3], R_d, rate[:, :3], np.matvec(R_d, omega), acceleration[:, :3])
+            for field, values in zip(found, (*part, np.matvec(R_d, domega)), strict=True):
                 field[inside] = values
         return found
 

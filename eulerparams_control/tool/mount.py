@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import RobotError
-from eulerparams_control.laws.rotations import Array, R_axis
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.robot.urdf import UrdfTree, attribute
 
@@ -118,7 +119,7 @@ def _placement(element: ET.Element) -> Array:
     origin = element.find("origin")
     if origin is not None:
         roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"), 3, element.tag)
-        T[:3, :3] = R_axis(2, yaw) @ R_axis(1, pitch) @ R_axis(0, roll)
+        T[:3, :3] = EulerSequence("ZYX").R(np.array([yaw, pitch, roll]))
         T[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, element.tag)
     return T
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array, R_axis, cross, exp
+from eulerparams_control.laws.rotations import Array, cross, exp
 
 _GOLDEN = math.pi * (3 - math.sqrt(5))
 
@@ -22,7 +22,7 @@ def with_tool_axis(z: Array, roll: float) -> Array:
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= math.sqrt(x @ x)
-    R: Array = np.stack([x, cross(z, x), z], axis=1) @ R_axis(2, roll)
+    R: Array = np.stack([x, cross(z, x), z], axis=1) @ exp(np.array([0.0, 0.0, roll]))
     return R
 
 

@@ -3,14 +3,14 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from eulerparams_control.errors import SingularityError
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike, identity, outer, solve
+from eulerparams_control.laws.orientation.base import Coordinates, Laws
 from eulerparams_control.laws.orientation.relative_quaternion import (
+    Elastic,
     RelativeQuaternionRepresentation,
 )
 from eulerparams_control.laws.rotations import Array, EulerParameters, S, angle_between, mutual_R
-from eulerparams_control.laws.rotations_batch import quaternions, transposed, turn
 
 
 class AngleAxisDisplacement(NamedTuple):
@@ -22,9 +22,9 @@ class AngleAxisDisplacement(NamedTuple):
         L: (3, 3) (tr(Q) I - Q') / 2; do_de = L' omega_d - L omega_e.
     """
 
-    o_de: Array
-    Q: Array
-    L: Array
+    o_de: VecLike
+    Q: MatLike
+    L: MatLike
 
     @property
     def error(self) -> Array:
@@ -32,94 +32,84 @@ class AngleAxisDisplacement(NamedTuple):
         return self.o_de
 
 
+@formula
+def L_of(Q: Mat) -> Mat:
+    """Return (tr(Q) I - Q') / 2, linear in Q."""
+    return 0.5 * (identity(Q.xx + Q.yy + Q.zz) - Q.T)
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: AngleAxisDisplacement, options: Coordinates
+) -> AngleAxisDisplacement:
+    """Return o_de = 2 eta eps_de and L; neither depends on the sign of the quaternion."""
+    Q_de = mutual_R(R_e, R_d)
+    Q = R_d @ R_e.T
+    return AngleAxisDisplacement((2.0 * Q_de.eta) * (R_e @ Q_de.eps), Q, L_of(Q))
+
+
+@formula
+def velocity(x_de: AngleAxisDisplacement, omega_d: Vec, k_Po: float, options: Coordinates) -> Vec:
+    """Return L^-1 (L' omega_d + k_Po o_de), which gives do_de = -k_Po o_de."""
+    return solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.o_de)
+
+
+@formula
+def acceleration(
+    x_de: AngleAxisDisplacement,
+    omega_d: Vec,
+    domega_d: Vec,
+    omega_e: Vec,
+    k_Po: float,
+    k_Vo: float,
+    options: Coordinates,
+) -> Vec:
+    """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de).
+
+    do_de = L' omega_d - L omega_e; it gives ddo_de + k_Vo do_de + k_Po o_de = 0.
+    """
+    Q, L = x_de.Q, x_de.L
+    dL = L_of(S(omega_d) @ Q - Q @ S(omega_e))  # dQ = S(omega_d) Q - Q S(omega_e)
+    do_de = L.T @ omega_d - L @ omega_e
+    wanted = L.T @ domega_d + dL.T @ omega_d - dL @ omega_e + k_Vo * do_de + k_Po * x_de.o_de
+    return solve(L, wanted)
+
+
+@formula
+def elastic_moment(Q_cd: EulerParameters, K_o: Mat) -> Vec:
+    """Return Omega' K_o o with o = 2 eta eps, do = Omega x (refs. [9], [10]).
+
+    Omega = eta^2 I - eps eps' - eta S(eps): that of f = sin(theta), without its 0 / 0.
+    """
+    eta, eps = Q_cd.eta, Q_cd.eps
+    Omega = identity(eta * eta) - outer(eps, eps) - eta * S(eps)
+    return Omega.T @ (K_o @ ((2.0 * eta) * eps))
+
+
+@formula
+def elastic_energy(Q_cd: EulerParameters, K_o: Mat) -> float:
+    """Return o' K_o o / 2 with o = 2 eta eps."""
+    return 2.0 * Q_cd.eta * Q_cd.eta * (Q_cd.eps @ (K_o @ Q_cd.eps))
+
+
 class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is sin(theta) r: zero at 180 deg too; L is singular at 90 deg."""
 
     name = "angle_axis"
     symbol = "sin(theta) r"
+    laws = Laws(displacement, velocity, acceleration)
+    elastic = Elastic(elastic_moment, elastic_energy)
 
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: AngleAxisDisplacement | None = None
-    ) -> AngleAxisDisplacement:
-        """Return o_de = 2 eta eps_de and L; neither depends on the sign of the quaternion."""
-        eta, eps = mutual_R(R_e, R_d)
-        Q = R_d @ R_e.T
-        return AngleAxisDisplacement(2 * eta * (R_e @ eps), Q, _L(Q))
-
-    def displacements(
-        self, R_d: Array, R_e: Array, previous: AngleAxisDisplacement | None = None
-    ) -> AngleAxisDisplacement:
-        """Return o_de (N, 3), Q and L (N, 3, 3)."""
-        eta, eps = quaternions(transposed(R_e) @ R_d)
-        Q = R_d @ transposed(R_e)
-        return AngleAxisDisplacement(2 * np.expand_dims(eta, 1) * turn(R_e, eps), Q, _L(Q))
-
-    def resolved_velocity(self, x_de: AngleAxisDisplacement, omega_d: Array, k_Po: float) -> Array:
-        """Return L^-1 (L' omega_d + k_Po o_de), which gives do_de = -k_Po o_de.
-
-        Raises:
-            SingularityError: if L is exactly singular.
-        """
-        return _solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.o_de)
-
-    def resolved_acceleration(
-        self,
-        x_de: AngleAxisDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
-    ) -> Array:
-        """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de).
-
-        do_de = L' omega_d - L omega_e; it gives ddo_de + k_Vo do_de + k_Po o_de = 0.
-
-        Raises:
-            SingularityError: if L is exactly singular.
-        """
-        o_de, Q, L = x_de
-        dL = _L(S(omega_d) @ Q - Q @ S(omega_e))  # dQ = S(omega_d) Q - Q S(omega_e)
-        do_de = L.T @ omega_d - L @ omega_e
-        return _solve(
-            L, L.T @ domega_d + dL.T @ omega_d - dL @ omega_e + k_Vo * do_de + k_Po * o_de
+    @property
+    def singularity(self) -> str:
+        """What is singular where the law has no answer, and what helps."""
+        return (
+            "L of angle_axis is singular: the orientation error is 90 deg; use "
+            "orientation: euler_parameters for errors that large"
         )
-
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = 2 eta eps, do = Omega x (refs. [9], [10]).
-
-        Omega = eta^2 I - eps eps' - eta S(eps): that of f = sin(theta), without its 0 / 0.
-        """
-        eta, eps = Q_cd
-        Omega = eta**2 * np.eye(3) - np.outer(eps, eps) - eta * S(eps)
-        mu_E: Array = Omega.T @ (K_o @ (2 * eta * eps))
-        return mu_E
-
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return o' K_o o / 2 with o = 2 eta eps."""
-        energy: float = 2 * Q_cd.eta**2 * np.vecdot(Q_cd.eps, Q_cd.eps @ K_o)
-        return energy
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""
         theta = angle_between(R_e, R_d)
         return min(abs(theta - math.pi / 2), math.pi - theta)
 
-
-def _L(Q: Array) -> Array:
-    """Return (tr(Q) I - Q') / 2 (..., 3, 3), linear in Q (..., 3, 3)."""
-    trace = np.trace(Q, axis1=-2, axis2=-1)
-    L: Array = (trace[..., None, None] * np.eye(3) - transposed(Q)) / 2
-    return L
-
-
-def _solve(L: Array, b: Array) -> Array:
-    """Return L^-1 b (3,), or raise SingularityError."""
-    try:
-        x: Array = np.linalg.solve(L, b)
-        return x
-    except np.linalg.LinAlgError:
-        raise SingularityError(
-            "L of angle_axis is singular: the orientation error is 90 deg; use "
-            "orientation: euler_parameters for errors that large"
-        ) from None

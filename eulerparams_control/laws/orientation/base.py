@@ -1,7 +1,7 @@
 """Interface of the representations of the orientation displacement, and their registry.
 
-Each place where the paper's equations change with the representation is one method of
-:class:`OrientationRepresentation`; the schemes know nothing else of it.  A new one is
+Each place where the paper's equations change with the representation is one formula, or one
+method of :class:`OrientationRepresentation`; the schemes know nothing else of it.  A new one is
 one file with a subclass, and a line in ``orientation/__init__.py``.
 
 Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the base
@@ -11,14 +11,17 @@ frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacem
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
-from eulerparams_control.errors import UnknownNameError
+import numpy as np
+
+from eulerparams_control.errors import SingularityError, UnknownNameError
+from eulerparams_control.laws.compiled import Formula, from_rows, layout
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.orientation.sequences import EulerSequence
-from eulerparams_control.laws.orientation.sign import SignRule
+from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
+from eulerparams_control.laws.orientation.sign import Sign, SignRule
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.rotations_batch import stack
 
 
 class Lyapunov(NamedTuple):
@@ -46,6 +49,29 @@ class CompliantRotation(NamedTuple):
     domega_c: Array
 
 
+class Coordinates(NamedTuple):
+    """The options as the formulas take them."""
+
+    axes: Axes
+    sign: Sign
+
+
+class Laws(NamedTuple):
+    """The formulas of a representation for one sample.
+
+    Attributes:
+        displacement: x_de (R_d, R_e, previous, options), eqs. (22), (27); ``previous`` is that of
+            the sample before, zeros at the first.
+        velocity: omega (x_de, omega_d, k_Po, options) [rad/s] that CLIK asks for, eqs. (23), (28).
+        acceleration: a_o (x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options) [rad/s^2] of
+            dynamic control, eqs. (38), (40).
+    """
+
+    displacement: Formula
+    velocity: Formula
+    acceleration: Formula
+
+
 @dataclass(frozen=True)
 class OrientationOptions:
     """Options of the representations; each uses those that concern it.
@@ -58,6 +84,11 @@ class OrientationOptions:
     sequence: EulerSequence = field(default_factory=EulerSequence)
     sign: SignRule = field(default_factory=SignRule)
 
+    @cached_property
+    def values(self) -> Coordinates:
+        """The options as the formulas take them."""
+        return Coordinates(self.sequence.axes, self.sign.values)
+
 
 class OrientationRepresentation(ABC):
     """One representation of the orientation displacement, as the laws use it.
@@ -67,12 +98,14 @@ class OrientationRepresentation(ABC):
         symbol: of its orientation error, in words.
         unit: of that; "rad" or "".
         slope: [1/rad] of that where the displacement is small.
+        laws: its formulas.
     """
 
     name: ClassVar[str]
     symbol: ClassVar[str] = "orientation error"
     unit: ClassVar[str] = ""
     slope: ClassVar[float] = 1.0
+    laws: ClassVar[Laws]
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -92,35 +125,27 @@ class OrientationRepresentation(ABC):
     def __hash__(self) -> int:
         return hash((type(self), self.options))
 
-    @abstractmethod
+    @cached_property
+    def _none(self) -> Any:
+        """What stands for the displacement before the first."""
+        kind = self.laws.displacement.result
+        return from_rows(kind, np.zeros(layout(kind).width))
+
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
 
-        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.
+        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.  That of N
+        successive samples is one whose fields are stacked.
 
         Args:
-            R_d: desired orientation (3, 3).
-            R_e: end-effector orientation (3, 3).
+            R_d: desired orientation (3, 3), or (N, 3, 3).
+            R_e: end-effector orientation (3, 3), or (N, 3, 3).
             previous: the displacement of the sample before, or None at the first; what
                 is not unique (a sign, an angle at the pole) follows from it.
         """
+        previous = self._none if previous is None else previous
+        return self.laws.displacement(R_d, R_e, previous, self.options.values)
 
-    def displacements(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
-        """Return the displacements of N successive samples as one, its fields stacked.
-
-        For recorded runs; this does one after the other, which any representation may do faster.
-
-        Args:
-            R_d, R_e: (N, 3, 3) orientations, N > 0.
-            previous: the displacement of the sample before, or None.
-        """
-        samples = []
-        for R_d_t, R_e_t in zip(R_d, R_e, strict=True):
-            previous = self.displacement(R_d_t, R_e_t, previous)
-            samples.append(previous)
-        return stack(samples)
-
-    @abstractmethod
     def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
         """Return the angular velocity omega (3,) [rad/s] that CLIK asks for.
 
@@ -131,9 +156,12 @@ class OrientationRepresentation(ABC):
             x_de: from :meth:`displacement`.
             omega_d: desired angular velocity (3,) [rad/s], base frame.
             k_Po: gain [1/s].
-        """
 
-    @abstractmethod
+        Raises:
+            SingularityError: if there is no finite answer.
+        """
+        return self._finite(self.laws.velocity(x_de, omega_d, k_Po, self.options.values))
+
     def resolved_acceleration(
         self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
@@ -148,7 +176,22 @@ class OrientationRepresentation(ABC):
             omega_e: angular velocity (3,) [rad/s] of the end effector, base frame.
             k_Po: gain of the error [1/s^2].
             k_Vo: gain of its rate [1/s].
+
+        Raises:
+            SingularityError: if there is no finite answer.
         """
+        acceleration, options = self.laws.acceleration, self.options.values
+        return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
+
+    @property
+    def singularity(self) -> str:
+        """What is singular where the law has no answer, and what helps."""
+        return f"the law of {self.name} is singular; use orientation: euler_parameters"
+
+    def _finite(self, v: Array) -> Array:
+        if np.isnan(v).any():
+            raise SingularityError(self.singularity)
+        return v
 
     def lyapunov_1(self, x_de: Any, k_Po: float) -> Lyapunov | None:
         """Return V_1 of CLIK, eqs. (30), (31); None: the paper has none for it."""

@@ -4,9 +4,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.orientation.base import CompliantRotation, OrientationRepresentation
-from eulerparams_control.laws.orientation.sequences import wrap
+from eulerparams_control.laws.linear import Mat, Vec, VecLike
+from eulerparams_control.laws.orientation.base import (
+    CompliantRotation,
+    Coordinates,
+    Laws,
+    OrientationRepresentation,
+)
+from eulerparams_control.laws.orientation.sequences import (
+    T_of,
+    accelerations,
+    dT_of,
+    extract,
+    rates,
+    wrap,
+)
 from eulerparams_control.laws.rotations import Array
 
 
@@ -19,14 +33,61 @@ class EulerAnglesDisplacement(NamedTuple):
         dphi_de: (3,) [rad] phi_d - phi_e wrapped to (-pi, pi], eq. (22).
     """
 
-    phi_d: Array
-    phi_e: Array
-    dphi_de: Array
+    phi_d: VecLike
+    phi_e: VecLike
+    dphi_de: VecLike
 
     @property
     def error(self) -> Array:
         """phi_d - phi_e (3,) [rad]: angles of the sequence, not a vector of a frame."""
         return self.dphi_de
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: EulerAnglesDisplacement, options: Coordinates
+) -> EulerAnglesDisplacement:
+    """Return phi_d, phi_e and phi_d - phi_e, eq. (22)."""
+    phi_d = extract(options.axes, R_d, previous.phi_d)
+    phi_e = extract(options.axes, R_e, previous.phi_e)
+    return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
+
+
+@formula
+def velocity(
+    x_de: EulerAnglesDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
+) -> Vec:
+    """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23) by way of (24).
+
+    J_A^-1 = J^-1 diag(I, T) exists where J_A does not, so the product is used and
+    J_A is never built.
+    """
+    dphi_d = rates(options.axes, x_de.phi_d, omega_d)  # eq. (3)
+    return T_of(options.axes, x_de.phi_e) @ (dphi_d + k_Po * x_de.dphi_de)
+
+
+@formula
+def acceleration(
+    x_de: EulerAnglesDisplacement,
+    omega_d: Vec,
+    domega_d: Vec,
+    omega_e: Vec,
+    k_Po: float,
+    k_Vo: float,
+    options: Coordinates,
+) -> Vec:
+    """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
+
+    T and dT are those of phi_e.  The first term is the second derivative ddphi_d; the
+    printed eq. (38) has dphi_d (erratum).
+    """
+    axes, phi_d, phi_e = options.axes, x_de.phi_d, x_de.phi_e
+    dphi_d, dphi_e = rates(axes, phi_d, omega_d), rates(axes, phi_e, omega_e)  # eq. (3)
+    ddphi_d = accelerations(axes, phi_d, dphi_d, domega_d)
+    return (
+        T_of(axes, phi_e) @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
+        + dT_of(axes, phi_e, dphi_e) @ dphi_e
+    )
 
 
 class EulerAnglesRepresentation(OrientationRepresentation):
@@ -35,59 +96,12 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     name = "euler_angles"
     symbol = "phi_d - phi_e"
     unit = "rad"
+    laws = Laws(displacement, velocity, acceleration)
 
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: EulerAnglesDisplacement | None = None
-    ) -> EulerAnglesDisplacement:
-        """Return phi_d, phi_e and phi_d - phi_e, eq. (22)."""
-        extract = self.options.sequence.extract
-        phi_d = extract(R_d, None if previous is None else previous.phi_d)
-        phi_e = extract(R_e, None if previous is None else previous.phi_e)
-        return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
-
-    def displacements(
-        self, R_d: Array, R_e: Array, previous: EulerAnglesDisplacement | None = None
-    ) -> EulerAnglesDisplacement:
-        """Return phi_d, phi_e and phi_d - phi_e, each (N, 3), eq. (22)."""
-        extracts = self.options.sequence.extracts
-        phi_d = extracts(R_d, None if previous is None else previous.phi_d)
-        phi_e = extracts(R_e, None if previous is None else previous.phi_e)
-        return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
-
-    def resolved_velocity(
-        self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
-        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23) by way of (24).
-
-        J_A^-1 = J^-1 diag(I, T) exists where J_A does not, so the product is used and
-        J_A is never built.
-        """
-        sequence = self.options.sequence
-        dphi_d = sequence.rates(x_de.phi_d, omega_d)  # eq. (3)
-        return sequence.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.dphi_de)
-
-    def resolved_acceleration(
-        self,
-        x_de: EulerAnglesDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
-    ) -> Array:
-        """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
-
-        T and dT are those of phi_e.  The first term is the second derivative ddphi_d; the
-        printed eq. (38) has dphi_d (erratum).
-        """
-        sequence = self.options.sequence
-        dphi_d = sequence.rates(x_de.phi_d, omega_d)  # eq. (3)
-        dphi_e = sequence.rates(x_de.phi_e, omega_e)
-        ddphi_d = self._accelerations(x_de.phi_d, dphi_d, domega_d)
-        return (
-            sequence.T(x_de.phi_e) @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * x_de.dphi_de)
-            + sequence.dT(x_de.phi_e, dphi_e) @ dphi_e
-        )
+    @property
+    def singularity(self) -> str:
+        """What is singular where the law has no answer, and what helps."""
+        return self.options.sequence.singularity
 
     def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y (6,) = (Delta phi_cd, Delta dphi_cd), phi_c - phi_d and its rate."""
@@ -120,14 +134,9 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         sequence, phi_d = self.options.sequence, u[:3]
         dphi_d = sequence.rates(phi_d, omega_d)
         phi_c, dphi_c = phi_d + y[:3], dphi_d + y[3:]
-        ddphi_c = self._accelerations(phi_d, dphi_d, domega_d) + dy[3:]
+        ddphi_c = sequence.accelerations(phi_d, dphi_d, domega_d) + dy[3:]
         T, dT = sequence.T(phi_c), sequence.dT(phi_c, dphi_c)
         return CompliantRotation(sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
-
-    def _accelerations(self, phi: Array, dphi: Array, domega: Array) -> Array:
-        """Return ddphi = T^-1 (domega - dT dphi) (3,) [rad/s^2], the derivative of (3)."""
-        sequence = self.options.sequence
-        return sequence.rates(phi, domega - sequence.dT(phi, dphi) @ dphi)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the smaller distance [rad] of the two frames to the pole of the sequence."""

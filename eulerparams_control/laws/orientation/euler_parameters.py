@@ -5,12 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.orientation.base import Lyapunov
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import Mat, Vec, VecLike
+from eulerparams_control.laws.orientation.base import Coordinates, Laws, Lyapunov
 from eulerparams_control.laws.orientation.relative_quaternion import (
+    Elastic,
     RelativeQuaternionRepresentation,
+    acceleration_along,
+    velocity_along,
 )
+from eulerparams_control.laws.orientation.sign import signed_mutual
 from eulerparams_control.laws.rotations import Array, EulerParameters, cross
-from eulerparams_control.laws.rotations_batch import turn
 
 
 class QuaternionDisplacement(NamedTuple):
@@ -22,12 +27,54 @@ class QuaternionDisplacement(NamedTuple):
     """
 
     Q_de: EulerParameters
-    eps_de: Array
+    eps_de: VecLike
 
     @property
     def error(self) -> Array:
         """eps_de (3,), base frame."""
         return self.eps_de
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: QuaternionDisplacement, options: Coordinates
+) -> QuaternionDisplacement:
+    """Return {eta_de, eps_de_e} of R_e' R_d and eps_de = R_e eps_de_e, eq. (27)."""
+    Q_de = signed_mutual(R_e, R_d, previous.Q_de, options.sign)
+    return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
+
+
+@formula
+def velocity(x_de: QuaternionDisplacement, omega_d: Vec, k_Po: float, options: Coordinates) -> Vec:
+    """Return the velocity of (28)."""
+    return velocity_along(x_de.eps_de, omega_d, k_Po)
+
+
+@formula
+def acceleration(
+    x_de: QuaternionDisplacement,
+    omega_d: Vec,
+    domega_d: Vec,
+    omega_e: Vec,
+    k_Po: float,
+    k_Vo: float,
+    options: Coordinates,
+) -> Vec:
+    """Return the acceleration of (40)."""
+    return acceleration_along(x_de.eps_de, omega_d, domega_d, omega_e, k_Po, k_Vo)
+
+
+@formula
+def elastic_moment(Q_cd: EulerParameters, K_o: Mat) -> Vec:
+    """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
+    K_eps = K_o @ Q_cd.eps
+    return 2.0 * (Q_cd.eta * K_eps + cross(Q_cd.eps, K_eps))
+
+
+@formula
+def elastic_energy(Q_cd: EulerParameters, K_o: Mat) -> float:
+    """Return 2 eps' K_o eps, of eq. (68)."""
+    return 2.0 * (Q_cd.eps @ (K_o @ Q_cd.eps))
 
 
 class EulerParametersRepresentation(RelativeQuaternionRepresentation):
@@ -36,20 +83,8 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
     name = "euler_parameters"
     symbol = "eps_de"
     slope = 0.5
-
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
-    ) -> QuaternionDisplacement:
-        """Return {eta_de, eps_de_e} of R_e' R_d and eps_de = R_e eps_de_e, eq. (27)."""
-        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
-        return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
-
-    def displacements(
-        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
-    ) -> QuaternionDisplacement:
-        """Return {eta_de (N,), eps_de_e (N, 3)} and eps_de (N, 3), eq. (27)."""
-        Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
-        return QuaternionDisplacement(Q_de, turn(R_e, Q_de.eps))
+    laws = Laws(displacement, velocity, acceleration)
+    elastic = Elastic(elastic_moment, elastic_energy)
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
@@ -65,16 +100,6 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         """
         omega_2 = np.vecdot(omega_de, omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
-
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
-        K_eps = K_o @ Q_cd.eps
-        return 2 * (Q_cd.eta * K_eps + cross(Q_cd.eps, K_eps))
-
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return 2 eps' K_o eps, of eq. (68)."""
-        energy: float = 2 * np.vecdot(Q_cd.eps, Q_cd.eps @ K_o)
-        return energy
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return inf: there is no singularity."""

@@ -5,10 +5,17 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.orientation.base import CompliantRotation, OrientationRepresentation
+from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
+from eulerparams_control.laws.orientation.base import (
+    CompliantRotation,
+    Coordinates,
+    Laws,
+    OrientationRepresentation,
+)
+from eulerparams_control.laws.orientation.sequences import T_of, dT_of, extract, rates
 from eulerparams_control.laws.rotations import Array, cross
-from eulerparams_control.laws.rotations_batch import transposed
 
 
 class RelativeEulerAnglesDisplacement(NamedTuple):
@@ -20,14 +27,53 @@ class RelativeEulerAnglesDisplacement(NamedTuple):
         T_e: (3, 3) R_e T(phi_de): relative angular velocity in the base frame by dphi_de.
     """
 
-    phi_de: Array
-    R_e: Array
-    T_e: Array
+    phi_de: VecLike
+    R_e: MatLike
+    T_e: MatLike
 
     @property
     def error(self) -> Array:
         """phi_de (3,) [rad]: angles of the sequence, not a vector of a frame."""
         return self.phi_de
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: RelativeEulerAnglesDisplacement, options: Coordinates
+) -> RelativeEulerAnglesDisplacement:
+    """Return phi_de of R_e' R_d and T_e = R_e T(phi_de)."""
+    phi_de = extract(options.axes, R_e.T @ R_d, previous.phi_de)
+    return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ T_of(options.axes, phi_de))
+
+
+@formula
+def velocity(
+    x_de: RelativeEulerAnglesDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
+) -> Vec:
+    """Return omega_d + k_Po T_e phi_de, which gives dphi_de = -k_Po phi_de."""
+    return omega_d + k_Po * (x_de.T_e @ x_de.phi_de)
+
+
+@formula
+def acceleration(
+    x_de: RelativeEulerAnglesDisplacement,
+    omega_d: Vec,
+    domega_d: Vec,
+    omega_e: Vec,
+    k_Po: float,
+    k_Vo: float,
+    options: Coordinates,
+) -> Vec:
+    """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
+
+    dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
+    it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
+    """
+    phi_de, R_e, omega_de = x_de.phi_de, x_de.R_e, omega_d - omega_e
+    dphi_de = rates(options.axes, phi_de, R_e.T @ omega_de)
+    dT = dT_of(options.axes, phi_de, dphi_de)
+    dT_e_dphi_de = cross(omega_e, omega_de) + R_e @ (dT @ dphi_de)  # T_e dphi_de is omega_de
+    return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ phi_de)
 
 
 class RelativeEulerAnglesRepresentation(OrientationRepresentation):
@@ -36,52 +82,12 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     name = "relative_euler_angles"
     symbol = "phi_de of R_e' R_d"
     unit = "rad"
+    laws = Laws(displacement, velocity, acceleration)
 
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
-    ) -> RelativeEulerAnglesDisplacement:
-        """Return phi_de of R_e' R_d and T_e = R_e T(phi_de)."""
-        sequence = self.options.sequence
-        phi_de = sequence.extract(R_e.T @ R_d, None if previous is None else previous.phi_de)
-        return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.T(phi_de))
-
-    def displacements(
-        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
-    ) -> RelativeEulerAnglesDisplacement:
-        """Return phi_de (N, 3) of R_e' R_d, R_e and T_e (N, 3, 3)."""
-        sequence = self.options.sequence
-        R_de = transposed(R_e) @ R_d
-        phi_de = sequence.extracts(R_de, None if previous is None else previous.phi_de)
-        return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ sequence.Ts(phi_de))
-
-    def resolved_velocity(
-        self, x_de: RelativeEulerAnglesDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
-        """Return omega_d + k_Po T_e phi_de, which gives dphi_de = -k_Po phi_de."""
-        return omega_d + k_Po * (x_de.T_e @ x_de.phi_de)
-
-    def resolved_acceleration(
-        self,
-        x_de: RelativeEulerAnglesDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
-    ) -> Array:
-        """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
-
-        dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
-        it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
-        """
-        sequence = self.options.sequence
-        omega_de = omega_d - omega_e
-        dphi_de = sequence.rates(x_de.phi_de, x_de.R_e.T @ omega_de)
-        # T_e dphi_de is omega_de
-        dT_e_dphi_de = cross(omega_e, omega_de) + x_de.R_e @ (
-            sequence.dT(x_de.phi_de, dphi_de) @ dphi_de
-        )
-        return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ x_de.phi_de)
+    @property
+    def singularity(self) -> str:
+        """What is singular where the law has no answer, and what helps."""
+        return self.options.sequence.singularity
 
     def impedance(self, Z: Impedance) -> Impedance:
         """Return T(0)' Z T(0): T(0) is I for XYZ only, else the stiffness would be turned.

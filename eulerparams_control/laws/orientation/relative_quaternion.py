@@ -6,51 +6,62 @@ R_cd = R_d' R_c and x = R_d' (omega_c - omega_d) [rad/s], all in the desired fra
 depends on the absolute orientation in no way.
 """
 
-from abc import abstractmethod
-from typing import Any
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.compiled import Formula, formula
 from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.linear import Vec
 from eulerparams_control.laws.orientation.base import (
     CompliantRotation,
     Lyapunov,
     OrientationRepresentation,
 )
-from eulerparams_control.laws.rotations import Array, EulerParameters, cross
-from eulerparams_control.laws.rotations_batch import quaternions
+from eulerparams_control.laws.rotations import Array, EulerParameters, cross, quaternion
 
 # So many turns of up to a half are tried for the largest moment.
 _ANGLES = 181
 
 
+class Elastic(NamedTuple):
+    """What the stiffness K_o (3, 3) [Nm/rad] does at {eta_cd, eps_cd_d} of R_d' R_c.
+
+    Attributes:
+        moment: mu_E (Q_cd, K_o) (3,) [Nm] in the desired frame, eqs. (62), (66).
+        energy: (Q_cd, K_o) [J], whose rate along x is mu_E' x: the second term of (68).
+    """
+
+    moment: Formula
+    energy: Formula
+
+
+@formula
+def velocity_along(e: Vec, omega_d: Vec, k_Po: float) -> Vec:
+    """Return omega_d + k_Po e, eq. (28): e is eps_de, or another vector along the same axis."""
+    return omega_d + k_Po * e
+
+
+@formula
+def acceleration_along(
+    e: Vec, omega_d: Vec, domega_d: Vec, omega_e: Vec, k_Po: float, k_Vo: float
+) -> Vec:
+    """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40), e as in (28)."""
+    return domega_d + k_Vo * (omega_d - omega_e) + k_Po * e
+
+
 class RelativeQuaternionRepresentation(OrientationRepresentation):
     """A representation whose impedance is (59) with an elastic moment of its own."""
 
-    def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
-        """Return omega_d + k_Po e, eq. (28): e is eps_de, or another vector along the same axis."""
-        e: Array = x_de.error
-        return omega_d + k_Po * e
+    elastic: ClassVar[Elastic]
 
-    def resolved_acceleration(
-        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
-    ) -> Array:
-        """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40), e as in (28)."""
-        e: Array = x_de.error
-        return domega_d + k_Vo * (omega_d - omega_e) + k_Po * e
-
-    @abstractmethod
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return mu_E (3,) [Nm] in the desired frame, eqs. (62), (66).
+        """Return mu_E (3,) [Nm]: see :class:`Elastic`."""
+        return self.elastic.moment(Q_cd, K_o)
 
-        Args:
-            Q_cd: {eta_cd, eps_cd_d} of R_d' R_c.
-            K_o: (3, 3) stiffness [Nm/rad].
-        """
-
-    @abstractmethod
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return the energy [J] whose rate along x is mu_E' x: the second term of (68)."""
+        """Return the elastic energy [J]: see :class:`Elastic`."""
+        return self.elastic.energy(Q_cd, K_o)
 
     def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y (7,) = (eta_cd, eps_cd_d, R_d' (omega_c - omega_d))."""
@@ -100,7 +111,7 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
         Eqs. (68), (69), the latter with the power of the contact moment.
         """
-        energy = self.elastic_energy(quaternions(R_cd), Z.K)
+        energy = self.elastic_energy(quaternion(R_cd), Z.K)
         kinetic = np.vecdot(x, x @ Z.M) / 2
         return Lyapunov(kinetic + energy, np.vecdot(mu_d, x) - np.vecdot(x @ Z.D, x))
 

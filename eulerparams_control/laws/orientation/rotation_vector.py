@@ -1,21 +1,26 @@
 """Rotation vector: theta r, the log map that current packages use (not in the paper)."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import Mat, Vec, VecLike, solve
+from eulerparams_control.laws.orientation.base import Coordinates, Laws
 from eulerparams_control.laws.orientation.relative_quaternion import (
+    Elastic,
     RelativeQuaternionRepresentation,
+    acceleration_along,
+    velocity_along,
 )
+from eulerparams_control.laws.orientation.sign import signed_mutual
 from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
     angle_between,
+    opposite,
     right_jacobian,
     rotation_vector,
 )
-from eulerparams_control.laws.rotations_batch import rotation_vectors, turn
 
 
 class RotationVectorDisplacement(NamedTuple):
@@ -27,12 +32,63 @@ class RotationVectorDisplacement(NamedTuple):
     """
 
     Q_de: EulerParameters
-    rho_de: Array
+    rho_de: VecLike
 
     @property
     def error(self) -> Array:
         """theta r (3,) [rad], base frame."""
         return self.rho_de
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: RotationVectorDisplacement, options: Coordinates
+) -> RotationVectorDisplacement:
+    """Return theta r of R_e' R_d, in the base frame."""
+    Q_de = signed_mutual(R_e, R_d, previous.Q_de, options.sign)
+    return RotationVectorDisplacement(Q_de, R_e @ rotation_vector(Q_de))
+
+
+@formula
+def velocity(
+    x_de: RotationVectorDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
+) -> Vec:
+    """Return the velocity of (28)."""
+    return velocity_along(x_de.rho_de, omega_d, k_Po)
+
+
+@formula
+def acceleration(
+    x_de: RotationVectorDisplacement,
+    omega_d: Vec,
+    domega_d: Vec,
+    omega_e: Vec,
+    k_Po: float,
+    k_Vo: float,
+    options: Coordinates,
+) -> Vec:
+    """Return the acceleration of (40)."""
+    return acceleration_along(x_de.rho_de, omega_d, domega_d, omega_e, k_Po, k_Vo)
+
+
+@formula
+def elastic_moment(Q_cd: EulerParameters, K_o: Mat) -> Vec:
+    """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
+    o = short_vector(Q_cd)
+    return solve(right_jacobian(-o).T, K_o @ o)
+
+
+@formula
+def elastic_energy(Q_cd: EulerParameters, K_o: Mat) -> float:
+    """Return o' K_o o / 2 with o = theta r."""
+    o = short_vector(Q_cd)
+    return o @ (K_o @ o) / 2.0
+
+
+@formula
+def short_vector(Q: EulerParameters) -> Vec:
+    """Return theta r of the one of +-Q that turns by pi at most."""
+    return rotation_vector(opposite(Q) if Q.eta < 0.0 else Q)
 
 
 class RotationVectorRepresentation(RelativeQuaternionRepresentation):
@@ -41,38 +97,10 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
     name = "rotation_vector"
     symbol = "theta r"
     unit = "rad"
-
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None
-    ) -> RotationVectorDisplacement:
-        """Return theta r of R_e' R_d, in the base frame."""
-        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
-        return RotationVectorDisplacement(Q_de, R_e @ rotation_vector(Q_de))
-
-    def displacements(
-        self, R_d: Array, R_e: Array, previous: RotationVectorDisplacement | None = None
-    ) -> RotationVectorDisplacement:
-        """Return the quaternions and theta r (N, 3) of R_e' R_d, in the base frame."""
-        Q_de = self.options.sign.mutuals(R_e, R_d, previous and previous.Q_de)
-        return RotationVectorDisplacement(Q_de, turn(R_e, rotation_vectors(Q_de)))
-
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
-        o = rotation_vector(_short(Q_cd))
-        return np.linalg.solve(right_jacobian(-o).T, K_o @ o)
-
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return o' K_o o / 2 with o = theta r."""
-        sign: Any = np.where(np.asarray(Q_cd.eta) < 0, -1.0, 1.0)
-        o = rotation_vectors(EulerParameters(sign * Q_cd.eta, sign[..., None] * Q_cd.eps))
-        energy: float = np.vecdot(o, o @ K_o) / 2
-        return energy
+    laws = Laws(displacement, velocity, acceleration)
+    elastic = Elastic(elastic_moment, elastic_energy)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""
         return math.pi - angle_between(R_e, R_d)
 
-
-def _short(Q: EulerParameters) -> EulerParameters:
-    """Return the one of +-Q that turns by pi at most."""
-    return -Q if Q.eta < 0 else Q

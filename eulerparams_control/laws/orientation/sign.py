@@ -12,15 +12,63 @@ that a small error can then look like a turn of almost 360 deg.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.laws.rotations import Array, EulerParameters, mutual, mutual_R
-from eulerparams_control.laws.rotations_batch import quaternions, stack, transposed
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import Mat
+from eulerparams_control.laws.rotations import (
+    Array,
+    EulerParameters,
+    inner,
+    mutual,
+    mutual_R,
+    opposite,
+    quaternion,
+)
 
 SIGNS = ("shortest", "hysteretic", "continuous")
 SEPARATE = "separate"
+_RULES = (*SIGNS, SEPARATE)
+_SHORTEST, _HYSTERETIC, _CONTINUOUS, _SEPARATE = range(4)
+
+
+_NONE = EulerParameters(0.0, np.zeros(3))
+
+
+class Sign(NamedTuple):
+    """A rule for the sign in numbers: its place in the list, delta and the initial sign."""
+
+    rule: int
+    delta: float
+    initial: float
+
+
+@formula
+def signed_mutual(R_e: Mat, R_d: Mat, previous: EulerParameters, sign: Sign) -> EulerParameters:
+    """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
+
+    Args:
+        R_e, R_d: the two orientations.
+        previous: what was returned for the sample before; zero at the first.
+        sign: the rule.
+    """
+    if sign.rule == _SEPARATE:
+        return mutual(quaternion(R_e), quaternion(R_d))
+    return chosen(mutual_R(R_e, R_d), previous, sign)
+
+
+@formula
+def chosen(Q: EulerParameters, previous: EulerParameters, sign: Sign) -> EulerParameters:
+    """Return Q or -Q, given what was returned for the sample before, zero at the first."""
+    if sign.rule == _SHORTEST or inner(previous, previous) == 0.0:
+        return opposite(Q) if Q.eta * sign.initial < 0.0 else Q
+    if inner(Q, previous) < 0.0:
+        Q = opposite(Q)
+    return opposite(Q) if sign.rule == _HYSTERETIC and Q.eta < -sign.delta else Q
 
 
 @dataclass(frozen=True)
@@ -42,7 +90,7 @@ class SignRule:
     initial: int = 1
 
     def __post_init__(self) -> None:
-        if self.name not in (*SIGNS, SEPARATE):
+        if self.name not in _RULES:
             raise UnknownNameError("sign of the quaternion", self.name, SIGNS)
         if not 0 <= self.delta < 1:
             raise ConfigurationError(f"hysteresis is {self.delta}; expected in [0, 1)")
@@ -51,49 +99,15 @@ class SignRule:
                 f"the initial sign of eta is {self.initial}; expected 1, or -1 with continuous"
             )
 
+    @cached_property
+    def values(self) -> Sign:
+        """The rule in numbers."""
+        return Sign(_RULES.index(self.name), self.delta, self.initial)
+
     def mutual(self, R_e: Array, R_d: Array, previous: EulerParameters | None) -> EulerParameters:
-        """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
-
-        Args:
-            R_e, R_d: (3, 3) the two orientations.
-            previous: what was returned for the sample before; None at the first.
-        """
-        if self.name == SEPARATE:
-            return mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
-        return self.choose(mutual_R(R_e, R_d), previous)
-
-    def mutuals(self, R_e: Array, R_d: Array, previous: EulerParameters | None) -> EulerParameters:
-        """Return eta_de (N,), eps_de_e (N, 3) of N successive samples: see :meth:`mutual`."""
-        if self.name == SEPARATE:
-            pairs = zip(R_e, R_d, strict=True)
-            return stack([self.mutual(R_e_t, R_d_t, None) for R_e_t, R_d_t in pairs])
-        Q = quaternions(transposed(R_e) @ R_d)
-        signs = self._signs(np.column_stack([Q.eta, Q.eps]), previous)
-        return EulerParameters(signs * Q.eta, signs[:, None] * Q.eps)  # type: ignore[arg-type]
-
-    def _signs(self, Q: Array, previous: EulerParameters | None) -> Array:
-        """Return the sign (N,) that each of the quaternions Q (N, 4), eta >= 0, gets."""
-        if self.name == "shortest":
-            return np.ones(len(Q))
-        first = self.choose(EulerParameters(Q[0, 0], Q[0, 1:]), previous)
-        begin = 1.0 if first.eta * Q[0, 0] + first.eps @ Q[0, 1:] > 0 else -1.0
-        follows = np.where(np.vecdot(Q[1:], Q[:-1]) < 0, -1.0, 1.0)
-        signs = np.cumprod(np.concatenate(([begin], follows)))
-        at = 0
-        while self.name == "hysteretic":
-            beyond = np.flatnonzero(signs[at:] * Q[at:, 0] < -self.delta)
-            if not len(beyond):
-                break
-            at += int(beyond[0])
-            signs[at:] *= -1
-        return signs
+        """Return {eta_de, eps_de_e} of R_e' R_d (3, 3): see :func:`signed_mutual`."""
+        return signed_mutual(R_e, R_d, previous or _NONE, self.values)
 
     def choose(self, Q: EulerParameters, previous: EulerParameters | None) -> EulerParameters:
         """Return Q or -Q, given what was returned for the sample before (None: eta >= 0)."""
-        if previous is None or self.name == "shortest":
-            return -Q if Q.eta * self.initial < 0 else Q
-        if Q.eta * previous.eta + float(Q.eps @ previous.eps) < 0:
-            Q = -Q
-        if self.name == "hysteretic" and Q.eta < -self.delta:
-            return -Q
-        return Q
+        return chosen(Q, previous or _NONE, self.values)

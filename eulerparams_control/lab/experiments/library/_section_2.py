@@ -20,8 +20,8 @@ from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
     R_angle_axis,
-    R_axis,
     S,
+    exp,
     mutual,
     mutual_R,
     propagation,
@@ -87,8 +87,8 @@ def angles() -> Residuals:
         omegas = vectors(SAMPLES, 100 + key)
         for R, omega in zip(rotations(SAMPLES, 200 + key), omegas, strict=True):
             phi = sequence.extract(R)
-            i, j, k = sequence.axes
-            product = R_axis(i, phi[0]) @ R_axis(j, phi[1]) @ R_axis(k, phi[2])
+            turns = phi[:, None] * np.eye(3)[list(sequence.axes)]
+            product = exp(turns[0]) @ exp(turns[1]) @ exp(turns[2])
             yield "(2)", max(size(product - R), size(sequence.R(phi) - R))
             if sequence.pole_distance(R) > _CLEAR:
                 dphi = derivative(partial(_angles, sequence, turning(R, omega), phi))

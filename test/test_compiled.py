@@ -1,14 +1,15 @@
 """What is calculated for many samples at once is what is calculated for one after the other."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from tolerances import assert_close
 
-from eulerparams_control.laws import rotations, rotations_batch
+from eulerparams_control.laws import rotations
+from eulerparams_control.laws.compiled import Formula, from_rows, layout, sample
 from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.linear import Mat
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -17,8 +18,9 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.orientation.sequences import SEQUENCES
-from eulerparams_control.laws.rotations import Array, EulerParameters, exp
+from eulerparams_control.laws.rotations import Array, EulerParameters, exp, quaternion
 
+FORMULAS = sorted(name for name, value in vars(rotations).items() if isinstance(value, Formula))
 EXACT = {"rtol": 0, "atol": 4e-15}
 
 
@@ -48,53 +50,51 @@ def path(seed: int, count: int = 2000) -> Array:
     return np.array(walk)
 
 
-def each_of(one: Callable[..., Any], *samples: Array) -> list[Any]:
-    """Return what is calculated for one sample after the other."""
-    return [one(*sample) for sample in zip(*samples, strict=True)]
+def assert_same(found: Any, expected: Any, tolerance: float = 4e-15) -> None:
+    """Assert that two values whose parts are arrays are the same."""
+    if isinstance(expected, tuple):
+        assert type(found) is type(expected)
+        for one, other in zip(found, expected, strict=True):
+            assert_same(one, other, tolerance)
+    else:
+        assert_close(found, expected, tolerance)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_what_rotations_of_many_are_is_what_those_of_each_are(seed):
-    R, other = rotations_everywhere(seed), rotations_everywhere(seed + 4)
-    eta, eps = Q = rotations_batch.quaternions(R)
-    expected = rotations_batch.stack(each_of(EulerParameters.from_R, R))
-    np.testing.assert_allclose(eta, expected.eta, **EXACT)
-    np.testing.assert_allclose(eps, expected.eps, **EXACT)
-    assert_close(rotations_batch.matrices(eta, eps), R, 2e-15)
-    for sign in (1, -1):
-        signed = EulerParameters(sign * Q.eta, sign * Q.eps)
-        each = each_of(lambda *Q: rotations.rotation_vector(EulerParameters(*Q)), *signed)
-        assert_close(rotations_batch.rotation_vectors(signed), each, 2e-14)
-    angles = rotations_batch.angles_between(R, other)
-    np.testing.assert_allclose(angles, each_of(rotations.angle_between, R, other), **EXACT)
-    x = np.random.default_rng(seed).normal(size=(200, 3))
-    x[:50] *= 1e-5
-    x[0] = 0
-    np.testing.assert_allclose(rotations_batch.exps(x), each_of(exp, x), **EXACT)
+def numbers(rng: np.random.Generator, kind: Any, count: int) -> Any:
+    """Return N values of a kind: rotations, unit quaternions, else any numbers."""
+    R = rotations_everywhere(rng.integers(1000), count)
+    if kind is Mat:
+        return R
+    if kind is EulerParameters:
+        return EulerParameters(*quaternion(R))
+    return from_rows(kind, rng.normal(size=(count, layout(kind).width)))
 
 
-def test_body_rates_of_many_are_those_of_each():
-    rng = np.random.default_rng(7)
-    x, dx, ddx = rng.normal(size=(3, 200, 3))
-    x[:60] *= 1e-3
-    omega, domega = rotations_batch.body_rates_of(x, dx, ddx)
-    each = [rotations.body_rates(*one) for one in zip(x, dx, ddx, strict=True)]
-    np.testing.assert_allclose(omega, [one[0] for one in each], rtol=1e-13, atol=1e-14)
-    np.testing.assert_allclose(domega, [one[1] for one in each], rtol=1e-12, atol=1e-13)
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_formula_of_many_samples_is_that_of_each(name):
+    formula, count = getattr(rotations, name), 300
+    kinds, rng = list(formula.takes.values()), np.random.default_rng(3)
+    taken = [numbers(rng, kind, count) for kind in kinds]
+    if name in ("R_axis", "jacobian_coefficients"):
+        taken[0] = np.abs(taken[0] * 10) // 1 % 3 if name == "R_axis" else np.abs(taken[0])
+    many = formula(*taken)
+    for k in range(0, count, 7):
+        one = [np.asarray(v) if isinstance(v, float) else v for v in sample(tuple(taken), k)]
+        assert_same(sample(many, k), formula(*one), 1e-13)
 
 
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_euler_angles_of_many_are_those_of_each(name):
     sequence, R = EulerSequence(name), rotations_everywhere(8)
-    phi, each, previous = sequence.extracts(R), [], None
+    phi, each, previous = sequence.extract(R), [], None
     for one in R:
         previous = sequence.extract(one, previous)
         each.append(previous)
     assert_close(phi, each, 1e-9)  # next to a pole: its last bits
     assert_close([sequence.R(one) for one in phi], R, 4e-15)
-    np.testing.assert_allclose(sequence.Ts(phi), [sequence.T(one) for one in phi], **EXACT)
+    np.testing.assert_allclose(sequence.T(phi), [sequence.T(one) for one in phi], **EXACT)
     distances = [sequence.pole_distance(one) for one in R]
-    assert_close(sequence.pole_distances(R), distances, 3e-8)  # arcsin at 1
+    assert_close(sequence.pole_distance(R), distances, 3e-8)  # arcsin at 1
 
 
 OPTIONS = [
@@ -108,24 +108,17 @@ OPTIONS = [
 
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("name", sorted(OrientationRepresentation.registry))
-def test_displacements_of_many_are_those_of_each(name, options):
-    def assert_same(found: Any, expected: Any) -> None:
-        if isinstance(expected, tuple):
-            assert type(found) is type(expected)
-            for one, other in zip(found, expected, strict=True):
-                assert_same(one, other)
-        else:
-            assert_close(found, expected)
-
+def test_displacements_in_a_row_follow_from_their_predecessors(name, options):
     orientation = representation(name, options)
     R_d, R_e = path(9), path(10)
-    each = OrientationRepresentation.displacements(orientation, R_d, R_e)
-    assert_same(orientation.displacements(R_d, R_e), each)
-    begin = orientation.displacements(R_d[:700], R_e[:700])
-    rest = orientation.displacements(R_d[700:], R_e[700:], rotations_batch.sample(begin, -1))
-    assert_close(rest.error, each.error[700:])
-    eta = np.asarray(SignRule("hysteretic", 0.2).mutuals(R_e, R_d, None).eta)
-    assert (np.diff(np.sign(eta)) != 0).sum() > 10  # the walk makes the sign flip
+    many, x_de = orientation.displacement(R_d, R_e), None
+    for k, pair in enumerate(zip(R_d, R_e, strict=True)):
+        x_de = orientation.displacement(*pair, x_de)
+        assert_same(sample(many, k), x_de, 1e-12)
+    rest = orientation.displacement(R_d[700:], R_e[700:], sample(many, 699))
+    assert_same(rest.error, many.error[700:])
+    if options is OPTIONS[0] and hasattr(many, "Q_de"):  # the walk makes the sign flip
+        assert (np.diff(np.sign(many.Q_de.eta)) != 0).sum() > 10
 
 
 @pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
