@@ -32,7 +32,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
-from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.motion.trajectories import Trajectory, prepare
 
 __all__ = ["Controller", "ControllerOptions"]
 
@@ -68,6 +68,7 @@ class Controller:
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
+        prepare()
 
     @property
     def mode(self) -> Mode:

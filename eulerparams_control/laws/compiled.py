@@ -202,6 +202,10 @@ class Formula(Kernel):
         result = kinds.pop("return")
         return kinds, result
 
+    def prepare(self) -> None:
+        """Compile what maps it over N samples, now."""
+        _ = self._series
+
     @property
     def takes(self) -> dict[str, Any]:
         """The kinds of what it takes, by name."""

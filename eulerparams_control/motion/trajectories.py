@@ -36,6 +36,12 @@ from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
 MAX_POINTS = 20000
 
 
+def prepare() -> None:
+    """Compile what is planned with, now: nothing is compiled while an arm moves."""
+    for formula in (body_rates, exp, quaternion, rotation_vector):
+        formula.prepare()
+
+
 class _Segment:
     """Motion between two frames ``duration`` seconds apart."""
 
