@@ -30,8 +30,9 @@ test: $(READY)
 test-long: $(READY)
 	@$(PYTHON) -m pytest -m "slow or hypothesis" --durations 20 $(ARGS)
 
+# As users run it, without the checks of fields.  Some minutes; see ARGS=--help.
 bench: $(READY)
-	@$(PYTHON) benchmarks/run.py
+	@env -u ROS_PYTHON_CHECK_FIELDS $(PYTHON) benchmarks/run.py --page $(OUT)/bench.html $(ARGS)
 
 # Some minutes: what is commanded when references leap, stall or come with noise.
 bench-motion: $(READY)

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 from geometry_msgs.msg import WrenchStamped
-from mcap.reader import make_reader
 from rclpy.serialization import serialize_message
+from rows import Row
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -48,6 +48,14 @@ IMPEDANCE = {
     **{"M_o": [1.0] * 3, "D_o": [20.0] * 3, "K_o": [50.0] * 3},
     "orientation": "euler_parameters",
 }
+_READ = """
+import pathlib, sys
+from mcap.reader import make_reader
+for file in pathlib.Path(sys.argv[1]).glob("*.mcap"):
+    with open(file, "rb") as stream:
+        for _ in make_reader(stream).iter_messages():
+            pass
+"""
 
 
 class Message:
@@ -102,21 +110,22 @@ def write_bag(folder: Path, seconds: int) -> None:
                 bag.write(name, message.at(stamp, numbers[name]), stamp, stamp)
 
 
-def run(seconds: int = 60) -> Iterator[tuple[str, str, str]]:
-    """Yield what `make bench` shows: what, against what, the ratio."""
+def analyze(quick: bool, seconds: int = 60) -> Iterator[Row]:
+    """Yield the analysis of a bag of so many seconds, the best of each of some rounds in turn."""
     with tempfile.TemporaryDirectory() as folder:
         bag, page = Path(folder) / "bag", Path(folder) / "page.html"
         write_bag(bag, seconds)
         size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
-        read = _seconds(sys.executable, __file__, str(bag))
-        analyzed = _seconds(sys.executable, "-m", "eulerparams_control.analysis.main",
-                            str(bag), "--out", str(page))  # fmt: skip
+        command = [sys.executable, "-m", "eulerparams_control.analysis.main"]
+        times = [
+            (_seconds(sys.executable, "-c", _READ, str(bag)),
+             _seconds(*command, str(bag), "--out", str(page)))
+            for _ in range(1 if quick or seconds > 60 else 3)
+        ]  # fmt: skip
+        read, analyzed = (size / min(each) for each in zip(*times, strict=True))
         memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
-        yield (
-            f"analyze {size:.0f} MB: page of {page.stat().st_size / 1e6:.1f} MB, {memory:.0f} MB",
-            f"mcap alone: {size / read:.0f} MB/s",
-            f"{read / analyzed:.2f} of the speed (at least 0.3)",
-        )
+        figure = f"{analyzed:.0f} / {read:.0f} MB/s; at most {memory:.0f} MB of memory"
+        yield Row("analyze, MB/s / mcap alone", f"{size:.0f} MB", analyzed / read, figure)
 
 
 def _seconds(*command: str) -> float:
@@ -125,16 +134,6 @@ def _seconds(*command: str) -> float:
     return time.perf_counter() - begin
 
 
-def _read(bag: Path) -> None:
-    for file in bag.glob("*.mcap"):
-        with open(file, "rb") as stream:
-            for _ in make_reader(stream).iter_messages():
-                pass
-
-
 if __name__ == "__main__":
-    if len(sys.argv) > 1 and not sys.argv[1].isdigit():
-        _read(Path(sys.argv[1]))
-    else:
-        for row in run(*map(int, sys.argv[1:])):
-            print(*row, sep=" | ")
+    for row in analyze(False, *map(int, sys.argv[1:])):
+        print(*row, sep=" | ")

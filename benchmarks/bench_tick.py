@@ -1,134 +1,171 @@
-"""One tick of each law, state to command, against the Pinocchio calls that it needs."""
+"""One tick of each law, measured state to command, against the Pinocchio calls that it needs."""
+
+from collections.abc import Iterator, Sequence
+from itertools import count, cycle
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from timing import side_by_side
+from rows import Row
+from timing import Call, compared
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.wrench import SensedWrench
-from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Circle
-from eulerparams_control.parameters.fields import fields_of
-from eulerparams_control.parameters.schemes import SchemeInfo, schemes
+from eulerparams_control.parameters.schemes import POSITION, SchemeInfo, schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
+STEP = 1_000_000  # of the stamps [ns]
+CIRCLE = Circle(0.05, np.array([1.0, 0.0, 0.0]), 4.0, 8.0, 0.2)
+DEFAULT = "euler_parameters"
+LINK = """<link name="l{0}"><inertial><mass value="1"/><origin xyz="0 0 0.05"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/>
+<origin xyz="0 0 0.1"/><axis xyz="{2}"/>
+<limit lower="-3" upper="3" velocity="3" effort="300"/></joint>"""
 
-def scheme_of(info: SchemeInfo, robot: Robot, orientation: str, sensor_frame: str):
-    """Return a scheme with its defaults and limits, that compensates friction or feels a wrench."""
-    wanted = {"orientation": orientation, "compensate_friction": True}
-    known = fields_of(info.parameters)
-    parameters = info.parameters(**{k: v for k, v in wanted.items() if k in known})
-    scheme = parameters.make_scheme(robot, robot.limits)
+
+def controller_of(info: SchemeInfo, robot: Robot, q: np.ndarray, orientation=DEFAULT) -> Controller:
+    """Return a controller with the defaults of its node, that goes along the circle."""
+    parameters = info.parameters(orientation=orientation, tip_frame=robot.tip_frame)
+    scheme = parameters.make_scheme(robot, parameters.limits(robot))
     if "wrench" in info.inputs:
-        scheme.sense(SensedWrench(np.ones(6), robot.placement(sensor_frame)))
-    return scheme
+        scheme.sense(SensedWrench(np.zeros(6), robot.placement(robot.tip_frame)))
+    controller = Controller(scheme, ControllerOptions.of(parameters), q)
+    frame = scheme.start_frame()
+    controller.follow(CIRCLE.trajectory(frame.p_d, frame.R_d), None, 0.0)
+    return controller
 
 
-def tick_call(robot: Robot, q: np.ndarray, scheme, moving: bool = False):
-    """Return a call that makes one tick of a scheme, at 1 kHz of stamps."""
-    controller = Controller(scheme, ControllerOptions(), q)
-    frame = controller.scheme.start_frame()
-    circle = Circle(0.02, np.array([1.0, 0.0, 0.0]), 4.0, 50.0)
-    if moving:
-        controller.follow(circle.trajectory(frame.p_d, frame.R_d, 60), None)
-    else:
-        controller.follow(SetPoint(frame, 0.0), None)
-    stamp, dq = 0, np.zeros(robot.n)
+class Arm(NamedTuple):
+    """A robot and its states along the circle, a millisecond apart: q, dq (n,) each."""
+
+    robot: Robot
+    urdf: str
+    states: Sequence[tuple[np.ndarray, np.ndarray]]
+
+
+def arm_of(urdf: str, base: str, tip: str, home: Sequence[float], ticks: int) -> Arm:
+    """Return an arm that goes where clik tells it to."""
+    robot, q = Robot(urdf, base, tip), np.array(home)
+    controller, states = controller_of(schemes()["clik"], robot, q), [(q, np.zeros_like(q))]
+    for k in range(1, ticks + 1):
+        command = controller.step(k * STEP, *states[-1], k * 1e-3)
+        states.append((command.q, command.dq))
+    return Arm(robot, urdf, states)
+
+
+def known(name: str, ticks: int) -> Arm:
+    """Return an arm of the catalogue."""
+    about = load_robot(name)
+    return arm_of(about.urdf, about.base_frame, about.tip_frame, about.home, ticks)
+
+
+def chain(n: int, ticks: int) -> Arm:
+    """Return an arm of n joints, made on the fly."""
+    links = [LINK.format(k) for k in range(n + 1)]
+    joints = [JOINT.format(k, k + 1, "0 1 0" if k % 3 else "0 0 1") for k in range(n)]
+    urdf = f'<robot name="chain">{"".join(links + joints)}</robot>'
+    return arm_of(urdf, "l0", f"l{n}", np.resize([0.3, 0.6, 0.7], n), ticks)
+
+
+def tick_call(info: SchemeInfo, arm: Arm, orientation: str = DEFAULT) -> Call:
+    """Return a call that makes one tick after the other, as a node does."""
+    robot, numbers = arm.robot, count(1)
+    controller = controller_of(info, robot, arm.states[0][0], orientation)
+    placement = robot.placement(robot.tip_frame)
+    wrenches = cycle([SensedWrench(np.full(6, w), placement) for w in (1e-3, 2e-3)])
+    sense = controller.scheme.sense if "wrench" in info.inputs else None
 
     def tick():
-        nonlocal stamp
-        stamp += 1_000_000
-        return controller.step(stamp, q, dq)
+        k = next(numbers)
+        if sense is not None:
+            sense(next(wrenches))
+        if controller.step(k * STEP, *arm.states[k], k * 1e-3) is None or controller.fault:
+            raise RuntimeError(f"{info.name}, {orientation}: {controller.why}")
 
     return tick
 
 
-def bare_call(urdf: str, tip_frame: str, q: np.ndarray):
-    """Return the bare calls: Jacobian with forward kinematics, and one solve."""
-    model = pin.buildModelFromXML(urdf)
-    data, tip = model.createData(), model.getFrameId(tip_frame)
-    v = np.ones(6)
+def bare_call(info: SchemeInfo, arm: Arm) -> Call:
+    """Return the bare calls: J with forward kinematics, a solve; B, C dq, g and dJ dq for (33)."""
+    model = pin.buildModelFromXML(arm.urdf)
+    data, tip = model.createData(), model.getFrameId(arm.robot.tip_frame)
+    v, axes, states = np.ones(6), pin.LOCAL_WORLD_ALIGNED, iter(arm.states)
+    is_square = model.nv == 6
 
-    def bare():
-        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
-        return np.linalg.solve(J, v), data.oMf[tip].rotation, data.oMf[tip].translation
-
-    return bare
-
-
-def bare_dynamics_call(urdf: str, tip_frame: str, q: np.ndarray):
-    """Return the bare calls of inverse dynamics: J, dJ dq, B, C dq, g, and one solve."""
-    model = pin.buildModelFromXML(urdf)
-    data, tip = model.createData(), model.getFrameId(tip_frame)
-    v, dq, axes = np.ones(6), np.zeros(model.nv), pin.LOCAL_WORLD_ALIGNED
-
-    def bare():
+    def kinematics():
+        q, dq = next(states)
         J = pin.computeFrameJacobian(model, data, q, tip, axes)
-        B = pin.crba(model, data, q)
-        g = pin.computeGeneralizedGravity(model, data, q)
-        C_dq_g = pin.nonLinearEffects(model, data, q, dq)
+        x = np.linalg.solve(J, v) if is_square else J.T @ np.linalg.solve(J @ J.T, v)
+        return q, dq, x, data.oMf[tip].rotation, data.oMf[tip].translation
+
+    def dynamics():
+        q, dq, *_ = kinematics()
+        pin.crba(model, data, q)
+        pin.computeGeneralizedGravity(model, data, q)
+        pin.nonLinearEffects(model, data, q, dq)
         pin.forwardKinematics(model, data, q, dq, dq)
-        dJ_dq = pin.getFrameClassicalAcceleration(model, data, tip, axes).vector
-        return np.linalg.solve(J, v), B, g, C_dq_g, dJ_dq
+        return pin.getFrameClassicalAcceleration(model, data, tip, axes).vector
 
-    return bare
+    return kinematics if info.control == POSITION else dynamics
 
 
-def pink_call(urdf: str, tip_frame: str, q: np.ndarray):
-    """Return one solve_ik of pink for the same robot and target; None if it is not there."""
-    try:
-        import pink
-        from pink.tasks import FrameTask
-    except ImportError:
-        return None
-    model = pin.buildModelFromXML(urdf)
-    data = model.createData()
-    configuration = pink.Configuration(model, data, q)
-    task = FrameTask(tip_frame, position_cost=1.0, orientation_cost=1.0)
+def bare_calls(arm: Arm) -> dict[str, Call]:
+    """Return the bare calls by what the robot is commanded."""
+    return {info.control: bare_call(info, arm) for info in schemes().values()}
+
+
+def pink_call(arm: Arm) -> Call:
+    """Return one solve_ik of pink for the same robot and the target of its first state."""
+    import pink
+
+    model, states = pin.buildModelFromXML(arm.urdf), iter(arm.states)
+    configuration = pink.Configuration(model, model.createData(), arm.states[0][0])
+    task = pink.tasks.FrameTask(arm.robot.tip_frame, position_cost=1.0, orientation_cost=1.0)
     task.set_target_from_configuration(configuration)
 
     def solve():
-        configuration.update(q)
+        configuration.update(next(states)[0])
         return pink.solve_ik(configuration, [task], 1e-3, solver="quadprog")
 
     return solve
 
 
-def run() -> list[tuple[str, str, str]]:
-    """Return rows: what, against what, ratio."""
-    ur5 = load_robot("ur5")
-    robot, q = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
-    bare = {
-        "position": ("Pinocchio calls and one 6x6 solve", bare_call),
-        "torque": ("Pinocchio calls for (33) and one 6x6 solve", bare_dynamics_call),
-    }
-    calls = {text: call(ur5.urdf, ur5.tip_frame, q) for text, call in bare.values()}
-    pairs = []
+def ticks(quick: bool) -> Iterator[Row]:
+    """Yield each law with each representation, and pink against clik."""
+    repeat = 25 if quick else 100
+    arm = known("ur5", 20 * repeat)
+    bare, laws = bare_calls(arm), schemes().values()
+    pairs = [(f"tick / bare calls: {info.name}", orientation, tick_call(info, arm, orientation),
+              bare[info.control]) for info in laws for orientation in ORIENTATIONS]  # fmt: skip
+    clik = tick_call(schemes()["clik"], arm)
+    pairs.append(("pink's solve_ik / tick of clik", "", pink_call(arm), clik))
+    yield from compared(pairs, repeat)
+
+
+def cold_ticks(quick: bool) -> Iterator[Row]:
+    """Yield each law, a millisecond after its last tick."""
+    repeat, what = 10 if quick else 40, "cold tick / cold bare calls"
+    arm = known("ur5", 10 * repeat)
+    bare, laws = bare_calls(arm), schemes().values()
+    pairs = [(what, info.name, tick_call(info, arm), bare[info.control]) for info in laws]
+    yield from compared(pairs, repeat, 10, cold=True)
+
+
+def growth(quick: bool) -> Iterator[Row]:
+    """Yield how ticks grow with the number of joints, and of controllers in one process."""
+    repeat = 25 if quick else 50
+    n = 20 * repeat
     for info in schemes().values():
-        for orientation in ORIENTATIONS:
-            scheme = scheme_of(info, robot, orientation, ur5.sensor_frame)
-            name = f"{info.name} tick, {orientation}"
-            calls[name] = tick_call(robot, q, scheme)
-            pairs.append((name, bare[info.control][0]))
-    clik = scheme_of(schemes()["clik"], robot, "euler_parameters", ur5.sensor_frame)
-    calls["clik tick on a trajectory"] = tick_call(robot, q, clik, moving=True)
-    pairs.append(("clik tick on a trajectory", bare["position"][0]))
-    if pink := pink_call(ur5.urdf, ur5.tip_frame, q):
-        calls["pink solve_ik"] = pink
-        pairs.append(("clik tick, euler_parameters", "pink solve_ik"))
-    times = side_by_side(calls)
-    return [
-        (
-            f"{what} ({times[what] * 1e6:.1f} us)",
-            f"{against} ({times[against] * 1e6:.1f} us)",
-            f"{times[what] / times[against]:.2f}",
-        )
-        for what, against in pairs
-    ]
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(*row, sep=" | ")
+        one, *others = known("ur5", n), known("kuka_iiwa", n), chain(14, n)
+        what = f"tick / bare calls, by joints: {info.name}"
+        pairs = [(what, f"{arm.robot.n} joints", tick_call(info, arm), bare_call(info, arm))
+                 for arm in (one, *others)]  # fmt: skip
+        what, alone = f"tick among arms / of one arm: {info.name}", tick_call(info, one)
+        for k in (2, 4, 8):
+            several = cycle([tick_call(info, one) for _ in range(k)])
+            pairs.append((what, f"{k} arms", lambda several=several: next(several)(), alone))
+        yield from compared(pairs, repeat)

@@ -18,11 +18,11 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _SUBSCRIPT = re.compile(r"_([A-Za-z0-9]+)")
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """Return a whole page, which loads nothing; ``body`` is HTML."""
+def page(title: str, body: Iterable[str], policy: str = _POLICY) -> str:
+    """Return a whole page, which loads nothing; ``body`` is HTML, ``policy`` what may run."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{style('plain.css')}</style>\n</head>\n<body>\n"
         + "\n".join(body)
