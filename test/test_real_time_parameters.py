@@ -115,9 +115,11 @@ def test_what_is_not_permitted_is_a_warning_with_a_remedy_and_the_node_goes_on(
     running = world.start(name, asked)
     affinity, priority, memory = warnings(running)
     reason = "is not in force: Operation not permitted (errno 1); the node goes on without it."
-    assert affinity == f"[WARNING] cpu_affinity [0] {reason} Allow sched_setaffinity"
-    assert priority.startswith(f"[WARNING] realtime_priority 50 {reason} Set rtprio 50 or more")
-    assert memory.startswith("[WARNING] lock_memory is not in force: memlock is limited (errno 1)")
+    assert affinity == f"[WARNING] cpu_affinity (0,) {reason} Allow sched_setaffinity"
+    assert priority.startswith(
+        f"[WARNING] realtime_priority 50 {reason} Set rtprio 99 for this user"
+    )
+    assert memory.startswith("[WARNING] lock_memory True is not in force: memlock is limited")
     assert "/etc/security/limits.conf" in priority
     assert "ulimit -r" in priority
     assert "memlock unlimited" in memory
@@ -135,7 +137,7 @@ def test_a_process_that_may_lock_all_memory_needs_no_other_limit(world, system, 
 def test_memory_that_cannot_be_locked_is_a_warning(world, system):
     system.number = errno.ENOMEM
     (warning,) = warnings(world.start("clik", {**FRAMES, "lock_memory": True}))
-    assert "lock_memory is not in force: Cannot allocate memory (errno 12)" in warning
+    assert "lock_memory True is not in force: Cannot allocate memory (errno 12)" in warning
 
 
 @pytest.mark.parametrize("name", NODES)

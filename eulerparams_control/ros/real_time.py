@@ -15,6 +15,8 @@ from eulerparams_control.ros.diagnostics import Health
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # of mlockall(2)
 _CAP_IPC_LOCK = 14  # of capabilities(7): no limit holds
 
+_LIMITS = "for this user in /etc/security/limits.conf (then log in again; see ulimit"
+
 
 def claim(parameters: RealTimeParameters, health: Health) -> None:
     """Claim what the parameters ask for; warn of what is not permitted, show what is in force.
@@ -25,29 +27,21 @@ def claim(parameters: RealTimeParameters, health: Health) -> None:
     Raises:
         ConfigurationError: if there is no cpu of a number.
     """
-    p = parameters
-    limits = "in /etc/security/limits.conf (then log in again; see ulimit"
-    if p.cpu_affinity:
-        wanted = f"cpu_affinity {list(p.cpu_affinity)}"
-        _try(wanted, lambda: _pin(p.cpu_affinity), "allow sched_setaffinity", health)
-    if p.realtime_priority:
-        wanted = f"realtime_priority {p.realtime_priority}"
-        remedy = f"set rtprio {p.realtime_priority} or more for this user {limits} -r)"
-        _try(wanted, lambda: _prefer(p.realtime_priority), remedy, health)
-    if p.lock_memory:
-        remedy = f"set memlock unlimited for this user {limits} -l)"
-        _try("lock_memory", _lock_memory, remedy, health)
+    for name, obtain, remedy in (
+        ("cpu_affinity", _pin, "Allow sched_setaffinity"),
+        ("realtime_priority", _prefer, f"Set rtprio 99 {_LIMITS} -r)"),
+        ("lock_memory", _lock_memory, f"Set memlock unlimited {_LIMITS} -l)"),
+    ):
+        wanted = getattr(parameters, name)
+        try:
+            if wanted:
+                obtain(wanted)
+        except OSError as error:
+            health.complain(
+                f"{name} {wanted} is not in force: {error.strerror} (errno {error.errno}); the "
+                f"node goes on without it. {remedy}"
+            )
     health.values.update(_in_force())
-
-
-def _try(wanted: str, claim_it: Callable[[], None], remedy: str, health: Health) -> None:
-    try:
-        claim_it()
-    except OSError as error:
-        health.complain(
-            f"{wanted} is not in force: {error.strerror} (errno {error.errno}); the node goes on "
-            f"without it. {remedy[0].upper()}{remedy[1:]}"
-        )
 
 
 def _pin(cpus: tuple[int, ...]) -> None:
@@ -68,8 +62,8 @@ def _prefer(priority: int) -> None:
     _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter))
 
 
-def _lock_memory() -> None:
-    if not int(_status()["CapEff"], 16) >> _CAP_IPC_LOCK & 1:
+def _lock_memory(_wanted: bool) -> None:
+    if not int(_status().get("CapEff", "0"), 16) >> _CAP_IPC_LOCK & 1:
         try:  # within a limit the process would end as soon as it needs more
             resource.setrlimit(resource.RLIMIT_MEMLOCK, (resource.RLIM_INFINITY,) * 2)
         except ValueError as error:
@@ -97,5 +91,5 @@ def _in_force() -> dict[str, str | int]:
     return {
         "realtime_priority": os.sched_getparam(0).sched_priority,
         "cpu_affinity": "all" if len(cpus) == os.cpu_count() else ", ".join(map(str, cpus)),
-        "locked memory [kB]": int(_status()["VmLck"].split()[0]),
+        "locked memory [kB]": int(_status().get("VmLck", "0 kB").split()[0]),
     }
