@@ -5,18 +5,34 @@ representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
 from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.inverse import DampedInverse
-from eulerparams_control.laws.limits import SHORTEST, Difference, JointLimits
+from eulerparams_control.laws.compiled import (
+    Array,
+    Input,
+    Inputs,
+    Row,
+    Rows,
+    entry,
+    kernel,
+    layout,
+    slot,
+    template,
+    to_rows,
+)
+from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, subtract
+from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, chord, every
+from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.rotations import chord, every
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -27,10 +43,97 @@ from eulerparams_control.laws.scheme import (
     check_gains,
 )
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.motion_limits import (
+    NO_LIMITS,
+    MotionLimits,
+    approach,
+    read_limits,
+)
 from eulerparams_control.robot.robot import Robot, RobotState
 
 FEEDBACKS = ("internal", "measured")
+
+
+_NONE = np.empty(0)
+
+displacement = velocity = read = put = slot  # of a representation
+
+
+class _Numbers(NamedTuple):
+    """A law in numbers: the slope is that of the representation, damping that of the inverse."""
+
+    options: Coordinates
+    slope: float
+    k_Pp: float
+    k_Po: float
+    k_posture: float
+    eps: float
+    lambda_max: float
+    length: float
+
+
+read_numbers = layout(_Numbers).read
+
+
+@kernel
+def over(k: float, dt: float) -> float:
+    """Return the gain k [1/s] that acts for dt [s]: (1 - exp(-k dt)) / dt.
+
+    The error of (25), de = -k e, then decays by exp(-k dt) as in continuous time, where k itself
+    would multiply it by 1 - k dt, a limit cycle from k dt = 2 on (exact discretization, Franklin,
+    Powell and Workman, Digital Control of Dynamic Systems, sec. 4.3).
+    """
+    return -math.expm1(-k * dt) / dt if dt > 0.0 else k
+
+
+def _velocity(
+    q: Input, p_e: Input, R_e: Inputs, J: Inputs,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    previous: Input, numbers: Input, motion: Input, dt: float, posture: Input, joints: Rows,
+    dq: Row, dp_de: Row, x_de: Row,
+) -> bool:  # fmt: skip
+    """Fill dq (n,), dp_de (3,) and x_de: see ClikLaw; return whether they are finite.
+
+    What acts for dt has the gains ``over`` dt, and the means of dp_d and omega_d at constant
+    acceleration: what is held for dt then leads to where the desired frame will be.  An error e
+    asks for the speed k e: no more than that from which the tip stops where e is 0.
+    """
+    law, most = read_numbers(numbers, 0), read_limits(motion, 0)
+    R, away = mat(R_d), vec(p_d) - vec(p_e)  # eq. (21)
+    x = displacement(R, mat(R_e), read(previous, 0), law.options)  # eqs. (22), (27)
+    k_Pp, k_Po = over(law.k_Pp, dt), over(law.k_Po, law.slope * dt)
+    distance, angle = norm(away), chord(R, mat(R_e))
+    v = approach(distance, k_Pp, most.linear_speed, most.linear_acceleration)
+    if k_Pp * distance > v:
+        k_Pp = v / distance
+    w = approach(angle, law.slope * k_Po, most.angular_speed, most.angular_acceleration)
+    if 2.0 * k_Po * law.slope * angle > w:  # where x_de is large it is not slope times the angle
+        k_Po *= w / max(norm(velocity(x, Vec(0.0, 0.0, 0.0), k_Po, law.options)), w)
+    v_p = vec(dp_d) + (dt / 2.0) * vec(ddp_d) + k_Pp * away
+    v_o = velocity(x, vec(omega_d) + (dt / 2.0) * vec(domega_d), k_Po, law.options)
+    put_vec(dp_de, 0, away)
+    put(x_de, 0, x)
+    inverse = np.empty((len(q), 6))
+    invert(J, law.eps, law.lambda_max, law.length, inverse)
+    bracket, dq_0 = np.empty(6), np.zeros(len(q))
+    put_vec(bracket, 0, v_p)
+    put_vec(bracket, 3, v_o)
+    if len(posture) > 0:
+        subtract(joints, posture, q, dq_0)
+        for i in range(len(q)):
+            dq_0[i] *= over(law.k_posture, dt)
+    resolve(inverse, J, bracket, dq_0, dq)  # eqs. (23), (28)
+    return not math.isnan(v_o.x)
+
+
+@cache
+def _velocity_of(kind: type[OrientationRepresentation]) -> Callable[..., bool]:
+    """Return the law of a representation."""
+    rows, laws = layout(kind.laws.displacement.result), kind.laws
+    slots = {"displacement": laws.displacement, "velocity": laws.velocity}
+    return entry(
+        template(_velocity, f"clik_{kind.name}", read=rows.read, put=rows.put, **slots)
+    )
 
 
 @dataclass(frozen=True)
@@ -44,7 +147,7 @@ class ClikLaw:
         inverse: of the Jacobian.
         posture: (n,) [rad or m] to which a redundant arm tends, or None.
         k_posture: gain of that tendency [1/s].
-        difference: of two positions of the joints.
+        joints: the limits of the joints, modulo whose turns positions differ; None: no turns.
     """
 
     orientation: OrientationRepresentation
@@ -53,10 +156,20 @@ class ClikLaw:
     inverse: DampedInverse = field(default_factory=DampedInverse)
     posture: Array | None = field(default=None, compare=False)
     k_posture: float = 1.0
-    difference: Difference = field(default=np.subtract, compare=False)
+    joints: JointLimits | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
+
+    @cached_property
+    def numbers(self) -> Array:
+        """What the law is made of, as a row."""
+        damped = self.inverse
+        gains = self.orientation.slope, self.k_Pp, self.k_Po, self.k_posture
+        options = self.orientation.options.values
+        return to_rows(
+            _Numbers, _Numbers(options, *gains, damped.eps, damped.lambda_max, damped.length)
+        )
 
     def velocity(
         self,
@@ -71,14 +184,6 @@ class ClikLaw:
         dq = J^-1 [dp_d + k_Pp dp_de; omega(x_de)], eqs. (23), (28), where omega is
         omega_d + k_Po eps_de for Euler parameters.
 
-        A gain k that acts for dt is (1 - exp(-k dt)) / dt: the error of (25), de = -k e, then
-        decays by exp(-k dt) as in continuous time, where k itself would multiply it by 1 - k dt,
-        a limit cycle from k dt = 2 on (exact discretization, Franklin, Powell and Workman,
-        Digital Control of Dynamic Systems, sec. 4.3).  So does that of the orientation, whose
-        angle decays at the rate k_Po times the slope of the representation where it is small.
-        Likewise dp_d, omega_d are their means over dt at constant acceleration: what is held
-        for dt then leads to where the desired frame will be.
-
         Args:
             state: kinematics of the arm.
             desired: the desired frame.
@@ -89,49 +194,27 @@ class ClikLaw:
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        dp_de = desired.p_d - state.p_e  # eq. (21)
-        x_de = self.orientation.displacement(desired.R_d, state.R_e, previous)  # eqs. (22), (27)
-        slope = self.orientation.slope
-        k_Pp, k_Po = _over(self.k_Pp, dt), _over(self.k_Po, slope * dt)
-        if motion is not None:
-            angle = chord(desired.R_d, state.R_e)
-            k_Pp, k_Po = self._braked(k_Pp, k_Po, dp_de, x_de, angle, motion)
-        v = np.concatenate(
-            (
-                desired.dp_d + dt / 2 * desired.ddp_d + k_Pp * dp_de,
-                self.orientation.resolved_velocity(
-                    x_de, desired.omega_d + dt / 2 * desired.domega_d, k_Po
-                ),
-            )
+        q, orientation, posture = state.q, self.orientation, self.posture
+        dq, dp_de, x_de = np.empty(len(q)), np.empty(3), np.empty(orientation.width)
+        is_finite = _velocity_of(type(orientation))(
+            q,
+            state.p_e,
+            state.R_e,
+            state.J,
+            *desired,
+            orientation.row(previous),
+            self.numbers,
+            NO_LIMITS.row if motion is None else motion.row,
+            dt,
+            _NONE if posture is None else posture,
+            np.zeros((5, len(q))) if self.joints is None else self.joints.rows,
+            dq,
+            dp_de,
+            x_de,
         )
-        J_inverse = self.inverse(state.J)
-        dq = J_inverse @ v  # eqs. (23), (28)
-        if self.posture is not None:
-            dq_0 = _over(self.k_posture, dt) * self.difference(self.posture, state.q)
-            dq += dq_0 - J_inverse @ (state.J @ dq_0)  # in the null space of J
-        return dq, dp_de, x_de
-
-    def _braked(
-        self,
-        k_Pp: float,
-        k_Po: float,
-        dp_de: Array,
-        x_de: Any,
-        angle: float,
-        motion: MotionLimits,
-    ) -> tuple[float, float]:
-        """Return the gains, smaller where errors are so large that the tip would overshoot.
-
-        An error e asks for the speed k e: no more than that from which the tip stops where e is 0.
-        """
-        distance, slope = math.sqrt(dp_de @ dp_de), self.orientation.slope
-        v, omega = motion.approach((distance, angle), (k_Pp, slope * k_Po))
-        if k_Pp * distance > v:
-            k_Pp = v / distance
-        if 2 * k_Po * slope * angle > omega:  # where x_de is large it is not slope times the angle
-            asked = self.orientation.resolved_velocity(x_de, np.zeros(3), k_Po)
-            k_Po *= omega / max(math.sqrt(asked @ asked), omega)
-        return k_Pp, k_Po
+        if not is_finite:
+            raise SingularityError(orientation.singularity)
+        return dq, dp_de, orientation.of_row(x_de)
 
     @cached_property
     def fastest_gain(self) -> LoopGain:
@@ -322,11 +405,6 @@ class Clik(Scheme):
             )
 
 
-def _over(k: float, dt: float) -> float:
-    """Return the gain k [1/s] that acts for dt [s]."""
-    return -math.expm1(-k * dt) / dt if dt > 0 else k
-
-
 def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
     """Return the law of the robot, whose posture fits it."""
     if law.posture is not None and law.posture.shape != (robot.n,):
@@ -335,4 +413,4 @@ def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:
             f"joints {', '.join(robot.joints)}"
         )
     inverse = replace(law.inverse, length=robot.length)
-    return replace(law, difference=robot.limits.difference, inverse=inverse)
+    return replace(law, joints=robot.limits, inverse=inverse)

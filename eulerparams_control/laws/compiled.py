@@ -292,6 +292,11 @@ def kernel[R](function: Callable[..., R]) -> Callable[..., R]:
     return Kernel(function)
 
 
+def slot(*_args: Any) -> Any:
+    """Stand for a formula that a template is given."""
+    raise NotImplementedError
+
+
 def template(function: Callable[..., Any], name: str, **slots: Any) -> FunctionType:
     """Return a function like another one, of another name, in which these names mean the slots.
 
@@ -309,7 +314,7 @@ def entry[R](function: Callable[..., R]) -> Callable[..., R]:
     hints = get_type_hints(function, include_extras=True)
     result = hints.pop("return")
     if IS_COMPILED:
-        return _njit(function, _type(result)(*map(_type, hints.values())))  # type: ignore[no-any-return]
+        return _njit(function, _type(result)(*map(_type, hints.values())))
 
     @wraps(function)
     def plain(*args: Any) -> Any:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array, Inputs, Rows, entry, kernel
+from eulerparams_control.laws.compiled import Array, Inputs, Row, Rows, entry, kernel
 
 # Two vectors are orthogonal if their cosine is below this; turning all pairs of six so takes
 # five to ten rounds.
@@ -133,6 +133,21 @@ def sigma_min(J: Inputs, length: float) -> float:
     A = np.empty((min(6, n), max(6, n)))
     _principal(J, length, A)
     return _least(A, max(6, n))
+
+
+@kernel
+def resolve(inverse: Rows, J: Inputs, v: Row, x_0: Row, x: Row) -> None:
+    """Fill x (n,) with x_0 + J* (v - J x_0): what moves the tip by v (6,), the rest as x_0 (n,)."""
+    n = len(x)
+    left = np.empty(6)
+    for i in range(6):
+        left[i] = v[i]
+        for k in range(n):
+            left[i] -= J[i, k] * x_0[k]
+    for k in range(n):
+        x[k] = x_0[k]
+        for i in range(6):
+            x[k] += inverse[k, i] * left[i]
 
 
 @kernel

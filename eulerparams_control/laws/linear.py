@@ -11,7 +11,7 @@ import math
 import operator
 from typing import Annotated, Any, overload
 
-from eulerparams_control.laws.compiled import formula, register
+from eulerparams_control.laws.compiled import Input, Inputs, formula, kernel, layout, register
 
 
 class Vec:
@@ -147,6 +147,25 @@ register(
     ],
     properties=[(Mat, "T", transpose)],
 )
+
+
+# --- values and arrays ---------------------------------------------------------------------
+
+put_vec, put_mat = layout(Vec).put, layout(Mat).put
+
+
+@kernel
+def vec(a: Input) -> Vec:
+    """Return the vector of an array (3,)."""
+    return Vec(a[0], a[1], a[2])
+
+
+@kernel
+def mat(A: Inputs) -> Mat:
+    """Return the matrix of an array (3, 3)."""
+    return Mat(
+        A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2], A[2, 0], A[2, 1], A[2, 2]
+    )  # fmt: skip
 
 
 # --- products ------------------------------------------------------------------------------

@@ -1,9 +1,13 @@
 """Limits of the motion of the tip: speed, acceleration and jerk, of its point and its turning."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from typing import NamedTuple
 
-from eulerparams_control.laws.compiled import Array, kernel
+import numpy as np
+
+from eulerparams_control.laws.compiled import Array, kernel, layout
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,11 @@ class MotionLimits:
     angular_acceleration: float = math.inf
     linear_jerk: float = math.inf
     angular_jerk: float = math.inf
+
+    @cached_property
+    def row(self) -> Array:
+        """All six in a row, in the order of the attributes."""
+        return np.array([*astuple(self)])
 
     def slowdown(self, other: "MotionLimits") -> float:
         """Return the rate of time at which a motion within other limits is within these."""
@@ -76,6 +85,23 @@ class MotionLimits:
     def jerks(self) -> tuple[float, float]:
         """Of the point and of the turning."""
         return self.linear_jerk, self.angular_jerk
+
+
+NO_LIMITS = MotionLimits()
+
+
+class TipLimits(NamedTuple):
+    """The same as values of formulas."""
+
+    linear_speed: float
+    angular_speed: float
+    linear_acceleration: float
+    angular_acceleration: float
+    linear_jerk: float
+    angular_jerk: float
+
+
+read_limits = layout(TipLimits).read
 
 
 @kernel

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import Formula, from_rows, layout
+from eulerparams_control.laws.compiled import Formula, from_rows, layout, to_rows
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
 from eulerparams_control.laws.orientation.sign import Sign, SignRule
@@ -182,6 +182,19 @@ class OrientationRepresentation(ABC):
         """
         acceleration, options = self.laws.acceleration, self.options.values
         return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
+
+    @property
+    def width(self) -> int:
+        """How many floats a displacement is."""
+        return layout(self.laws.displacement.result).width
+
+    def row(self, x_de: Any) -> Array:
+        """Return a displacement as a row of floats; None is that before the first."""
+        return to_rows(self.laws.displacement.result, self._none if x_de is None else x_de)
+
+    def of_row(self, row: Array) -> Any:
+        """Return the displacement of a row of floats."""
+        return from_rows(self.laws.displacement.result, row)
 
     @property
     def singularity(self) -> str:
