@@ -1,5 +1,6 @@
 """What the states of a robot say of their time: turns, gaps, rates, clocks that are off."""
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,7 @@ from samples import generator
 from test_controller import MS, T_0, clik, dynamic_control, moved
 from tolerances import RELATIVE
 
-from eulerparams_control.control.admission import Turns
+from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
@@ -144,9 +145,11 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
-    turns = Turns(np.array([True, False]), np.zeros(2))
-    found = turns.unwound(np.array([6.2, 6.2]), None, is_lost=False)
-    np.testing.assert_allclose(found, [6.2 - 2 * np.pi, 6.2])
+    before, now = np.zeros((2, judge.WRAPS + 1, 2))
+    arm, q = np.array([[math.inf] * 2, [1.0, 0.0], [1.0, 0.0]]), np.array([6.2, 6.2])
+    rows = judge.NONE, judge.NONE, arm, before, now
+    assert judge.code_of(q, np.zeros(2), *rows, 0.0, True, True, False) & judge.WOUND
+    np.testing.assert_allclose(now[judge.Q], [6.2 - 2 * np.pi, 6.2])
 
 
 # --- clocks that are set ---------------------------------------------------------------------

@@ -10,7 +10,7 @@ from in_process import World
 from ros_processes import FRAMES, HOME, Array, Controlled, assert_may_stay, pose, reference, values
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.ros.ending import LONGEST

@@ -7,7 +7,7 @@ import pytest
 from in_process import World
 from ros_processes import FRAMES, HOME, Controlled, Graph, assert_may_stay, pose, reference, values
 
-from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.messages.from_ros import ns_from_ros

@@ -5,7 +5,7 @@ import pytest
 from ros_processes import FRAMES, HOME, Controlled, pose, reference, values
 from std_srvs.srv import Trigger
 
-from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.motion.frames import DesiredFrame
 
 

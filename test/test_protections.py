@@ -32,7 +32,7 @@ from ros_processes import (
 from samples import rodrigues
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
-from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.motion.frames import DesiredFrame

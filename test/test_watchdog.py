@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from eulerparams_control.control.admission import AT_REST
+from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.parameters.watchdog import WatchdogParameters

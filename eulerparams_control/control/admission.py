@@ -6,33 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import LoopGain
+from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.robot.robot import Robot
 
-AT_REST = 0.01
-"""Slower than this [rad/s or m/s] a joint is at rest."""
-
-# A measured position may be this far [rad or m] from where the last one could have led, a speed
-# this many times its limit: further, it is the measurement that is wrong.
-_MOST_ASTRAY, _MOST_SPEED = 0.1, 3.0
+# A speed that is this many times its limit is measured wrongly.
+_MOST_SPEED = 3.0
 
 # States that contradict so many others within this time [s] are those of two robots.
 _CONFLICTS, _CONTEST = 3, 1.0
 
 # So many stamps in a row that are behind, but rise, are those of a clock that was set back.
 _SET_BACK = 3
-
-# Measured positions that stay the same to the bit, while the measured speeds would have led this
-# far [rad or m] away, are not measured any more.
-_FROZEN = 0.01
-
-# After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
-# simulation that was started again: no command acts on it yet.
-_SAME_ARM = 0.03
 
 # The loop of a gain may turn by so much within a period: beyond the first it is not stable, but
 # for what the measurement of the period is worth; beyond the second it is another loop.  A period
@@ -79,23 +68,25 @@ class Accept(NamedTuple):
     """A new state.
 
     Attributes:
+        q: (n,) positions, which go on where joints are continuous.
+        code: what the numbers say, see :mod:`eulerparams_control.control.judge`.
         dt: [s] since the last one; 0 at the first, and after a restart.
-        lost: [s] of it that no law is to integrate over: states are missing.
+        acted: [s] for which the command before has acted.
+        lost: [s] of dt that no law is to integrate over: states are missing.
         leapt: [s] of it by which the stamps alone went on: no time has passed; below 0: by which
             they were set back, and more has.
-        acted: [s] for which the command before has acted.
         is_first: whether it is the first.
         restart: what happened before it; None if it follows the last one.
-        is_frozen: whether its positions are not measured ones: they stay although the arm moves.
     """
 
+    q: Array
+    code: int
     dt: float
+    acted: float
     lost: float
     leapt: float
-    acted: float
     is_first: bool
     restart: Restart | None
-    is_frozen: bool
 
 
 class Rate(Enum):
@@ -132,21 +123,20 @@ class RateCheck:
         """Whether nothing may move."""
         return self.rate in (Rate.TOO_LOW, Rate.TOO_RARE)
 
-    def judge(self, gain: LoopGain | None, hold_rate: float) -> None:
-        """Judge the rate for the fastest gain of the law, and for that of what holds the arm.
+    def judge(self, scheme: Scheme) -> None:
+        """Judge the rate for the fastest gain of a law, and for that of what holds the arm.
 
-        Args:
-            gain: the fastest; None if the law closes no loop.
-            hold_rate: [1/s] of the loop that holds the arm; what does not even bear that is told
-                before the period is known.
+        What does not even bear the latter is told before the period is known.
         """
-        period, least = self._period.seconds, self._period.least
-        if period == 0 and hold_rate * least > 1:
-            period = least
-        turn, rate = 0.0 if gain is None else gain.rate * period, Rate.FINE
+        period, gain = self._period.seconds, scheme.fastest_gain
+        turn = 0.0 if gain is None else gain.rate * period
         is_clear = turn <= _CLEAR * _FINE_TURN and period <= _CLEAR * _OF_TIMEOUT * self._timeout
-        if is_clear and self.rate is rate and self._is_known:
+        if is_clear and self.rate is Rate.FINE and self._is_known:
             return
+        if period == 0 and scheme.hold_rate * self._period.least > 1:
+            period = self._period.least
+            turn = 0.0 if gain is None else gain.rate * period
+        rate = Rate.FINE
         if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * self._timeout):
             rate = Rate.TOO_RARE
         elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
@@ -165,39 +155,6 @@ class RateCheck:
     def _bound(self, rate: Rate, bound: float) -> float:
         """Return the bound of a verdict, which is lower while it lasts."""
         return _CLEAR * bound if rate is self.rate else bound
-
-
-class Turns:
-    """Counts the turns of continuous joints: many drivers report them within one turn only.
-
-    Args:
-        joints: (n,) which turn without an end.
-        q: (n,) [rad] measured at first.
-    """
-
-    def __init__(self, joints: Array, q: Array) -> None:
-        self._joints, self._q = joints, q
-        self._turns, self._wraps = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
-
-    def unwound(self, q: Array, near: Array | None, *, is_lost: bool) -> Array:
-        """Return measured positions (n,) by whole turns nearest to others.
-
-        Args:
-            q: (n,) as they came.
-            near: (n,) the others; None: those before.
-            is_lost: whether the driver may have lost its count meanwhile.  Then a joint that was
-                never seen to jump by a turn is where it says it is: a command a turn away would
-                move it there.
-        """
-        turns = np.round(((self._q if near is None else near) - q) / (2 * np.pi))
-        turns[np.logical_not(self._joints)] = 0.0
-        if is_lost:
-            turns[np.logical_not(self._wraps)] = 0.0
-        else:
-            self._wraps |= turns != self._turns
-        self._turns = turns
-        self._q = q + 2 * np.pi * turns if turns.any() else q
-        return self._q
 
 
 class Admission:
@@ -223,15 +180,16 @@ class Admission:
         self.clock, self.period = Clock(), NominalPeriod()
         self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
-        self._robot, self._timeout, self._strict = robot, timeout, strict
-        self._fastest = _MOST_SPEED * robot.limits.velocity
-        turning = np.logical_not(robot.is_prismatic)
-        turning = np.logical_and(turning, np.isinf(robot.limits.upper))
-        self._turns = Turns(turning, q) if turning.any() else None
+        self._robot, self._timeout = robot, timeout
+        self._believed = ~0 if strict else ~(judge.FAST | judge.FAR | judge.FROZEN)
+        endless = np.isinf(robot.limits.upper)
+        turning = np.logical_and(endless, np.logical_not(robot.is_prismatic))
+        self._arm = np.array([_MOST_SPEED * robot.limits.velocity, endless, turning], dtype=float)
+        # the last state, and the one that is judged, which takes its place where it is taken
+        self._before, self._now = np.zeros((2, judge.WRAPS + 1, robot.n))
+        self._before[judge.Q] = q
         self._latency = Latency(max_latency)
-        self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)  # of the last state
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
-        self._unmoved = np.zeros(robot.n)  # how far [rad or m] positions that stay should be
 
     @property
     def is_contested(self) -> bool:
@@ -239,127 +197,123 @@ class Admission:
         conflicts = self.conflicts
         return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
 
-    @property
-    def _is_set_back(self) -> bool:
-        """Whether stamps are behind, but go on: those of a clock that was set back."""
-        return self._back >= _SET_BACK
-
-    def refuse(self, at: Instant, q: Array, dq: Array, *, patient: bool = False) -> None:
-        """Raise InvalidMessageError unless the state can be one of the robot, and of now.
+    def admit(
+        self,
+        at: Instant,
+        q: Array,
+        dq: Array,
+        told: Array | None = None,
+        velocity: Array = judge.NONE,
+        *,
+        patient: bool = False,
+    ) -> Accept | Repeat:
+        """Say what the state q, dq (n,) measured at an instant is.
 
         Args:
             at: when it was.
-            q, dq: (n,) measured.
+            q, dq: (n,) as they came.
+            told: (n,) the last command, to which continuous joints are nearest after a gap.
+            velocity: (n,) limits of the speeds under efforts.
             patient: whether states that stay late are taken in the end.
-        """
-        dt, _ = self.clock.step(at)
-        if -self._timeout < dt < 0:
-            self._back = self._back + 1 if at.stamp > self._back_at else 1
-            self._back_at = at.stamp
-            self.conflicts.append(at.seconds)
-            raise InvalidMessageError(
-                f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
-            )
-        if self._is_set_back:  # nothing is late
-            self._latency.forget()
-        if self._strict:
-            self._refuse_impossible(at, dt, q, dq)
-        if at.receipt is not None and (dt != 0 or self.clock.last is None):
-            self._refuse_late(at.stamp, dt, at.receipt, patient)
 
-    def unwound(self, at: Instant, q: Array, command: Array | None) -> Array:
-        """Return measured positions (n,) that go on where joints are continuous.
-
-        Args:
-            at: when they were.
-            q: (n,) as they came, not refused.
-            command: (n,) the last one, to which they are nearest after a gap; None if none is.
+        Raises:
+            InvalidMessageError: unless it can be one of the robot, and of now.
         """
-        if self._turns is None:
-            return q
+        timeout, last, receipt = self._timeout, self.clock.last, at.receipt
         dt, silence = self.clock.step(at)
-        is_lost = silence > self._timeout or (at.receipt is None and dt > self._timeout)
-        near = None if self._goes_on(dt, silence) else command
-        return self._turns.unwound(q, near, is_lost=is_lost)
-
-    def _goes_on(self, dt: float, silence: float) -> bool:
-        """Whether a state follows the last one: no silence, no jump of the stamps [s]."""
-        return 0 <= dt <= self._timeout and silence <= self._timeout
-
-    def admit(self, at: Instant, q: Array, dq: Array) -> Accept | Repeat:
-        """Say what a state is that is not refused: q, dq (n,) measured at an instant."""
-        clock, timeout = self.clock, self._timeout
-        (dt, silence), last, restart = clock.step(at), clock.last, None
+        if -timeout < dt < 0:
+            self._refuse_stamp(at, dt)
+        is_set_back = self._back >= _SET_BACK
+        if is_set_back:  # nothing is late
+            self._latency.forget()
+        is_near = 0 <= dt <= timeout
+        goes_on = is_near and silence <= timeout
+        is_lost = silence > timeout or (receipt is None and dt > timeout)
+        near, is_first = judge.NONE if goes_on or told is None else told, last is None
+        states, times = (self._arm, self._before, self._now), (is_near and not is_first, goes_on)
+        code = judge.code_of(q, dq, near, velocity, *states, dt, *times, is_lost) & self._believed
+        if code & (judge.FAST | judge.FAR):
+            self._refuse_impossible(at, dt, q, dq, code)
+        if receipt is not None and (dt != 0 or is_first):
+            self._refuse_late(at.stamp, dt, receipt, patient)
         if last is not None and at.stamp == last.stamp:
-            is_same = np.array_equal(q, self._q) and np.array_equal(dq, self._dq)
-            is_same = is_same or self._is_set_back  # the clock has come to this stamp again
+            is_same = bool(code & judge.SAME) or is_set_back  # its clock was here before
             if not is_same:
                 self.conflicts.append(at.seconds)
             return Repeat(is_same, silence)
-        usual = self.period.seconds
-        longest = _LONGEST_STEP * usual or np.inf
+        if code & judge.WOUND:
+            q = self._now[judge.Q].copy()
+        usual, restart = self.period.seconds, None
         self.period.take(dt)
-        if not self._goes_on(dt, silence):
-            moved = self._robot.limits.deviation(q, self._q)
-            # by the stamps alone a silence and a clock that was set forward look the same
-            is_heard = silence <= timeout and (dt < 0 or at.receipt is not None)
-            is_same = bool((moved <= _SAME_ARM).all())
-            why = restarted(dt, silence, not 0 <= dt <= timeout)
-            if not is_same and silence <= timeout:
-                self.conflicts.append(at.seconds)
-            jump, acts = round((dt - usual) * 1e9), is_heard and is_same
-            restart = Restart(why, silence > timeout, is_same, acts, usual, jump)
-            dt = 0.0
-        is_frozen = last is not None and self._strict and self._is_frozen(dt, q, dq)
-        acted, leapt = dt, 0.0
-        if at.receipt is not None:
+        if not goes_on:
+            is_same = not code & judge.MOVED
+            restart, dt = self._restart(at, dt, silence, usual, is_same_arm=is_same), 0.0
+        acted, lost, leapt = dt, 0.0, 0.0
+        if receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
-            leapt = 0.0 if restart else self._leapt(dt, silence)
-        lost, acted = max(dt - longest, 0.0), min(acted, longest)
-        if lost > 0 and at.receipt is not None:  # the stamps may have gone on alone
-            lost = dt - min(longest, max(silence, usual))
-        return Accept(dt, lost, leapt, acted, last is None, restart, is_frozen)
+            if is_set_back and not restart:
+                leapt = dt - silence
+            elif not restart:
+                leapt = self._leapt(dt, silence, usual)
+        if usual and max(dt, acted) > (longest := _LONGEST_STEP * usual):
+            acted, lost = min(acted, longest), max(dt - longest, 0.0)
+            if lost > 0 and receipt is not None:  # the stamps may have gone on alone
+                lost = dt - min(longest, max(silence, usual))
+        return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
-    def take(self, at: Instant, q: Array, dq: Array) -> None:
-        """Take a state for the last one; what it brings about has happened."""
-        self.set_backs += self._is_set_back or self.clock.step(at)[0] < 0
-        self.clock.last, self._q, self._dq, self._back = at, q, dq, 0
+    def take(self, at: Instant | None) -> None:
+        """Take the state for the last one; what it brings about has happened.
 
-    def _leapt(self, dt: float, silence: float) -> float:
+        Args:
+            at: when it was; None: it does not count, but for the turns of its joints.
+        """
+        last = self.clock.last
+        if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
+            self.set_backs += 1
+        self.clock.last, self._back = at, 0
+        self._before, self._now = self._now, self._before
+
+    def _restart(
+        self, at: Instant, dt: float, silence: float, usual: float, *, is_same_arm: bool
+    ) -> Restart:
+        """Return what happened before a state whose stamp is dt [s] after the last one."""
+        timeout = self._timeout
+        # by the stamps alone a silence and a clock that was set forward look the same
+        is_heard = silence <= timeout and (dt < 0 or at.receipt is not None)
+        if not is_same_arm and silence <= timeout:
+            self.conflicts.append(at.seconds)
+        why = restarted(dt, silence, not 0 <= dt <= timeout)
+        jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
+        return Restart(why, silence > timeout, is_same_arm, acts, usual, jump)
+
+    def _leapt(self, dt: float, silence: float, usual: float) -> float:
         """Return by how much more [s] the stamps went on than time, lost and late states apart."""
-        if self._is_set_back:
-            return dt - silence
-        usual = self.period.seconds
         leapt = min(self._latency.early, dt - max(silence, usual))
         return leapt if 0 < usual < 2 * leapt else 0.0  # less is jitter
 
-    def _is_frozen(self, dt: float, q: Array, dq: Array) -> bool:
-        if True in (q != self._q).tolist():
-            self._unmoved = np.zeros(self._robot.n)
-            return False
-        self._unmoved = self._unmoved + dt * np.where(np.abs(dq) > AT_REST, dq, 0.0)
-        return bool(np.abs(self._unmoved).max() > _FROZEN)
+    def _refuse_stamp(self, at: Instant, dt: float) -> None:
+        """Raise InvalidMessageError for a stamp that is dt [s] before the last one."""
+        self._back = self._back + 1 if at.stamp > self._back_at else 1
+        self._back_at = at.stamp
+        self.conflicts.append(at.seconds)
+        raise InvalidMessageError(
+            f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
+        )
 
-    def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array) -> None:
+    def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array, code: int) -> None:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
-        robot = self._robot
-        fast = np.abs(dq) > self._fastest
-        if True in fast.tolist():
-            i = int(np.argmax(fast))
+        joints, before, (fastest, endless, _) = self._robot.joints, self._before[judge.Q], self._arm
+        if code & judge.FAST:
+            i = int(np.argmax(np.abs(dq) > fastest))
             raise InvalidMessageError(
-                f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
+                f"the joint {joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        if self.clock.last is None or not 0 <= dt <= self._timeout:
-            return
-        moved = robot.limits.deviation(q, self._q)
-        far = moved > _MOST_ASTRAY + dt * self._fastest
-        if True in far.tolist():
-            i = int(np.argmax(far))
-            self.conflicts.append(at.seconds)
-            raise InvalidMessageError(
-                f"the joint {robot.joints[i]} jumps by {moved[i]:.3g} rad within {dt:g} s"
-            )
+        rows = enumerate(zip(q, before, endless, fastest, strict=True))
+        i = next(i for i, row in rows if judge.is_far(*row, dt))
+        self.conflicts.append(at.seconds)
+        way = abs(judge.difference(q[i], before[i], endless[i]))
+        raise InvalidMessageError(f"the joint {joints[i]} jumps by {way:.3g} rad within {dt:g} s")
 
     def _refuse_late(self, t: int, dt: float, now: float, patient: bool) -> None:
         """Raise InvalidMessageError for a state that comes too late to control by."""

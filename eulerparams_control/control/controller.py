@@ -9,10 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eulerparams_control.control.admission import AT_REST, Admission, Repeat
+from eulerparams_control.control.admission import Admission, Repeat
 from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.judge import AT_REST, NONE
 from eulerparams_control.control.mode import (
     DEACTIVATED,
     HALTED,
@@ -138,7 +139,7 @@ class Controller:
         if before is not None and limits is not None:
             limits = limits.fallen(before, self.guidance.most_fall(dt, before))
             self.scheme.bound(limits)
-        self.limiter.limits = limits
+        self.limiter.bound(limits)
 
     def follow(
         self, motion: Trajectory | SetPoint, start: int | None, now: float | None = None
@@ -208,31 +209,36 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor = Instant(t, now), self.supervisor
-        self._admission.refuse(at, q, dq, patient=not self.limiter.commands_efforts)
-        q = self._admission.unwound(at, q, None if self._command is None else self._command.q)
+        at, supervisor, admission = Instant(t, now), self.supervisor, self._admission
+        limiter, command = self.limiter, self._command
+        limits, has_efforts = limiter.limits, limiter.commands_efforts
+        velocity = limits.velocity if has_efforts and limits is not None else NONE
+        told = None if command is None else command.q
+        state = admission.admit(at, q, dq, told, velocity, patient=not has_efforts)
+        if isinstance(state, Repeat):
+            return self._answer_again(at, state)
+        q = state.q
         if supervisor.mode.mode is Mode.WAITING:
             supervisor.begin(q)  # others may move the arm until then
             self.scheme.start_from(None)
+            admission.take(None)
             return None
-        state = self._admission.admit(at, q, dq)
-        if isinstance(state, Repeat):
-            return self._answer_again(at, state)
-        state = supervisor.begin_again(at, state, q)
-        self._admission.take(at, q, dq)  # only now: a restart that fails is one again
+        if state.is_first or state.restart is not None:
+            state = supervisor.begin_again(at, state)
+        admission.take(at)  # only now: a restart that fails is one again
         self._q, self._dq = q, dq
-        supervisor.observe(at, state, q, dq, is_acting=self._command is not None)
+        supervisor.observe(at, state, dq, is_acting=command is not None)
         # under positions the arm has stayed where it was told, under efforts it has gone on
-        lost = state.leapt if self.limiter.commands_efforts else state.lost
-        dt = state.dt - lost
+        lost, dt = state.leapt if limiter.commands_efforts else state.lost, state.dt
         if lost:
+            dt -= lost
             self.guidance.wait(lost)
-        if self.limiter.limits is not self._wanted:
+        if limits is not self._wanted:
             self._lower(dt)
-        self._command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)
-        if self._command is not None:
+        self._command = command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)
+        if command is not None:
             supervisor.left = at
-        return self._command
+        return command
 
     def _limit(self, command: JointCommand | None, acted: float, dt: float) -> JointCommand | None:
         """Return the command within all bounds, or gravity compensation where there is none."""

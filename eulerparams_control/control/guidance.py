@@ -147,16 +147,16 @@ class Guidance:
             LawError: if the law has no finite answer, or the arm does not follow.
         """
         scheme, motion, scale = self.scheme, self.motion, self.scale
-        is_shaped = self._options.motion is not None
+        is_shaped, is_frozen = self._options.motion is not None, scheme.is_frozen
         scale.advance(dt)
-        if scheme.is_frozen and is_shaped:  # it comes to rest as the compliant frame does
+        if is_frozen and is_shaped:  # it comes to rest as the compliant frame does
             scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
-        u = 0.0 if scheme.is_frozen and not is_shaped else scale.mean
+        u = 0.0 if is_frozen and not is_shaped else scale.mean
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))
         desired = motion.sample(t - self._jump)
-        if not scheme.is_frozen or is_shaped:
-            desired = scale.paced(dt, self._wanted, desired, motion.after)
+        if not is_frozen or is_shaped:
+            desired = scale.paced(dt, self._wanted(is_frozen), desired, motion.after)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
         try:
@@ -178,12 +178,11 @@ class Guidance:
             domega_d=(later.omega_d - desired.omega_d) / dt,
         )
 
-    @property
-    def _wanted(self) -> float:
-        """The rate of time to go to."""
+    def _wanted(self, is_frozen: bool) -> float:
+        """Return the rate of time to go to."""
         if self.is_braking:
             return 0.0
-        if self.scheme.is_frozen:
+        if is_frozen:
             return self.scale.now  # it has to start again from rest
         return min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
 

@@ -18,6 +18,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from eulerparams_control.laws.compiled import Input, Row, Rows, entry
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.laws.rotations import Array
@@ -42,6 +43,9 @@ _STOP_TIME = 0.2
 # A joint slower than this [rad/s, m/s] approaches nothing; within this distance [rad, m] of its
 # limit it is there, and within the other one it is near.
 _SLOW, _AT_LIMIT, _NEAR_LIMIT = 1e-3, 0.01, 0.1
+
+# Rows of the limits.
+_LOWER, _UPPER, _VELOCITY = range(3)
 
 
 class Nearness(IntEnum):
@@ -84,6 +88,7 @@ class SpeedScaling:
         self.wanted = 1.0
         self.singularity = self.limit = Nearness.CLEAR
         self.joint = 0
+        self._near = np.zeros(2)
         self._sigma: float | None = None
         self._left = math.inf  # [s] until sigma is 0, as it falls now
         self._since = _LOOK
@@ -148,25 +153,46 @@ class SpeedScaling:
 
     def _by_limits(self, now: float, q: Array, dq: Array) -> float:
         """Return the pace at which no joint is faster than it may be so near to its limit."""
-        self.limit = Nearness.CLEAR
-        if self.limits is None:
+        limits, self.limit = self.limits, Nearness.CLEAR
+        if limits is None:
             return 1.0
-        distance = np.where(dq > 0, self.limits.upper - q, q - self.limits.lower)
-        speed = np.abs(dq)
-        ratio = POSITION_RATE * np.maximum(distance, 0.0) / np.maximum(speed, _SLOW)
-        joint = int(ratio.argmin())
-        if speed[joint] > _SLOW and ratio[joint] < 1:
-            self.limit, self.joint = Nearness.APPROACHING, joint
-        least = np.minimum(self.limits.upper - q, q - self.limits.lower)
-        nearest = int(least.argmin())
-        if least[nearest] < _AT_LIMIT:
-            self.limit, self.joint = Nearness.INSIDE, nearest
-        elif self.limit is Nearness.CLEAR and least[nearest] < _NEAR_LIMIT:
-            leaves = distance[nearest] > least[nearest] and speed[nearest] > _SLOW
-            self.limit = Nearness.LEAVING if leaves else Nearness.CLEAR
-            self.joint = nearest
-        if speed.max() <= _SLOW:
-            return 1.0
-        by_speed = float((self.limits.velocity / np.maximum(speed, _SLOW)).min())
-        by_position = max(LEAST, now * float(ratio[joint])) if speed[joint] > _SLOW else 1.0
-        return min(1.0, by_position, max(CREEP, now * by_speed))
+        pace = float(_pace_of_limits(now, q, dq, limits.rows, self._near))
+        limit, joint = self._near.tolist()
+        self.limit = Nearness(int(limit))
+        if self.limit is not Nearness.CLEAR:
+            self.joint = int(joint)
+        return pace
+
+
+@entry
+def _pace_of_limits(now: float, q: Input, dq: Input, limits: Rows, near: Row) -> float:
+    """Return the pace at which no joint is faster than it may be so near to its limit.
+
+    Args:
+        now: the pace of now.
+        q, dq: (n,) positions and velocities.
+        limits: rows of the limits.
+        near: (2,) is filled: how near which joint is.
+    """
+    first, ratio, by_speed, fastest, nearest, least = 0, math.inf, math.inf, 0.0, 0, math.inf
+    for i in range(len(q)):
+        below, above, speed = q[i] - limits[_LOWER, i], limits[_UPPER, i] - q[i], abs(dq[i])
+        room, ahead = min(above, below), above if dq[i] > 0 else below
+        if POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW) < ratio:
+            first, ratio = i, POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW)
+        if room < least:
+            nearest, least, leaves = i, room, ahead > room and speed > _SLOW
+        by_speed = min(by_speed, limits[_VELOCITY, i] / max(speed, _SLOW))
+        fastest = max(fastest, speed)
+    near[0], near[1] = Nearness.CLEAR.value, nearest
+    if least < _AT_LIMIT:
+        near[0] = Nearness.INSIDE.value
+    elif abs(dq[first]) > _SLOW and ratio < 1:
+        near[0], near[1] = Nearness.APPROACHING.value, first
+    elif least < _NEAR_LIMIT and leaves:
+        near[0] = Nearness.LEAVING.value
+    if fastest <= _SLOW:
+        return 1.0
+    by_position = max(LEAST, now * ratio) if abs(dq[first]) > _SLOW else 1.0
+    pace: float = min(1.0, min(by_position, max(CREEP, now * by_speed)))
+    return pace

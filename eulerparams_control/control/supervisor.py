@@ -2,9 +2,10 @@
 
 from contextlib import suppress
 
-from eulerparams_control.control.admission import Accept, Admission, RateCheck
+from eulerparams_control.control import judge
+from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
 from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.command_limiter import CommandLimiter, Runaway
+from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance, LawError
 from eulerparams_control.control.mode import (
     ARM_MOVED,
@@ -30,6 +31,9 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.references import Goal, Jog
 from eulerparams_control.motion.shaper import Reference
+
+# Efforts that were to stop an arm for so long [s] should have.
+_HALTED = 0.5
 
 
 class Supervisor:
@@ -58,7 +62,8 @@ class Supervisor:
         self._guidance, self._limiter, self._clock = guidance, limiter, admission.clock
         self._scheme, self._timeout = guidance.scheme, options.state_timeout
         self._references = References(options.max_jump_position, options.max_jump_rotation)
-        self._runaway, self._is_strict = Runaway(), options.check_states
+        self._halted = 0.0  # for how long [s] efforts were to stop the arm
+        self._is_strict = options.check_states  # a simulation without limits may diverge
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
         self._admission = admission
         self.rate = RateCheck(admission.period, options.state_timeout)
@@ -119,15 +124,15 @@ class Supervisor:
             self._guidance.begin(q, acts=True)
         self.change(ModeEvent.RESUME)
 
-    def begin_again(self, at: Instant, state: Accept, q: Array) -> Accept:
-        """Begin at q (n,) where the state is the first, or follows a gap.
+    def begin_again(self, at: Instant, state: Accept) -> Accept:
+        """Begin where the state is the first, or follows a gap.
 
         An arm that moves brakes along its path where only the stamps jumped: the state that is
         returned has then the usual dt.
         """
+        q, restart, guidance = state.q, state.restart, self._guidance
         if state.is_first:
             self._see_first(at, q)
-        restart, guidance = state.restart, self._guidance
         if restart is None:
             return state
         self.resets += 1
@@ -141,36 +146,42 @@ class Supervisor:
         self.begin(q, acts=restart.acts)
         return state
 
-    def observe(self, at: Instant, state: Accept, q: Array, dq: Array, *, is_acting: bool) -> None:
-        """Change the mode as the new state q, dq (n,) tells to.
+    def observe(self, at: Instant, state: Accept, dq: Array, *, is_acting: bool) -> None:
+        """Change the mode as a new state tells to.
 
         Args:
             at: when it was.
             state: what the admission says of it.
-            q, dq: (n,) measured.
+            dq: (n,) measured.
             is_acting: whether the state before had a command.
         """
         if isinstance(self.mode, Distrusting):
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
             self.change(ModeEvent.TRUST)
-        if self._is_rate_too_low():
-            return
-        if state.is_frozen:
+        if self._is_strict:
+            self.rate.judge(self._scheme)
+            if self.rate.rate is not Rate.FINE and self._is_rate_too_low():
+                return
+        if state.code & judge.FROZEN:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
         left = self.left
         if not is_acting and left is not None and not 0 <= at.since(left) <= self._timeout:
-            self.begin(q)  # the robot has braked since
+            self.begin(state.q)  # the robot has braked since
             self.change(ModeEvent.RESTART, SILENT)
-        self._watch(state.dt, q, dq)
+        mode = self.mode
+        if isinstance(mode, Releasing):
+            if not mode.is_runaway or mode.rests(state.dt, state.q):
+                self.change(ModeEvent.RECOVERED)
+            if mode.is_runaway:
+                return
+        if self._limiter.commands_efforts:
+            self._see_runaway(state, dq)
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
         scheme, rate = self._scheme, self.rate
-        if not self._is_strict:  # a simulation without limits may diverge
-            return False
-        rate.judge(scheme.fastest_gain, scheme.hold_rate)
         if not rate.is_too_low:
             return False
         if scheme.hold_rate * self._admission.period.least > 1:
@@ -190,20 +201,19 @@ class Supervisor:
             self.begin(q)
             self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
 
-    def _watch(self, dt: float, q: Array, dq: Array) -> None:
-        """Let go of an arm that is out of control; take it back when it is at rest."""
-        mode, limits = self.mode, self._limiter.limits
-        if isinstance(mode, Releasing):
-            if not mode.is_runaway or mode.rests(dt, q):
-                self.change(ModeEvent.RECOVERED)
-            if mode.is_runaway:
-                return
-        if limits is None or not self._limiter.commands_efforts:
+    def _see_runaway(self, state: Accept, dq: Array) -> None:
+        """Let go of an arm that runs away under efforts, measured at dq (n,)."""
+        limits = self._limiter.limits
+        if limits is None:
             return
-        joint = self._runaway.update(dt, dq, limits.velocity, self.mode.is_halted)
-        if joint is not None:
-            name, speed = self._scheme.robot.joints[joint], dq[joint]
-            self.change(ModeEvent.RUNS_AWAY, runs_away(name, speed))
+        self._halted = self._halted + state.dt if self.mode.is_halted else 0.0
+        swings = self._halted > _HALTED
+        if state.code & (judge.SWINGS if swings else judge.RUNS):
+            most = judge.SWINGING if swings else judge.RUNAWAY
+            excess = list(map(judge.runaway, dq, [most] * len(dq), limits.velocity))
+            joint = excess.index(max(excess))
+            why = runs_away(self._scheme.robot.joints[joint], dq[joint])
+            self.change(ModeEvent.RUNS_AWAY, why)
 
     def _look_at_references(self, t: int) -> None:
         """Stop where a reference began that leaps, or where none of a stream begins, t [ns]."""
@@ -227,7 +237,9 @@ class Supervisor:
         try:
             try:
                 command = self.mode.command(self._guidance, t, dt, q, dq)
-                self._look_at_references(t)
+                motion = self._guidance.motion
+                if motion.waiting or motion.leap is not None:
+                    self._look_at_references(t)
                 return command
             except LawError as law:
                 if isinstance(law.error, FollowingError):

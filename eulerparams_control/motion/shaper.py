@@ -69,6 +69,7 @@ class Shaper:
         bearable: rate of time that the limits bear, which were lowered since the motion began.
         slowed: rate of time of the trajectory that is followed, where it is slowest; else 1.
         leap: how far away [m, rad] a reference began that was refused for it; None if none was.
+        waiting: references whose time has not come.
         lost: how many references never began, for another one began first.
         ahead: [s] of the newest set-point at its receipt, of the states.
     """
@@ -96,7 +97,7 @@ class Shaper:
         self._kind: type[Reference] = Trajectory  # of what began last
         self._taken = 0  # when the set-point came that the stream took last [ns]
         self._planned = 0  # when the last plan of the stream was made [ns]
-        self._waiting: deque[_Waiting] = deque(maxlen=_WAITING)
+        self.waiting: deque[_Waiting] = deque(maxlen=_WAITING)
         self._stream.forget()
         self.began: int | None = None
         self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
@@ -129,9 +130,9 @@ class Shaper:
 
     def is_stalled(self, t: int) -> bool:
         """Whether set-points come, t [ns], whose time does not."""
-        if not self._waiting or not isinstance(self._waiting[-1].reference, SetPoint):
+        if not self.waiting or not isinstance(self.waiting[-1].reference, SetPoint):
             return False
-        since = self._waiting[0].since
+        since = self.waiting[0].since
         return since is not None and t - since > _STALLED
 
     def change(self, limits: MotionLimits | None, max_jump: tuple[float, float]) -> None:
@@ -148,7 +149,7 @@ class Shaper:
 
     def forget_waiting(self) -> None:
         """Forget the references whose time has not come."""
-        self._waiting.clear()
+        self.waiting.clear()
 
     def follow(self, reference: Reference, start: int | None) -> None:
         """Follow a reference from the time ``start`` [ns], or from the next sample if None.
@@ -156,10 +157,10 @@ class Shaper:
         Until then the present motion goes on; of those that begin the newest counts.
         """
         self.is_holding = False
-        self.lost += len(self._waiting) == _WAITING
+        self.lost += len(self.waiting) == _WAITING
         if self._at is not None and start is not None and isinstance(reference, SetPoint):
             self.ahead = (start - self._at) / 1e9
-        self._waiting.append(_Waiting(reference, start, self._at))
+        self.waiting.append(_Waiting(reference, start, self._at))
 
     def sample(self, t: int) -> DesiredFrame:
         """Return the desired frame at the time t [ns]."""
@@ -171,10 +172,10 @@ class Shaper:
             whole = round(leg.duration * 1e9)
             self._leg = leg = leg.then(leg.sample(leg.duration))
             self._start, since = self._start + whole, since - whole
-        if leg.then is resting and self._stands(t):  # it was to stop: it does not go on later
+        if self._waited and leg.then is resting and self._stands(t):  # it stops: not later
             self._leg = leg = resting(leg.sample(since / 1e9))
         self._before, self.last = self.last, leg.sample(since / 1e9)
-        if self._waiting:
+        if self.waiting:
             self._begin_due(t)
         self._at, self._waited = t, 0
         return self.last
@@ -192,11 +193,11 @@ class Shaper:
 
     def _begin_due(self, t: int) -> None:
         """Begin the newest reference whose time has come; forget those before it."""
-        if self._waiting[0].since is None:
-            self._waiting[0] = self._waiting[0]._replace(since=t)
-        due = [n for n, one in enumerate(self._waiting) if one.start is None or one.start <= t]
+        if self.waiting[0].since is None:
+            self.waiting[0] = self.waiting[0]._replace(since=t)
+        due = [n for n, one in enumerate(self.waiting) if one.start is None or one.start <= t]
         for place in range(due[-1] + 1 if due else 0):
-            reference, start, _ = self._waiting.popleft()
+            reference, start, _ = self.waiting.popleft()
             begin = t if start is None else start
             if place == due[-1]:
                 self._begin(reference, begin, t)

@@ -54,9 +54,10 @@ class TimeScale:
 
     def advance(self, dt: float) -> None:
         """Let dt [s] go by."""
-        before = self.now
-        self.now = min(max(before + self.rate * dt, 0.0), 1.0)
-        self.mean = (before + self.now) / 2
+        self.mean = before = self.now
+        if self.rate:
+            self.now = min(max(before + self.rate * dt, 0.0), 1.0)
+            self.mean = (before + self.now) / 2
 
     def paced(self, dt: float, wanted: float, planned: DesiredFrame, after: Sample) -> DesiredFrame:
         """Choose du, and return the frame at this pace.

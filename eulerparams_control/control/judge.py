@@ -1,0 +1,133 @@
+"""What the numbers of a state say, in one compiled call; the words for it are said elsewhere.
+
+A state is a table of n columns, of which the rows are named below.  What is asked of it is a bit
+of the code that :func:`code_of` returns.
+"""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.laws.compiled import Array, Input, Rows, entry, kernel
+
+Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
+"""Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
+turns that were added to what the driver says, and whether it was seen to jump by a turn."""
+
+FASTEST, ENDLESS, TURNING = range(3)
+"""Rows of an arm: speeds that no joint has, which ones have no limit, which of these turn."""
+
+SAME, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(8))
+"""Codes: the state is the last one; a joint is too fast, or too far from it; the arm is another
+one; positions stay although it moves; it runs away, or would if it were to stand; positions are
+turns from what came."""
+
+AT_REST = 0.01
+"""Slower than this [rad/s or m/s] a joint is at rest."""
+
+# A measured position may be this far [rad or m] from where the last one could have led: further,
+# it is the measurement that is wrong.
+_MOST_ASTRAY = 0.1
+
+# Measured positions that stay the same to the bit, while the measured speeds would have led this
+# far [rad or m] away, are not measured any more.
+_FROZEN = 0.01
+
+# After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
+# simulation that was started again: no command acts on it yet.
+_SAME_ARM = 0.03
+
+# An arm that is so many times as fast as its limits under efforts runs away: what is measured is
+# late, or the model is wrong, and only the brakes of the robot can stop it.  So does one that is
+# still so fast when it was to stop, but what is slower than this [rad/s or m/s] does not.
+RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
+
+NONE: Array = np.empty(0)
+"""Stands for a row that is not there."""
+
+
+@kernel
+def difference(q_c: float, q: float, is_endless: float) -> float:
+    """Return q_c - q [rad or m]; modulo a turn where there is no position limit."""
+    change = q_c - q
+    if is_endless:
+        change -= 2 * math.pi * np.rint(change / (2 * math.pi))
+    return change
+
+
+@kernel
+def is_far(q: float, before: float, is_endless: float, fastest: float, dt: float) -> bool:
+    """Return whether a joint cannot have come to q within dt [s]."""
+    return bool(abs(difference(q, before, is_endless)) > _MOST_ASTRAY + dt * fastest)
+
+
+@kernel
+def runaway(dq: float, most: float, limit: float) -> float:
+    """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
+    return max(abs(dq) - max(most * limit, _SLOW), 0.0)
+
+
+@entry
+def code_of(
+    q: Input,
+    dq: Input,
+    near: Input,
+    velocity: Input,
+    arm: Rows,
+    before: Rows,
+    now: Rows,
+    dt: float,
+    is_next: bool,
+    goes_on: bool,
+    is_lost: bool,
+) -> int:
+    """Fill the state ``now`` that was measured, and return what it says, as a code.
+
+    Args:
+        q, dq: (n,) as they came.
+        near: (n,) where joints that turn are nearest to; none: to the state before.
+        velocity: (n,) limits of the speeds of an arm that runs away; none: it does not.
+        arm: its rows.
+        before: the last state.
+        now: is filled.
+        dt: [s] after the last state, by the stamps.
+        is_next: whether there is one, and ``dt`` is short enough to compare with it.
+        goes_on: whether there was no silence, either.
+        is_lost: whether the driver may have lost its count of turns.  Then a joint that was never
+            seen to jump by a turn is where it says it is: a command a turn away would move it.
+    """
+    code, stays = SAME, True
+    for i in range(len(q)):
+        if abs(dq[i]) > arm[FASTEST, i]:
+            code |= FAST
+        if is_next and is_far(q[i], before[Q, i], arm[ENDLESS, i], arm[FASTEST, i], dt):
+            code |= FAR
+        turns, wraps = 0.0, before[WRAPS, i]
+        if arm[TURNING, i]:
+            place = near[i] if len(near) else before[Q, i]
+            turns = np.rint((place - q[i]) / (2 * math.pi))
+            if is_lost and not wraps:
+                turns = 0.0
+            elif not is_lost and turns != before[TURNS, i]:
+                wraps = 1.0
+        now[Q, i], now[DQ, i], now[TURNS, i], now[WRAPS, i] = q[i], dq[i], turns, wraps
+        if turns:
+            now[Q, i] += 2 * math.pi * turns
+            code |= WOUND
+        stays = stays and now[Q, i] == before[Q, i]
+        if not abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i])) <= _SAME_ARM:
+            code |= MOVED
+        if not (stays and dq[i] == before[DQ, i]):
+            code &= ~SAME
+        if len(velocity):
+            if runaway(dq[i], RUNAWAY, velocity[i]):
+                code |= RUNS
+            if runaway(dq[i], SWINGING, velocity[i]):
+                code |= SWINGS
+    for i in range(len(q)):
+        now[UNMOVED, i] = before[UNMOVED, i] if stays else 0.0
+        if stays and goes_on and abs(dq[i]) > AT_REST:
+            now[UNMOVED, i] += dt * dq[i]
+        if abs(now[UNMOVED, i]) > _FROZEN:
+            code |= FROZEN
+    return code
