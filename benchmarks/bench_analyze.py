@@ -34,15 +34,6 @@ from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
 START = 1_700_000_000_000_000_000
-FRAME = "trajectory_msgs/msg/MultiDOFJointTrajectory"
-TOPICS = {
-    "/robot_description": "std_msgs/msg/String",
-    "/wrench": "geometry_msgs/msg/WrenchStamped",
-    "/joint_states": "sensor_msgs/msg/JointState",
-    "/reference": FRAME,
-    "/compliant_frame": FRAME,
-    "/joint_effort": "sensor_msgs/msg/JointState",
-}
 IMPEDANCE = {
     **{"M_p": [10.0] * 3, "D_p": [300.0] * 3, "K_p": [1000.0] * 3},
     **{"M_o": [1.0] * 3, "D_o": [20.0] * 3, "K_o": [50.0] * 3},
@@ -76,38 +67,33 @@ def write_bag(folder: Path, seconds: int) -> None:
     """Write a bag of an arm that moves a little, pushed, at 1 kHz."""
     ur5 = load_robot("ur5")
     robot, home = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame), np.array(ur5.home)
-    state = robot.state(home, np.zeros(6))
-    frame = DesiredFrame(state.p_e, state.R_e)
-    motion = motion_to_ros(Trajectory([0.0], [frame]), robot.base_frame, robot.tip_frame)
-    joints, marks = list(robot.joints), np.arange(1.5, 13.5)
-    states = JointState(name=joints, position=marks[:6].tolist(), velocity=[0.1] * 6)
-    efforts = JointState(name=joints, effort=marks[:6].tolist())
+    state, joints = robot.state(home, np.zeros(6)), list(robot.joints)
+    at_rest = Trajectory([0.0], [DesiredFrame(state.p_e, state.R_e)])
+    motion = motion_to_ros(at_rest, robot.base_frame, robot.tip_frame)
+    states = JointState(name=joints, position=ur5.home, velocity=[0.1] * 6)
+    efforts = JointState(name=joints, effort=(20.0 * home).tolist())
     pushed = WrenchStamped()
     pushed.header.frame_id = robot.tip_frame
-    messages = {
-        "/wrench": Message(pushed, np.zeros(6)),
-        "/joint_states": Message(states, marks[:6]),
-        "/compliant_frame": Message(motion, state.p_e),
-        "/joint_effort": Message(efforts, marks[:6]),
+    still = {"/robot_description": String(data=ur5.urdf), "/reference": motion}
+    moving = {  # the numbers that change: their means, and how far they swing
+        "/wrench": (pushed, np.zeros(6), np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1])),
+        "/joint_states": (states, home, 0.01),
+        "/compliant_frame": (motion, state.p_e, 0.01),
+        "/joint_effort": (efforts, 20.0 * home, 0.0),
     }
     with BagWriter(folder) as bag:
-        for name, kind in TOPICS.items():
-            bag.add_topic(Topic(name, kind))
+        for name, each in {**still, **{name: each[0] for name, each in moving.items()}}.items():
+            package = type(each).__module__.partition(".")[0]
+            bag.add_topic(Topic(name, f"{package}/msg/{type(each).__name__}"))
         node = {"/impedance_control": {"ros__parameters": IMPEDANCE}}
         bag.attach("parameters.yaml", yaml.safe_dump(node))
-        bag.write("/robot_description", serialize_message(String(data=ur5.urdf)), START, START)
+        for name, each in still.items():
+            bag.write(name, serialize_message(each), START, START)
+        messages = {name: Message(each, mean) for name, (each, mean, _) in moving.items()}
         for k in range(1000 * seconds):
             stamp, w = START + k * 1_000_000, math.sin(5e-4 * k)
-            if k == 1:
-                bag.write("/reference", serialize_message(motion), stamp - 1, stamp - 1)
-            numbers = {
-                "/wrench": np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1]) * w,
-                "/joint_states": home + 0.01 * w,
-                "/compliant_frame": state.p_e + 0.01 * w,
-                "/joint_effort": 20.0 * home,
-            }
-            for name, message in messages.items():
-                bag.write(name, message.at(stamp, numbers[name]), stamp, stamp)
+            for name, (_, mean, swing) in moving.items():
+                bag.write(name, messages[name].at(stamp, mean + swing * w), stamp, stamp)
 
 
 def analyze(quick: bool, seconds: int = 60) -> Iterator[Row]:

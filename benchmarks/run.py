@@ -46,14 +46,15 @@ def git(*words: str) -> str:
 
 
 def about() -> dict[str, str]:
-    """Return the commit, the date and the machine."""
+    """Return the commit, the date and the machine with its load before the run."""
     changed = git("status", "--porcelain", "-uno", "../eulerparams_control", "../sim_bridge")
     info = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     cores = [text.partition(": ")[2] for text in info if text.partition("\t")[0] == "model name"]
     return {
         "commit": git("rev-parse", "--short", "HEAD") + "+" * bool(changed),
         "date": time.strftime("%Y-%m-%d %H:%M"),
-        "machine": f"{os.cpu_count()} cores, {cores[0] if cores else platform.machine()}",
+        "machine": f"{os.cpu_count()} cores, {cores[0] if cores else platform.machine()}, "
+        f"load {os.getloadavg()[0]:.1f}",
     }
 
 
