@@ -241,6 +241,45 @@ def test_the_terms_of_the_model_add_up_to_the_efforts_of_newton_and_euler(arm): 
 
 
 @every_arm
+@pytest.mark.parametrize("tool", [None, TOOL], ids=["bare", "tool"])
+def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool):
+    urdf, base, tip, joints = ARMS[arm]
+    robot, axes = Robot(*ARMS[arm], tool=tool), pin.LOCAL_WORLD_ALIGNED
+    whole = WholeModel(with_a_tool(urdf, tip, tool) if tool else urdf, robot.joints)
+    model, data, moving = whole.model, whole.data, [j.idx_v for j in whole.joints]
+    tip = model.getFrameId(tip, pin.FrameType.BODY)
+    base = model.getFrameId(base, pin.FrameType.BODY) if base else 0  # the universe
+    both = list(configurations(robot.n, key=8))
+    stacked = robot.states(*map(np.array, zip(*both, strict=True)))
+    for k, (q, dq) in enumerate(both):
+        at, v = whole.configuration(q), whole.velocities(dq)
+        pin.forwardKinematics(model, data, at, v, 0 * v)
+        pin.updateFramePlacements(model, data)
+        from_root = data.oMf[base].inverse()
+        R, pose = np.kron(np.eye(2), from_root.rotation), from_root * data.oMf[tip]
+        arm, dJ_dq, B, C_dq, g = robot.dynamic_state(q, dq)
+        assert_close(arm.p_e, pose.translation)
+        assert_close(arm.R_e, pose.rotation)
+        assert_close([*arm.dp_e, *arm.omega_e], R @ pin.getFrameVelocity(model, data, tip, axes))
+        a = pin.getFrameClassicalAcceleration(model, data, tip, axes)
+        assert_close(dJ_dq, R @ a.vector)
+        J = pin.computeFrameJacobian(model, data, at, tip, axes)[:, moving]
+        assert_close(arm.J, R @ J)
+        assert_close(B, pin.crba(model, data, at)[np.ix_(moving, moving)])
+        assert_close(C_dq + g, whole.effort(q, dq, 0 * dq))
+        assert_close(g, whole.effort(q, 0 * dq, 0 * dq))
+        for one, of_all in zip(arm, stacked, strict=True):
+            np.testing.assert_array_equal(one, of_all[k])
+
+
+def test_an_arm_of_which_the_formulas_make_another_one_is_refused(monkeypatch):
+    right = Robot._chain
+    monkeypatch.setattr(Robot, "_chain", lambda self: (1 + 1e-8) * right(self))
+    with pytest.raises(RobotError, match="formulas of this package and Pinocchio.* differ"):
+        Robot(ARM, "base", "hand")
+
+
+@every_arm
 def test_dJ_dq_is_the_derivative_of_the_jacobian_times_dq(arm):
     robot = Robot(*ARMS[arm])
     still = np.zeros(robot.n)

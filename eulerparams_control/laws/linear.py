@@ -18,6 +18,7 @@ class Vec:
     """A vector (3,)."""
 
     __slots__ = ("x", "y", "z")
+    __array_ufunc__ = None  # a number of numpy leaves products to this class
 
     def __init__(self, x: float, y: float, z: float) -> None:
         self.x, self.y, self.z = x, y, z
@@ -44,6 +45,7 @@ class Vec:
 class Mat:
     """A matrix (3, 3)."""
 
+    __array_ufunc__ = None
     __slots__ = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 
     def __init__(

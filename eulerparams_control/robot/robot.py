@@ -1,7 +1,7 @@
 """The robot arm: from joint values to the frozen state that the laws take.
 
-The only user of Pinocchio, and the one place that chooses its reference frame
-(LOCAL_WORLD_ALIGNED, turned into the base frame): eqs. (18)-(20), and the terms of (32).
+The only user of Pinocchio, which reads the URDF; the formulas of :mod:`.chain` are compared with
+it when a robot is made, in its reference frame LOCAL_WORLD_ALIGNED, turned into the base frame.
 """
 
 import math
@@ -16,9 +16,13 @@ from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
+from eulerparams_control.robot import chain
 from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute, joint_friction, joint_limits
 
 _REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+# Relative error of what the formulas make of a model.
+_EXACT = 1e-9
 
 # The characteristic length of an arm, of its reach.
 _OF_REACH = 0.8
@@ -99,6 +103,7 @@ class Robot:
         joints: the n active joints, base to tip.
         limits: of the active joints.
         friction: of the active joints, as the URDF states it.
+        chain: (n + 1, ...) the arm as the formulas of :mod:`.chain` take it.
         length: characteristic length [m]: 0.8 times the sum of the distances between the origins
             of successive joints, up to the tip, and of the ranges of those that slide; that of
             a UR5 is 0.99 m.
@@ -151,11 +156,12 @@ class Robot:
         if tool is not None:
             self._carry(tool)
         self._data = self._model.createData()
-        self._zero = np.zeros(self.n)
-        self._placement = self._data.oMf[self._tip]  # a view of what Pinocchio computes
-        self._R_base, self._p_base = self._base_placement()
-        self._base_is_root = bool(np.all(self._R_base == np.eye(3)) and not self._p_base.any())
+        self._zero, self._base = np.zeros(self.n), self._base_placement()
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
+        self.chain, n = self._chain(), self.n
+        kinematics = (3,), (3, 3), (3,), (3,), (6, n)  # p_e, R_e, dp_e, omega_e, J
+        self._shapes = *kinematics, (6,), (n, n), (n,), (n,)  # dJ dq, B, C dq, g
+        self._refuse_other_model()
 
     def refuse_locked(self) -> None:
         """Raise RobotError, with what helps, if a joint from base to tip moves, but is not active.
@@ -185,7 +191,7 @@ class Robot:
     @property
     def gravity(self) -> Array:
         """Gravity (3,) [m/s^2] in the base frame."""
-        return np.array(self._R_base.T @ self._model.gravity.linear)
+        return np.array(self._base.rotation.T @ self._model.gravity.linear)
 
     def placement(self, frame: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
         """Return where a link that is fixed to the tip is, seen from the tip.
@@ -239,8 +245,8 @@ class Robot:
         model, data = self._model, self._data
         pin.forwardKinematics(model, data, self._configuration(q))
         there = pin.updateFramePlacement(model, data, model.getFrameId(frame, _LINK))
-        R, p = self._R_base.T, there.translation - self._p_base
-        return Placement(R @ there.rotation, R @ p)
+        seen = self._base.actInv(there)
+        return Placement(seen.rotation.copy(), seen.translation.copy())
 
     def state(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics for q, dq (n,) in the order of ``joints``; eqs. (18)-(20).
@@ -248,17 +254,10 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        if q.shape != (self.n,) or dq.shape != (self.n,):
-            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
-        configuration = self._configuration(q)
-        J = pin.computeFrameJacobian(self._model, self._data, configuration, self._tip, _REFERENCE)
-        J = J.reshape(6, self.n)  # it comes as (6,) for n = 1
-        p_e, R_e = self._placement.translation.copy(), self._placement.rotation.copy()
-        if not self._base_is_root:
-            p_e, R_e = self._R_base.T @ (p_e - self._p_base), self._R_base.T @ R_e
-            J = np.vstack([self._R_base.T @ J[:3], self._R_base.T @ J[3:]])
-        v_e = J @ dq  # eq. (20)
-        return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
+        self._check(q, dq)
+        arm = list(map(np.empty, self._shapes[:5]))
+        chain.state(self.chain, q, dq, *arm)
+        return RobotState(q, dq, *arm)
 
     def states(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked.
@@ -268,19 +267,9 @@ class Robot:
         """
         if q.shape != dq.shape or q.shape != (len(q), self.n):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
-        p_e, R_e = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
-        J = np.empty((len(q), 6, self.n))
-        model, data, tip, placement = self._model, self._data, self._tip, self._placement
-        for k, q_k in enumerate(q):
-            configuration = self._configuration(q_k)
-            J_k = pin.computeFrameJacobian(model, data, configuration, tip, _REFERENCE)
-            J[k] = J_k.reshape(6, self.n)
-            p_e[k], R_e[k] = placement.translation, placement.rotation
-        if not self._base_is_root:
-            p_e, R_e = (p_e - self._p_base) @ self._R_base, self._R_base.T @ R_e
-            J = np.concatenate([self._R_base.T @ J[:, :3], self._R_base.T @ J[:, 3:]], axis=1)
-        v_e = np.einsum("kij,kj->ki", J, dq)  # eq. (20)
-        return RobotState(q, dq, p_e, R_e, v_e[:, :3], v_e[:, 3:], J)
+        arm = [np.empty((len(q), *shape)) for shape in self._shapes[:5]]
+        chain.states(self.chain, q, dq, *arm)
+        return RobotState(q, dq, *arm)
 
     def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
         """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
@@ -288,16 +277,51 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        arm = self.state(q, dq)
-        model, data, configuration = self._model, self._data, self._configuration(q)
-        B = pin.crba(model, data, configuration).copy()
-        g = pin.computeGeneralizedGravity(model, data, configuration).copy()
-        C_dq = pin.nonLinearEffects(model, data, configuration, dq) - g
-        pin.forwardKinematics(model, data, configuration, dq, self._zero)
-        dJ_dq = pin.getFrameClassicalAcceleration(model, data, self._tip, _REFERENCE).vector
-        if not self._base_is_root:
-            dJ_dq = np.concatenate((self._R_base.T @ dJ_dq[:3], self._R_base.T @ dJ_dq[3:]))
-        return DynamicState(arm, dJ_dq, B, C_dq, g)
+        self._check(q, dq)
+        terms = list(map(np.empty, self._shapes))
+        chain.dynamic_state(self.chain, q, dq, *terms)
+        return DynamicState(RobotState(q, dq, *terms[:5]), *terms[5:])
+
+    def _check(self, q: Array, dq: Array) -> None:
+        if q.shape != (self.n,) or dq.shape != (self.n,):
+            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
+
+    def _chain(self) -> Array:
+        """Return the chain of the model, from the base frame on."""
+        model, tip = self._model, self._model.frames[self._tip].placement
+        placements, links = model.jointPlacements.tolist()[1:], []
+        placements[0] = self._base.actInv(placements[0])  # it is in the root
+        for joint, at, body in zip(model.joints[1:], placements, model.inertias[1:], strict=True):
+            motion = joint.createData()
+            joint.calc(motion, pin.neutral(model), self._zero)
+            along, about = np.split(motion.S.ravel(), 2)
+            mass = along.any(), body.mass, body.lever, body.inertia
+            links.append((at.rotation, at.translation, along + about, *mass))
+        return chain.chain_of(links, (tip.rotation, tip.translation, self.gravity))
+
+    def _refuse_other_model(self) -> None:
+        """Raise RobotError unless the formulas make of the chain what Pinocchio makes."""
+        model, data, turn = self._model, self._data, np.kron(np.eye(2), self._base.rotation)
+        for q, dq, ddq in np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, self.n)):
+            arm, dJ_dq, B, C_dq, g = self.dynamic_state(q, dq)
+            at = self._configuration(q)
+            J = pin.computeFrameJacobian(model, data, at, self._tip, _REFERENCE)
+            pin.forwardKinematics(model, data, at, dq, self._zero)
+            tip = pin.updateFramePlacement(model, data, self._tip).homogeneous
+            a = pin.getFrameClassicalAcceleration(model, data, self._tip, _REFERENCE).vector
+            for found, expected in (
+                ((self._base * pin.SE3(arm.R_e, arm.p_e)).homogeneous, tip),
+                (turn @ arm.J, J.reshape(6, self.n)),  # it comes as (6,) for n = 1
+                (np.concatenate((arm.dp_e, arm.omega_e)), arm.J @ dq),
+                (turn @ dJ_dq, a),
+                (B @ ddq + C_dq + g, pin.rnea(model, data, at, dq, ddq)),
+            ):
+                scale = max(1.0, np.abs(tip).max(), np.abs(expected).max())
+                if not np.abs(found - expected).max() <= _EXACT * scale:
+                    raise RobotError(
+                        "the formulas of this package and Pinocchio, which read the URDF, differ "
+                        f"for this arm at q = {q.tolist()}: {found.tolist()}, {expected.tolist()}"
+                    )
 
     def _characteristic_length(self) -> float:
         links = [*self._model.jointPlacements[2:], self._model.frames[self._tip].placement]
@@ -321,11 +345,12 @@ class Robot:
             values += (math.cos(angle), math.sin(angle)) if continuous else (angle,)
         return np.array(values)
 
-    def _base_placement(self) -> tuple[Array, Array]:
-        """Return rotation and origin of the base frame in the root frame, which are constant."""
-        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
-        placement = self._data.oMf[self._model.getFrameId(self.base_frame, _LINK)]
-        return placement.rotation.copy(), placement.translation.copy()
+    def _base_placement(self) -> pin.SE3:
+        """Return the placement of the base frame in the root frame, which is constant."""
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, pin.neutral(model))
+        base = model.getFrameId(self.base_frame, _LINK)
+        return pin.updateFramePlacement(model, data, base).copy()
 
 
 def _frame(tree: UrdfTree, name: str, parameter: str) -> str:

@@ -1,0 +1,256 @@
+"""A serial arm: kinematics, eqs. (18)-(20), and the efforts of eq. (32), by recursion.
+
+From base to tip for positions and motions, back for forces (Newton and Euler: Luh, Walker and
+Paul, On-line computational scheme for mechanical manipulators, 1980).  All vectors are in the
+base frame.  The arm is rows of numbers: ``chain`` (n + 1, ...) has a :class:`Link` a joint, and
+the :class:`Tip`; ``work`` (n, WORK) is filled by :func:`place` and read by the others.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eulerparams_control.laws.compiled import (
+    Array,
+    Blocks,
+    Input,
+    Inputs,
+    Row,
+    Rows,
+    entry,
+    kernel,
+    layout,
+    to_rows,
+)
+from eulerparams_control.laws.linear import Mat, Vec, cross, identity
+from eulerparams_control.laws.rotations import R_angle_axis
+
+
+class Link(NamedTuple):
+    """A joint, and the body that it moves.
+
+    Attributes:
+        R, p: orientation and origin [m] of the joint at 0, in the joint before it.
+        axis: unit vector about which it turns, or along which it slides.
+        slides: whether it is prismatic.
+        mass: [kg] of the body.
+        com: [m] centre of mass.
+        inertia: [kg m^2] about that.
+    """
+
+    R: Mat
+    p: Vec
+    axis: Vec
+    slides: bool
+    mass: float
+    com: Vec
+    inertia: Mat
+
+
+class Tip(NamedTuple):
+    """Where the tip is in the last joint, R and p [m], and gravity [m/s^2] in the base frame."""
+
+    R: Mat
+    p: Vec
+    gravity: Vec
+
+
+class Placed(NamedTuple):
+    """A joint where it is: R, p [m], its axis z, and r [m] from the joint before it."""
+
+    R: Mat
+    p: Vec
+    z: Vec
+    r: Vec
+
+
+class Load(NamedTuple):
+    """What moves a body: f [N] and mu [Nm] about its centre of mass, c [m] from the joint."""
+
+    f: Vec
+    mu: Vec
+    c: Vec
+
+
+class Motion(NamedTuple):
+    """Motion of a point of a body: v [m/s], omega [rad/s], and their derivatives a, domega."""
+
+    v: Vec
+    omega: Vec
+    a: Vec
+    domega: Vec
+
+
+_link, _tip = layout(Link).read, layout(Tip).read
+_placed, _put_placed = layout(Placed)[1:]
+_load, _put_load = layout(Load)[1:]
+_put_vec, _put_mat = layout(Vec).put, layout(Mat).put
+_LOAD = layout(Placed).width  # where it begins
+WORK = _LOAD + layout(Load).width
+
+
+def chain_of(links: Sequence[tuple[Any, ...]], tip: tuple[Any, ...]) -> Array:
+    """Return the chain (n + 1, ...) of what :class:`Link` and :class:`Tip` are made of."""
+    chain = np.zeros((len(links) + 1, layout(Link).width))
+    chain[:-1] = [to_rows(Link, link) for link in links]
+    chain[-1, : layout(Tip).width] = to_rows(Tip, tip)
+    return chain
+
+
+# --- kinematics -----------------------------------------------------------------------------
+
+
+@kernel
+def place(chain: Rows, q: Input, work: Rows) -> tuple[Mat, Vec]:
+    """Place the joints at q (n,) in ``work``; return R_e and p_e [m], eqs. (18), (19)."""
+    R, p = identity(1.0), Vec(0.0, 0.0, 0.0)
+    for i in range(len(q)):
+        link, before = _link(chain[i], 0), p
+        p = p + R @ link.p
+        R = R @ link.R
+        z = R @ link.axis
+        if link.slides:
+            p = p + q[i] * z
+        else:
+            R = R @ R_angle_axis(q[i], link.axis)
+        _put_placed(work[i], 0, Placed(R, p, z, p - before))
+    tip = _tip(chain[len(q)], 0)
+    return R @ tip.R, p + R @ tip.p
+
+
+@kernel
+def jacobian(chain: Rows, p_e: Vec, work: Rows, J: Rows) -> None:
+    """Fill J (6, n), linear part first, eq. (20)."""
+    for i in range(len(work)):
+        at, slides = _placed(work[i], 0), _link(chain[i], 0).slides
+        v = at.z if slides else cross(at.z, p_e - at.p)
+        omega = Vec(0.0, 0.0, 0.0) if slides else at.z
+        J[0, i], J[1, i], J[2, i] = v.x, v.y, v.z
+        J[3, i], J[4, i], J[5, i] = omega.x, omega.y, omega.z
+
+
+@kernel
+def _at_rest(a: Vec) -> Motion:
+    return Motion(Vec(0.0, 0.0, 0.0), Vec(0.0, 0.0, 0.0), a, Vec(0.0, 0.0, 0.0))
+
+
+@kernel
+def _carried(by: Motion, r: Vec) -> Motion:
+    """Return the motion of a point of the same body that is r further on."""
+    v = cross(by.omega, r)
+    a = cross(by.domega, r) + cross(by.omega, v)
+    return Motion(by.v + v, by.omega, by.a + a, by.domega)
+
+
+@kernel
+def _moved(by: Motion, slides: bool, dz: Vec, ddz: Vec) -> Motion:
+    """Return the motion after a joint that moves by dz, ddz along or about its axis."""
+    turned = cross(by.omega, dz)
+    if slides:
+        return Motion(by.v + dz, by.omega, by.a + 2.0 * turned + ddz, by.domega)
+    return Motion(by.v, by.omega + dz, by.a, by.domega + turned + ddz)
+
+
+@kernel
+def tip_motion(chain: Rows, p_e: Vec, dq: Input, work: Rows) -> Motion:
+    """Return the motion of the tip at ddq = 0: dp_e, omega_e of eq. (20), and dJ dq."""
+    nothing = Vec(0.0, 0.0, 0.0)
+    motion, p = _at_rest(nothing), nothing
+    for i in range(len(dq)):
+        at, slides = _placed(work[i], 0), _link(chain[i], 0).slides
+        motion, p = _moved(_carried(motion, at.r), slides, dq[i] * at.z, nothing), at.p
+    return _carried(motion, p_e - p)
+
+
+# --- dynamics -------------------------------------------------------------------------------
+
+
+@kernel
+def efforts(
+    chain: Rows, dq: Input, ddq: Input, work: Rows, gravity: bool, coriolis: bool, tau: Row
+) -> None:
+    """Fill tau (n,) with B ddq + C dq + g, eq. (32), the last two where they are wanted."""
+    n, nothing = len(dq), Vec(0.0, 0.0, 0.0)
+    motion = _at_rest(-_tip(chain[n], 0).gravity if gravity else nothing)
+    for i in range(n):
+        link, at = _link(chain[i], 0), _placed(work[i], 0)
+        dz = dq[i] * at.z if coriolis else nothing
+        motion = _moved(_carried(motion, at.r), link.slides, dz, ddq[i] * at.z)
+        c, inertia, omega = at.R @ link.com, at.R @ link.inertia @ at.R.T, motion.omega
+        mu = inertia @ motion.domega + cross(omega, inertia @ omega)
+        _put_load(work[i], _LOAD, Load(link.mass * _carried(motion, c).a, mu, c))
+    f, mu, r = nothing, nothing, nothing  # on the joint; r to the one after it
+    for i in range(n - 1, -1, -1):
+        at, load = _placed(work[i], 0), _load(work[i], _LOAD)
+        mu = load.mu + cross(load.c, load.f) + mu + cross(r, f)
+        f, r = f + load.f, at.r
+        tau[i] = at.z @ (f if _link(chain[i], 0).slides else mu)
+
+
+@kernel
+def inertia(chain: Rows, work: Rows, B: Rows) -> None:
+    """Fill B (n, n): its columns are the efforts of unit accelerations."""
+    n = len(work)
+    still, tau = np.zeros(n), np.empty(n)
+    for j in range(n):
+        ddq = np.zeros(n)
+        ddq[j] = 1.0
+        efforts(chain, still, ddq, work, False, False, tau)
+        for i in range(j + 1):
+            B[i, j] = B[j, i] = tau[i]
+
+
+# --- what Python calls ----------------------------------------------------------------------
+
+
+@kernel
+def _kinematics(
+    chain: Rows, q: Input, dq: Input, work: Rows,
+    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows,
+) -> Motion:  # fmt: skip
+    """Fill in eqs. (18)-(20); return the motion of the tip."""
+    R, p = place(chain, q, work)
+    jacobian(chain, p, work, J)
+    motion = tip_motion(chain, p, dq, work)
+    _put_vec(p_e, 0, p)
+    _put_mat(R_e.reshape(9), 0, R)
+    _put_vec(dp_e, 0, motion.v)
+    _put_vec(omega_e, 0, motion.omega)
+    return motion
+
+
+@entry
+def state(
+    chain: Rows, q: Input, dq: Input, p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows
+) -> None:
+    """Fill in eqs. (18)-(20)."""
+    _kinematics(chain, q, dq, np.empty((len(q), WORK)), p_e, R_e, dp_e, omega_e, J)
+
+
+@entry
+def states(
+    chain: Rows, q: Inputs, dq: Inputs,
+    p_e: Rows, R_e: Blocks, dp_e: Rows, omega_e: Rows, J: Blocks,
+) -> None:  # fmt: skip
+    """Fill in eqs. (18)-(20) for N samples."""
+    work = np.empty((q.shape[1], WORK))
+    for k in range(len(q)):
+        _kinematics(chain, q[k], dq[k], work, p_e[k], R_e[k], dp_e[k], omega_e[k], J[k])
+
+
+@entry
+def dynamic_state(
+    chain: Rows, q: Input, dq: Input,
+    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows,
+    dJ_dq: Row, B: Rows, C_dq: Row, g: Row,
+) -> None:  # fmt: skip
+    """Fill in eqs. (18)-(20), and the terms of eq. (32)."""
+    n = len(q)
+    work, still = np.empty((n, WORK)), np.zeros(n)
+    motion = _kinematics(chain, q, dq, work, p_e, R_e, dp_e, omega_e, J)
+    _put_vec(dJ_dq, 0, motion.a)
+    _put_vec(dJ_dq, 3, motion.domega)
+    inertia(chain, work, B)
+    efforts(chain, dq, still, work, False, True, C_dq)
+    efforts(chain, still, still, work, True, False, g)
