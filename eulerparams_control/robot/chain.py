@@ -106,15 +106,16 @@ def place(chain: Rows, q: Input, work: Rows) -> tuple[Mat, Vec]:
     """Place the joints at q (n,) in ``work``; return R_e and p_e [m], eqs. (18), (19)."""
     R, p = identity(1.0), Vec(0.0, 0.0, 0.0)
     for i in range(len(q)):
-        link, before = _link(chain[i], 0), p
-        p = p + R @ link.p
+        link = _link(chain[i], 0)
+        r = R @ link.p
         R = R @ link.R
         z = R @ link.axis
         if link.slides:
-            p = p + q[i] * z
+            r = r + q[i] * z
         else:
             R = R @ R_angle_axis(q[i], link.axis)
-        _put_placed(work[i], 0, Placed(R, p, z, p - before))
+        p = p + r
+        _put_placed(work[i], 0, Placed(R, p, z, r))
     tip = _tip(chain[len(q)], 0)
     return R @ tip.R, p + R @ tip.p
 
@@ -189,7 +190,7 @@ def efforts(
 
 
 @kernel
-def inertia(chain: Rows, work: Rows, B: Rows) -> None:
+def joint_inertia(chain: Rows, work: Rows, B: Rows) -> None:
     """Fill B (n, n): its columns are the efforts of unit accelerations."""
     n = len(work)
     still, tau = np.zeros(n), np.empty(n)
@@ -251,6 +252,6 @@ def dynamic_state(
     motion = _kinematics(chain, q, dq, work, p_e, R_e, dp_e, omega_e, J)
     _put_vec(dJ_dq, 0, motion.a)
     _put_vec(dJ_dq, 3, motion.domega)
-    inertia(chain, work, B)
+    joint_inertia(chain, work, B)
     efforts(chain, dq, still, work, False, True, C_dq)
     efforts(chain, still, still, work, True, False, g)
