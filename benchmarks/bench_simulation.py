@@ -131,7 +131,7 @@ def own_lockstep(name: str, seconds: float) -> float:
         here.nodes.start(BRIDGE, given)
         here.nodes.start(name, setup.nodes[0].parameters(False) | {"wait_for_subscribers": 1} | TIP)
         here.nodes.start("reference", CIRCLE)
-        here.nodes.wait_for_event(BRIDGE, Event.PROGRESS, 60.0)
+        here.nodes.wait_for_event(BRIDGE, Event.PROGRESS, 120.0)
         begin = time.perf_counter()
         while len(here.nodes.events(BRIDGE, Event.PROGRESS)) < 10:
             here.nodes.ended(BRIDGE)
@@ -192,7 +192,7 @@ def soak(minutes: float) -> Iterator[Row]:
         here.nodes.start(BRIDGE, {})
         slow = {"circle_period": period, "circle_ramp": period / 6}
         here.nodes.start("reference", CIRCLE | slow | {"wait_for_subscribers": len(NODES)})
-        here.nodes.wait_for_event("reference", Event.SENT, 60.0)
+        here.nodes.wait_for_event("reference", Event.SENT, 120.0)
         here.spin_until(time.perf_counter() + 5.0)
         for each in answers.values():
             each.clear()

@@ -58,6 +58,18 @@ def about() -> dict[str, str]:
     }
 
 
+def measured(bench: Callable[[], Iterator[Row]]) -> Iterator[Row]:
+    """Yield rows and print them, with a word of what made an end to them before the last."""
+    try:
+        for row in bench():
+            met = {None: "", True: "met", False: "not met"}[row.is_met]
+            what = f"{row.what}, {row.of}".removesuffix(", ")
+            print(f"{number(row.ratio):>7} {row.goal:7} {met:8} {what} ({row.figure})", flush=True)
+            yield row
+    except Exception as error:  # the others go on
+        print(f"        failed: {error!r}", flush=True)
+
+
 def main() -> None:
     options, begun = parse(), about()
     chosen = {name: partial(BENCHES[name], options.quick) for name in options.only}
@@ -69,11 +81,7 @@ def main() -> None:
         for load, rows in found.items():
             print(f"--- {name}" + f", while {load} others burn the cores" * (load > 0), flush=True)
             with burning(load):
-                for row in bench():
-                    rows.append(row)
-                    met = {None: "", True: "met", False: "not met"}[row.is_met]
-                    what = f"{row.what}, {row.of}".removesuffix(", ")
-                    print(f"{number(row.ratio):>7} {row.goal:7} {met:8} {what} ({row.figure})")
+                rows += measured(bench)
     for load, rows in found.items():
         append(options.history, rows, **begun, quick=options.quick, loaded=load)
     write_page(options.page, read(options.history))
