@@ -6,18 +6,33 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.compiled import (
+    Array,
+    Input,
+    Inputs,
+    Row,
+    entry,
+    kernel,
+    layout,
+    slot,
+    template,
+    to_rows,
+)
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics, check_model, fitted
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
+from eulerparams_control.laws.linear import mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, chord
+from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -28,7 +43,12 @@ from eulerparams_control.laws.scheme import (
     check_gains,
 )
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.motion_limits import (
+    NO_LIMITS,
+    MotionLimits,
+    approach,
+    read_limits,
+)
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
@@ -43,6 +63,69 @@ _NO_DRIFT = np.zeros(6)
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
+
+
+displacement = acceleration = read = put = slot  # of a representation
+
+
+class _Numbers(NamedTuple):
+    """A law in numbers; the slope is that of the representation."""
+
+    options: Coordinates
+    slope: float
+    k_Pp: float
+    k_Vp: float
+    k_Po: float
+    k_Vo: float
+
+
+_numbers = layout(_Numbers).read
+
+
+@kernel
+def _braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: float) -> float:
+    """Return k_P, smaller where the error e is so large that the tip would overshoot.
+
+    An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
+    e is 0.  Bounded accelerations would swing else.
+    """
+    pull = k_V * approach(e, k_P / max(k_V, _TINY), speed, a) + resisted
+    return k_P if k_P * e <= pull else pull / e
+
+
+def _acceleration(
+    p_e: Input, R_e: Inputs, dp_e: Input, omega_e: Input,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    previous: Input, numbers: Input, motion: Input, drift: Input,
+    a: Row, dp_de: Row, x_de: Row,
+) -> bool:  # fmt: skip
+    """Fill a (6,), dp_de (3,), x_de: see ResolvedAcceleration; return whether they are finite."""
+    law, most = _numbers(numbers, 0), read_limits(motion, 0)
+    R, away = mat(R_d), vec(p_d) - vec(p_e)  # eq. (21)
+    x = displacement(R, mat(R_e), read(previous, 0), law.options)  # eqs. (22), (27)
+    put_vec(dp_de, 0, away)
+    put(x_de, 0, x)
+    v, linear = most.linear_speed, most.linear_acceleration
+    k_Pp = _braked(law.k_Pp, law.k_Vp, norm(away), v, linear, norm(read_vec(drift, 0)))
+    w, angular, k_Po = most.angular_speed, most.angular_acceleration, law.slope * law.k_Po
+    k_Po = _braked(k_Po, law.k_Vo, chord(R, mat(R_e)), w, angular, norm(read_vec(drift, 3)))
+    a_p = vec(ddp_d) + law.k_Vp * (vec(dp_d) - vec(dp_e)) + k_Pp * away  # (36)
+    a_o = acceleration(  # eqs. (38), (40)
+        x, vec(omega_d), vec(domega_d), vec(omega_e), k_Po / law.slope, law.k_Vo, law.options
+    )
+    put_vec(a, 0, a_p)
+    put_vec(a, 3, a_o)
+    return not math.isnan(a_o.x)
+
+
+@cache
+def _acceleration_of(kind: type[OrientationRepresentation]) -> Callable[..., bool]:
+    """Return the law of a representation."""
+    rows, laws = layout(kind.laws.displacement.result), kind.laws
+    slots = {"displacement": laws.displacement, "acceleration": laws.acceleration}
+    return entry(
+        template(_acceleration, f"resolved_{kind.name}", read=rows.read, put=rows.put, **slots)
+    )
 
 
 @dataclass(frozen=True)
@@ -88,37 +171,29 @@ class ResolvedAcceleration:
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        dp_de = desired.p_d - arm.p_e  # eq. (21)
-        x_de = self.orientation.displacement(desired.R_d, arm.R_e, previous)  # eqs. (22), (27)
-        k_Pp, k_Po = self.k_Pp, self.k_Po
-        if motion is not None:
-            k_Pp, k_Po = self._braked(dp_de, chord(desired.R_d, arm.R_e), motion, drift)
-        a_p = desired.ddp_d + self.k_Vp * (desired.dp_d - arm.dp_e) + k_Pp * dp_de  # (36)
-        a_o = self.orientation.resolved_acceleration(  # eqs. (38), (40)
-            x_de, desired.omega_d, desired.domega_d, arm.omega_e, k_Po, self.k_Vo
+        orientation = self.orientation
+        a, dp_de, x_de = np.empty(6), np.empty(3), np.empty(orientation.width)
+        is_finite = _acceleration_of(type(orientation))(
+            *arm[2:6],
+            *desired,
+            orientation.row(previous),
+            self.numbers,
+            NO_LIMITS.row if motion is None else motion.row,
+            drift,
+            a,
+            dp_de,
+            x_de,
         )
-        return np.concatenate((a_p, a_o)), dp_de, x_de
+        if not is_finite:
+            raise SingularityError(orientation.singularity)
+        return a, dp_de, orientation.of_row(x_de)
 
-    def _braked(
-        self, dp_de: Array, angle: float, motion: MotionLimits, drift: Array
-    ) -> tuple[float, float]:
-        """Return k_Pp, k_Po, smaller where errors are so large that the tip would overshoot.
-
-        An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
-        e is 0.  Bounded accelerations would swing else.
-        """
-        slope, errors = self.orientation.slope, (math.sqrt(dp_de @ dp_de), angle)
-        gains, damping = (self.k_Pp, slope * self.k_Po), (self.k_Vp, self.k_Vo)
-        rates = gains[0] / max(self.k_Vp, _TINY), gains[1] / max(self.k_Vo, _TINY)
-        speeds, braked = motion.approach(errors, rates), []
-        if rates[0] * errors[0] <= speeds[0] and rates[1] * errors[1] <= speeds[1]:
-            return self.k_Pp, self.k_Po
-        for e, k_P, k_V, speed, resisted in zip(
-            errors, gains, damping, speeds, (drift[:3], drift[3:]), strict=True
-        ):
-            pull = k_V * speed + math.sqrt(resisted @ resisted)
-            braked.append(k_P if k_P * e <= pull else pull / e)
-        return braked[0], braked[1] / slope
+    @cached_property
+    def numbers(self) -> Array:
+        """What the law is made of, as a row."""
+        options = self.orientation.options.values
+        gains = self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
+        return to_rows(_Numbers, _Numbers(options, self.orientation.slope, *gains))
 
     @cached_property
     def fastest_gain(self) -> LoopGain:

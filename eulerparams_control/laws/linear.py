@@ -153,7 +153,8 @@ register(
 
 # --- values and arrays ---------------------------------------------------------------------
 
-put_vec, put_mat = layout(Vec).put, layout(Mat).put
+_, read_vec, put_vec = layout(Vec)
+_, read_mat, put_mat = layout(Mat)
 
 
 @kernel
