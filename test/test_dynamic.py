@@ -115,7 +115,7 @@ def test_inverse_and_forward_dynamics_give_the_acceleration_that_is_asked_for(na
     plant, dynamics = Plant(name), InverseDynamics(posture=home + 0.1)
     for (q, dq), a in zip(states(robot, home), generator(312).normal(size=(10, 6)), strict=True):
         state = robot.dynamic_state(q, dq)
-        tau = dynamics.effort(state, dynamics.acceleration(state, 5 * a))
+        tau = dynamics.effort(robot, state.arm, dynamics.acceleration(state, 5 * a))
         ddq = plant.acceleration(q, dq, tau)
         assert_close(plant.tip_acceleration(q, dq, ddq), 5 * a, ERROR_EQUATION)
         by_J = state.arm.J @ ddq + state.dJ_dq  # the derivative of eq. (20)
@@ -129,7 +129,7 @@ def test_inverse_dynamics_compensates_the_tool_and_the_friction_that_it_knows():
         found = []
         for known in (robot, UR5):
             state = known.dynamic_state(q, dq)
-            tau = dynamics.effort(state, dynamics.acceleration(state, a))
+            tau = dynamics.effort(known, state.arm, dynamics.acceleration(state, a))
             found.append(plant.tip_acceleration(q, dq, plant.acceleration(q, dq, tau)))
         assert_close(found[0], a, ERROR_EQUATION)
         assert np.abs(found[1] - a).max() > 0.1  # the tool matters
@@ -142,7 +142,7 @@ def test_the_position_error_obeys_eq_37_and_the_orientation_follows_a_o(name):
     for (q, dq), desired in zip(states(UR5, HOME), desired_frames(UR5, HOME), strict=True):
         state = UR5.dynamic_state(q, dq)
         a, dp_de, x_de = resolved.acceleration(state.arm, desired, None)
-        tau = dynamics.effort(state, dynamics.acceleration(state, a))
+        tau = dynamics.effort(UR5, state.arm, dynamics.acceleration(state, a))
         accelerated = plant.tip_acceleration(q, dq, plant.acceleration(q, dq, tau))
         ddp_de, ddp_rate = desired.ddp_d - accelerated[:3], desired.dp_d - state.arm.dp_e
         residual = ddp_de + 11 * ddp_rate + 70 * (desired.p_d - state.arm.p_e)  # eq. (37)
@@ -169,13 +169,13 @@ def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
             "friction": FRICTION.viscous * dq + FRICTION.coulomb * np.tanh(dq / COULOMB_SPEED),
         }[switch]
         kept = [array.copy() for array in state[1:]]
-        found = on.effort(state, ddq) - off.effort(state, ddq)
+        found = on.effort(UR5, state.arm, ddq) - off.effort(UR5, state.arm, ddq)
         assert_close(found, term, 1e3 * ALGEBRAIC)
         assert np.abs(term).max() > 0.01
         for before, after in zip(kept, state[1:], strict=True):
             np.testing.assert_array_equal(before, after)  # the state is not changed
         whole = state.B @ ddq + state.C_dq + state.g + FRICTION.effort(dq)  # eq. (33)
-        assert_close(on.effort(state, ddq), whole, 1e3 * ALGEBRAIC)
+        assert_close(on.effort(UR5, state.arm, ddq), whole, 1e3 * ALGEBRAIC)
 
 
 def test_friction_is_viscous_and_coulomb_and_passes_zero_without_a_step():
@@ -305,7 +305,7 @@ def unlimited_effort(scheme, tick):
     """Return the efforts of the law alone for a tick."""
     state = UR5.dynamic_state(tick.state.q, tick.state.dq)
     a, _, _ = scheme.law.acceleration(state.arm, tick.desired, None)
-    return scheme.dynamics.effort(state, scheme.dynamics.acceleration(state, a))
+    return scheme.dynamics.effort(scheme.robot, state.arm, scheme.dynamics.acceleration(state, a))
 
 
 def test_efforts_are_cut_to_their_limits_and_saturation_is_told():
@@ -624,7 +624,7 @@ def test_hold_is_a_spring_with_damping_and_leaves_the_friction_that_helps_to_sto
     scheme.hold(DT, HOME, STILL)
     q, dq = HOME + 0.01 * np.arange(6), 0.1 * np.ones(6)
     state = UR5.dynamic_state(q, dq)
-    expected = InverseDynamics().effort(state, 400 * (HOME - q) - 40 * dq)
+    expected = InverseDynamics().effort(UR5, state.arm, 400 * (HOME - q) - 40 * dq)
     assert_close(scheme.hold(DT, q, dq).effort, expected, NULL_SPACE)
 
 

@@ -36,6 +36,11 @@ class Blend:
         """Begin at the command ``last`` (n,): the next one is of a new law."""
         self._last = last
 
+    def blended(self, dt: float, command: Array) -> Array:
+        """Return the command (n,) of the law, dt [s] after the last, with what is left."""
+        offset = self.offset(dt, command)
+        return command + offset if isinstance(offset, np.ndarray) else command
+
     def offset(self, dt: float, command: Array) -> Array | float:
         """Return what is to be added (n,) to the command of the law, dt [s] after the last."""
         decays = self._offset is not None  # else it begins: without a jump

@@ -352,7 +352,7 @@ class Clik(Scheme):
             state = self.robot.state(q, dq)
         motion = None if self.limits is None else self.motion
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
-        dq_c = dq_c + self._blend.offset(dt, dq_c)
+        dq_c = self._blend.blended(dt, dq_c)
         saturated, excess = False, 1.0
         if not every(np.isfinite(dq_c)):
             raise SingularityError("the law asks for an infinite joint velocity")

@@ -27,7 +27,16 @@ from eulerparams_control.laws.compiled import (
     template,
     to_rows,
 )
-from eulerparams_control.laws.inverse_dynamics import InverseDynamics, check_model, fitted
+from eulerparams_control.laws.inverse_dynamics import (
+    CUT,
+    INFINITE,
+    RAMPED,
+    UNLIMITED,
+    InverseDynamics,
+    check_model,
+    command_effort,
+    fitted,
+)
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.linear import mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
@@ -49,7 +58,7 @@ from eulerparams_control.motion.motion_limits import (
     approach,
     read_limits,
 )
-from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
+from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
 _HOLD_K, _HOLD_D = 400.0, 40.0
@@ -57,9 +66,7 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 # Joints that brake slower than this [rad/s or m/s] are all but at rest.
 _SLOW = 0.05
 
-# Time constant [s] of the acceleration that disturbances cause.
-_DRIFT_TIME = 0.005
-_NO_DRIFT = np.zeros(6)
+_NO_DRIFT, _NONE = np.zeros(6), np.empty(0)
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
@@ -238,6 +245,10 @@ class EffortLimits:
             raise ConfigurationError(f"rate is {self.rate}; expected > 0")
         object.__setattr__(self, "_errors", ErrorBounds(self.error_position, self.error_rotation))
 
+    def rates(self, n: int) -> Array:
+        """Return the rates (n,) [Nm/s] of the efforts."""
+        return self.rate if isinstance(self.rate, np.ndarray) else np.full(n, self.rate)
+
     def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
         if self.joints is not None:
@@ -327,7 +338,7 @@ class DynamicControl(Scheme):
         """Begin at the measured q (n,)."""
         self._q = q.copy()
         self._ddq = np.zeros_like(q)
-        self._drift: Array | None = None
+        self._drift = np.zeros(len(q))
         self._dq: Array | None = None
         self._saturated = False
         self._tau: Array | None = None
@@ -351,7 +362,7 @@ class DynamicControl(Scheme):
         tau = B (ddq_b + d (dq_b - dq) + k (q_b - q)) + C dq + g, b for braked: it needs neither J
         nor the orientation.  Friction, which helps to stop, is not compensated.
         """
-        state = self.robot.dynamic_state(q, dq)
+        state = self.robot.motion_state(q, dq)
         since, (q_b, dq_b) = dt, self._braked or (q, dq)
         speed = dq_b @ dq_b
         if self._braked is None or (speed > _SLOW**2 and dq @ dq_b < speed / 2):
@@ -394,10 +405,14 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        return self.tick_at(dt, self.robot.dynamic_state(q, dq), desired)
+        return self.tick_at(dt, self.robot.motion_state(q, dq), desired)
 
     def tick_at(
-        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+        self,
+        dt: float,
+        state: MotionState | DynamicState,
+        desired: DesiredFrame,
+        h: Array = _NONE,
     ) -> Tick:
         """Return the efforts for this instant, also against a contact, eq. (48).
 
@@ -405,14 +420,14 @@ class DynamicControl(Scheme):
             dt: [s] after the tick before.
             state: of the arm.
             desired: the desired frame.
-            h: (6,) [N, Nm] what the end effector exerts on the environment; None is nothing.
+            h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
 
         Raises:
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
         self._q, self._braked = state.arm.q, None
-        drift = _NO_DRIFT if self._drift is None else state.arm.J @ self._drift
+        drift = state.arm.J @ self._drift
         a, dp_de, x_de = self.law.acceleration(
             state.arm, desired, self._x_de, self.limits.motion, drift
         )
@@ -420,7 +435,7 @@ class DynamicControl(Scheme):
         if not math.isfinite(a @ a):
             raise SingularityError("the law asks for an infinite acceleration of the tip")
         ddq = self.dynamics.acceleration(state, a)
-        ddq = ddq + self._blend.offset(dt, ddq)
+        ddq = self._blend.blended(dt, ddq)
         if not math.isfinite(ddq @ ddq):
             raise SingularityError("the law asks for an infinite joint acceleration")
         tau, self._saturated = self._command(state, ddq, dt, self.dynamics, h)
@@ -436,47 +451,43 @@ class DynamicControl(Scheme):
 
     def _command(
         self,
-        state: DynamicState,
+        state: MotionState | DynamicState,
         ddq: Array,
         dt: float,
         dynamics: InverseDynamics,
-        h: Array | None = None,
+        h: Array = _NONE,
     ) -> tuple[Array, bool]:
         """Return the efforts for ddq (n,) within the limits, and whether one changed them.
 
         Raises:
             SingularityError: if they are not finite; nothing is kept then.
         """
-        joints, slowed, cut, ramped = self.limits.joints, False, False, False
-        if joints is not None:
-            drift = self._drift_now(state.arm.dq, dt)
-            ddq, slowed = joints.limit_acceleration(state.arm.q, state.arm.dq, ddq, dt, drift)
-        tau, added = dynamics.effort(state, ddq, h), dynamics.added(state)
-        if not np.isfinite(tau).all():
+        arm, limits, n = state.arm, self.limits, len(ddq)
+        before = self._start if self._tau is None else self._tau
+        wanted, tau = np.empty(n), np.empty(n)
+        found = command_effort(
+            self.robot.chain,
+            arm.q,
+            arm.dq,
+            arm.J,
+            ddq,
+            h,
+            dynamics.friction_rows,
+            dynamics.gravity,
+            dynamics.coriolis,
+            UNLIMITED if limits.joints is None else limits.joints.rows,
+            dt,
+            _NONE if self._dq is None else self._dq,
+            self._ddq,
+            self._drift,
+            limits.rates(n),
+            dt if self._tau is not None else max(dt, SHORTEST),
+            _NONE if before is None else before,
+            wanted,
+            tau,
+        )
+        if found & INFINITE:
             raise SingularityError("the joints are measured at a state of infinite efforts")
-        if joints is not None:
-            limited, cut = joints.limit_effort(tau + added)
-            tau, ramped = self._limit_rate(limited - added if cut else tau, state, dt)
-        self._ddq, self._tau, self._start = ddq, tau, None
-        self._dq = None if cut or ramped else state.arm.dq
-        return tau, slowed or cut or ramped
-
-    def _drift_now(self, dq: Array, dt: float) -> Array:
-        """Return by how much (n,) [rad/s^2] the joints accelerate more than commanded."""
-        drift = np.zeros_like(dq) if self._drift is None else self._drift
-        if self._dq is not None and dt > 0:  # the efforts before were as wanted
-            more = (dq - self._dq) / dt - self._ddq
-            drift = drift + (1 - math.exp(-dt / _DRIFT_TIME)) * (more - drift)
-        self._drift = drift
-        return drift
-
-    def _limit_rate(self, tau: Array, state: DynamicState, dt: float) -> tuple[Array, bool]:
-        before, step = self._tau, self.limits.rate * dt
-        if before is None:
-            weight = state.g if self.dynamics.gravity else np.zeros_like(tau)
-            before = weight if self._start is None else self._start
-            step = self.limits.rate * max(dt, SHORTEST)
-        change = tau - before
-        if (np.abs(change) <= step).all():
-            return tau, False
-        return before + np.minimum(np.maximum(change, -step), step), True
+        self._ddq, self._tau, self._start = wanted, tau, None
+        self._dq = None if found & (CUT | RAMPED) else arm.dq
+        return tau, found != 0

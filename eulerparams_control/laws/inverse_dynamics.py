@@ -1,16 +1,29 @@
 """Inverse dynamics, section IV: from the acceleration of the tip to the efforts of the joints."""
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.friction import JointFriction
-from eulerparams_control.laws.inverse import DampedInverse
-from eulerparams_control.laws.limits import Difference
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.compiled import Array, Input, Inputs, Row, Rows, entry
+from eulerparams_control.laws.friction import JointFriction, friction_effort
+from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
+from eulerparams_control.laws.limits import (
+    JointLimits,
+    limit_acceleration,
+    limit_effort,
+    subtract,
+)
 from eulerparams_control.laws.scheme import check_gains
-from eulerparams_control.robot.robot import DynamicState, Robot
+from eulerparams_control.robot.chain import WORK, efforts, place
+from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
+
+# Time constant [s] of the acceleration that disturbances cause.
+_DRIFT_TIME = 0.005
+
+_NONE, UNLIMITED = np.empty(0), np.empty((5, 0))
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
@@ -27,7 +40,7 @@ class InverseDynamics:
         posture: (n,) [rad or m] to which a redundant arm tends, or None.
         k_posture: gain of that tendency [1/s^2].
         k_null: damping [1/s] of motions that do not move the tip.
-        difference: of two positions of the joints.
+        joints: the limits of the joints, modulo whose turns positions differ; None: no turns.
     """
 
     inverse: DampedInverse = field(default_factory=DampedInverse)
@@ -37,49 +50,146 @@ class InverseDynamics:
     posture: Array | None = None
     k_posture: float = 10.0
     k_null: float = 10.0
-    difference: Difference = field(default=np.subtract, compare=False)
+    joints: JointLimits | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         check_gains(self, "k_posture", "k_null")
 
-    def acceleration(self, state: DynamicState, a: Array) -> Array:
+    def acceleration(self, state: MotionState | DynamicState, a: Array) -> Array:
         """Return ddq (n,) = J^-1 (a - dJ dq), eq. (33), refs. [16], [17].
 
         With damping and posture where J* leaves a choice:
         ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
         """
-        q, dq, J = state.arm.q, state.arm.dq, state.arm.J
-        J_inverse = self.inverse(J)
-        ddq_0 = -self.k_null * dq
-        if self.posture is not None:
-            ddq_0 += self.k_posture * self.difference(self.posture, q)
-        return ddq_0 + J_inverse @ (a - state.dJ_dq - J @ ddq_0)
+        arm, ddq = state.arm, np.empty(len(state.arm.q))
+        posture = _NONE if self.posture is None else self.posture
+        joints = np.zeros((5, len(ddq))) if self.joints is None else self.joints.rows
+        resolve_acceleration(
+            arm.q, arm.dq, arm.J, state.dJ_dq, a, self.numbers, posture, joints, ddq
+        )
+        return ddq
 
-    def effort(self, state: DynamicState, ddq: Array, h: Array | None = None) -> Array:
-        """Return tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48).
+    def effort(self, robot: Robot, arm: RobotState, ddq: Array, h: Array = _NONE) -> Array:
+        """Return tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48), without limits.
 
         Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
-        on the environment, base frame, None is nothing.
+        on the environment, base frame.
         """
-        tau: Array = state.B @ ddq
-        if self.coriolis:
-            tau += state.C_dq
-        if self.friction is not None:
-            tau += self.friction.effort(state.arm.dq)
-        if self.gravity:
-            tau += state.g
-        if h is not None:
-            tau += state.arm.J.T @ h  # eq. (48)
+        n, given = len(ddq), (self.friction_rows, self.gravity, self.coriolis, UNLIMITED)
+        wanted, tau = np.empty(n), np.empty(n)
+        past = 0.0, _NONE, ddq, np.zeros(n), _NONE, 0.0, _NONE
+        command_effort(robot.chain, arm.q, arm.dq, arm.J, ddq, h, *given, *past, wanted, tau)
         return tau
 
-    def added(self, state: DynamicState) -> Array | float:
-        """Return the efforts (n,) that the robot adds by itself to those commanded."""
-        added: Array | float = 0.0
-        if not self.gravity:
-            added = added + state.g
-        if not self.coriolis:
-            added = added + state.C_dq
-        return added
+    @cached_property
+    def numbers(self) -> Array:
+        """Gains and damping as a row."""
+        damped = self.inverse
+        gains = self.k_posture, self.k_null
+        return np.array([*gains, damped.eps, damped.lambda_max, damped.length])
+
+    @cached_property
+    def friction_rows(self) -> Array:
+        """Viscous and Coulomb friction (2, n) that is compensated; (2, 0): none is."""
+        friction = self.friction
+        return np.empty((2, 0)) if friction is None else np.array([*astuple(friction)])
+
+
+# What changed an effort: the law asks for too much acceleration, effort or change of it; or it
+# is not finite.
+SLOWED, CUT, RAMPED, INFINITE = 1, 2, 4, 8
+
+
+@entry
+def resolve_acceleration(
+    q: Input, dq: Input, J: Inputs, dJ_dq: Input, a: Input,
+    numbers: Input, posture: Input, joints: Rows, ddq: Row,
+) -> None:  # fmt: skip
+    """Fill ddq (n,): see :meth:`InverseDynamics.acceleration`."""
+    n = len(q)
+    inverse, ddq_0, bracket = np.empty((n, 6)), np.zeros(n), np.empty(6)
+    invert(J, numbers[2], numbers[3], numbers[4], inverse)
+    if len(posture) > 0:
+        subtract(joints, posture, q, ddq_0)
+    for i in range(n):
+        ddq_0[i] = numbers[0] * ddq_0[i] - numbers[1] * dq[i]
+    for i in range(6):
+        bracket[i] = a[i] - dJ_dq[i]
+    resolve(inverse, J, bracket, ddq_0, ddq)  # eq. (33)
+
+
+@entry
+def command_effort(
+    chain: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
+    friction: Rows, gravity: bool, coriolis: bool,
+    limits: Rows, dt: float, dq_before: Input, ddq_before: Input, drift: Row,
+    rate: Input, lasts: float, before: Input, wanted: Row, tau: Row,
+) -> int:  # fmt: skip
+    """Fill tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48), within the limits.
+
+    Of the terms that are compensated here.  Return what was changed.
+
+    Args:
+        chain: of the arm.
+        q, dq, J: (n,), (n,), (6, n) of the arm.
+        ddq: (n,) wanted.
+        h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
+        friction: (2, n), viscous and Coulomb, that is compensated; (2, 0) is none.
+        gravity, coriolis: whether these are compensated here; else the robot adds them itself.
+        limits: (5, n) of the joints; (5, 0) are none.
+        dt: [s] since the command before.
+        dq_before, ddq_before: (n,) measured, and wanted, then; dq_before (0,): it was not obeyed.
+        drift: (n,) [rad/s^2] by which the joints accelerate more than commanded; is updated.
+        rate: (n,) [Nm/s] of each effort, for ``lasts`` [s].
+        before: (n,) efforts that act; (0,): the weight does.
+        wanted: (n,) is filled with the accelerations within the limits.
+        tau: (n,) is filled.
+    """
+    n, found = len(q), 0
+    work = np.empty((n, WORK))
+    place(chain, q, work)
+    is_limited = limits.shape[1] > 0
+    for i in range(n):
+        wanted[i] = ddq[i]
+    if is_limited:
+        if len(dq_before) > 0 and dt > 0.0:  # the efforts before were as wanted
+            for i in range(n):
+                more = (dq[i] - dq_before[i]) / dt - ddq_before[i]
+                drift[i] += (1.0 - math.exp(-dt / _DRIFT_TIME)) * (more - drift[i])
+        if limit_acceleration(limits, q, dq, ddq, dt, drift, wanted):
+            found |= SLOWED
+    efforts(chain, dq, wanted, work, gravity, coriolis, tau)
+    added = np.zeros(n)  # by the robot itself
+    if not (gravity and coriolis):
+        efforts(chain, dq, wanted, work, True, True, added)
+        for i in range(n):
+            added[i] -= tau[i]
+    for i in range(n):
+        if friction.shape[1] > 0:
+            tau[i] += friction_effort(friction[0, i], friction[1, i], dq[i])
+        for j in range(len(h)):
+            tau[i] += J[j, i] * h[j]  # eq. (48)
+        if not math.isfinite(tau[i]):
+            return INFINITE
+    if not is_limited:
+        return found
+    asked, limited, weight = np.empty(n), np.empty(n), np.zeros(n)
+    for i in range(n):
+        asked[i] = tau[i] + added[i]
+    if limit_effort(limits, asked, limited):
+        found |= CUT
+        for i in range(n):
+            tau[i] = limited[i] - added[i]
+    if len(before) == 0 and gravity:
+        efforts(chain, weight, weight, work, True, False, limited)
+        for i in range(n):
+            weight[i] = limited[i]
+    for i in range(n):
+        last, step = before[i] if len(before) > 0 else weight[i], rate[i] * lasts
+        if abs(tau[i] - last) > step:
+            found |= RAMPED
+            tau[i] = last + min(max(tau[i] - last, -step), step)
+    return found
 
 
 def fitted(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
@@ -95,7 +205,7 @@ def fitted(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:
                 f"joints {', '.join(robot.joints)}"
             )
     inverse = replace(dynamics.inverse, length=robot.length)
-    return replace(dynamics, difference=robot.limits.difference, inverse=inverse)
+    return replace(dynamics, joints=robot.limits, inverse=inverse)
 
 
 def check_model(robot: Robot) -> None:

@@ -230,6 +230,17 @@ def state(
 
 
 @entry
+def motion_state(
+    chain: Rows, q: Input, dq: Input,
+    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows, dJ_dq: Row,
+) -> None:  # fmt: skip
+    """Fill in eqs. (18)-(20), and dJ dq."""
+    motion = _kinematics(chain, q, dq, np.empty((len(q), WORK)), p_e, R_e, dp_e, omega_e, J)
+    _put_vec(dJ_dq, 0, motion.a)
+    _put_vec(dJ_dq, 3, motion.domega)
+
+
+@entry
 def states(
     chain: Rows, q: Inputs, dq: Inputs,
     p_e: Rows, R_e: Blocks, dp_e: Rows, omega_e: Rows, J: Blocks,

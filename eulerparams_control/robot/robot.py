@@ -52,6 +52,18 @@ class RobotState(NamedTuple):
     J: Array
 
 
+class MotionState(NamedTuple):
+    """Kinematics of the arm at one instant, with what (33) needs of its velocities.
+
+    Attributes:
+        arm: its kinematics.
+        dJ_dq: (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0, base frame.
+    """
+
+    arm: RobotState
+    dJ_dq: Array
+
+
 class DynamicState(NamedTuple):
     """Kinematics and dynamics of the arm at one instant: the terms of eq. (32).
 
@@ -270,6 +282,17 @@ class Robot:
         arm = [np.empty((len(q), *shape)) for shape in self._shapes[:5]]
         chain.states(self.chain, q, dq, *arm)
         return RobotState(q, dq, *arm)
+
+    def motion_state(self, q: Array, dq: Array) -> MotionState:
+        """Return the kinematics for q, dq (n,), and dJ dq.
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        self._check(q, dq)
+        arm = list(map(np.empty, self._shapes[:6]))
+        chain.motion_state(self.chain, q, dq, *arm)
+        return MotionState(RobotState(q, dq, *arm[:5]), arm[5])
 
     def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
         """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
