@@ -160,6 +160,7 @@ class ClikLaw:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
+        _velocity_of(type(self.orientation))  # not while an arm moves
 
     @cached_property
     def numbers(self) -> Array:

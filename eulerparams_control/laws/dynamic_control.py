@@ -153,6 +153,7 @@ class ResolvedAcceleration:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
+        _acceleration_of(type(self.orientation))  # not while an arm moves
 
     def acceleration(
         self,

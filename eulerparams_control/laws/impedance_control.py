@@ -318,7 +318,7 @@ class ImpedanceControl(Scheme):
             SingularityError: if a law has no finite answer.
             FollowingError: if the tip is too far from the compliant frame.
         """
-        state = self.robot.motion_state(q, dq)
+        state = self.robot.dynamic_state(q, dq)
         arm, centre = state.arm, self.law.centre
         self._q, self._held = q, None
         self._feel(state, dt)
