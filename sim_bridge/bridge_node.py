@@ -50,7 +50,7 @@ _ENVIRONMENT = "environment."
 _REPEAT_PERIOD = 0.05
 
 # In real time the sensor is as restless as real ones [N, Nm]: one that repeats itself is stuck.
-_DITHER = 1e-9
+_DITHER, _DITHERS = 1e-9, 1000
 
 # The last messages are given this long to reach their readers at the end.
 _LINGER = Duration(seconds=1.0)
@@ -111,15 +111,15 @@ class BridgeNode(Node):
 
     def _make_messages(self, names: Sequence[str]) -> None:
         p = self._params
-        locked = len(names) - len(self._robot.joints)  # grippers, at 0
-        self._still = [0.0] * locked
-        self._still_speed = self._still if p.velocities else [math.nan] * locked
-        zero, wrench = [0.0] * len(names), WrenchStamped()
+        still, wrench = [0.0] * len(names), WrenchStamped()  # as grippers are, locked at 0
+        states = JointState(name=list(names), position=still, velocity=still, effort=still)
+        if not p.velocities:
+            states.velocity = [math.nan] * len(names)
+        moving = slice(len(self._robot.joints))
+        self._states = _template(states, ("position", "velocity", "effort"), moving)
         wrench.header.frame_id = self._robot.sensor_frame
-        states = JointState(name=list(names), position=zero, velocity=zero, effort=zero)
-        self._states = _template(states, "position", "velocity", "effort")
-        self._wrench, self._time = _template(wrench, "wrench"), _template(ClockMessage())
-        self._random = np.random.default_rng(0)
+        self._wrench, self._time = _template(wrench, ("wrench",)), _template(ClockMessage())
+        self._dither = np.random.default_rng(0).uniform(-_DITHER, _DITHER, (_DITHERS, 6))
         self._read = self._health.reader(JointState)
         self._clock_every = max(1, round(p.rate / p.clock_rate))
         self._progress_every = max(1, round(p.duration * p.rate) // 10) if p.duration else 0
@@ -173,12 +173,10 @@ class BridgeNode(Node):
             self._clock_publisher.publish(self._time.filled(stamp, ()))
         w = state.wrench
         if self._params.mode != LOCKSTEP:
-            w = w + self._random.uniform(-_DITHER, _DITHER, 6)
+            w = w + self._dither[state.step % _DITHERS]
         self._wrench_publisher.publish(self._wrench.filled(stamp, (w,)))
-        still = self._still, self._still_speed, self._still
-        joints = zip((state.q, state.dq, state.tau), still, strict=True)
-        data = self._states.filled(stamp, map(np.concatenate, joints))
-        self._state_publisher.publish(data)
+        joints = state.q, state.dq, state.tau
+        self._state_publisher.publish(self._states.filled(stamp, joints))
         if self._progress_every and state.step and state.step % self._progress_every == 0:
             tell(Event.PROGRESS, t=state.t)
 
@@ -233,8 +231,8 @@ class BridgeNode(Node):
         self._obeyed = status.mode is DriveMode.OBEYING
 
 
-def _template(msg: Any, *names: str) -> Template:
-    return Template(type(msg).__name__, serialize_message(msg), names)
+def _template(msg: Any, names: Sequence[str] = (), written: Any = ...) -> Template:
+    return Template(type(msg).__name__, serialize_message(msg), names, written)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,5 +1,6 @@
 """The protective stop: what no joint may do, and what no brakes could stop."""
 
+import math
 from collections.abc import Sequence
 from operator import le
 
@@ -67,8 +68,8 @@ class Protection:
         self._upper = (np.maximum(self._limits.upper, q) + POSITION_MARGIN).tolist()
 
     def is_slow(self, dq: Sequence[float]) -> bool:
-        """Return whether no joint is too fast for anything, at dq (n) [rad/s or m/s]."""
-        return max(dq) < self._slow and min(dq) > -self._slow
+        """Return whether surely no joint is too fast for anything, at dq (n) [rad/s or m/s]."""
+        return math.hypot(*dq) < self._slow
 
     def is_within(self, q: Sequence[float]) -> bool:
         """Return whether all joints are within their limits, at q (n) [rad or m]."""

@@ -263,20 +263,16 @@ class Simulator:
             effort = self._disturbance + (self._zero if effort is None else effort)
         if effort is not None:
             self.engine.exert(effort)
-        if (push := self._push()) is not None:
-            self.engine.push(push)
-        self.contacts.prepare()
+        if self._forces:
+            acting = total_wrench(self._forces, self._count / self.parameters.rate, self._motion)
+            if self._external is not None:
+                acting += self._external
+            self.engine.push(acting.tolist())
+        elif self._external is not None:
+            self.engine.push(self._external)
+        if self._solids:
+            self.contacts.prepare()
         self.engine.step()
-
-    def _push(self) -> list[float] | None:
-        """Return the wrench (6) on the tool of what does not touch it; None is none."""
-        if not self._forces:
-            return self._external
-        acting = total_wrench(self._forces, self._count / self.parameters.rate, self._motion)
-        if self._external is not None:
-            acting += self._external
-        pushed: list[float] = acting.tolist()
-        return pushed
 
     def _configurations(self) -> Array:
         """Return configurations all over the limits, (_CONFIGURATIONS, n); the same always."""

@@ -246,9 +246,10 @@ class Template:
         kind: the type.
         data: such a message (serialised), with as many numbers as those to come.
         names: of the fields of the numbers.
+        written: of the numbers of each field; the others stay.
     """
 
-    def __init__(self, kind: str, data: bytes, names: Iterable[str]) -> None:
+    def __init__(self, kind: str, data: bytes, names: Iterable[str], written: Any = ...) -> None:
         layout = Walk(_TYPES, data).message(kind)
         kept = layout.fixed  # what lies between is what was in memory
         kept[:_HEAD] = True
@@ -257,7 +258,9 @@ class Template:
         self._data = bytearray((np.frombuffer(data, np.uint8) * kept).tobytes())
         self._stamp = struct.Struct(layout.order + "iI")
         parts = [layout.part(name) for name in names]
-        self._numbers = [np.ndarray(shape, dtype, self._data, at) for shape, dtype, at in parts]
+        self._numbers = [
+            np.ndarray(shape, dtype, self._data, at)[written] for shape, dtype, at in parts
+        ]
 
     def filled(self, stamp: Any, values: Iterable[Array | float]) -> bytes:
         """Return the message with the numbers of the fields; a stamp of None stays."""
