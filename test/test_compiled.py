@@ -1,5 +1,6 @@
 """What is calculated for many samples at once is what is calculated for one after the other."""
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 from tolerances import assert_close
 
 from eulerparams_control.laws import rotations
-from eulerparams_control.laws.compiled import Formula, from_rows, layout, sample
+from eulerparams_control.laws.compiled import IS_COMPILED, Formula, from_rows, layout, sample
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.linear import Mat
+from eulerparams_control.laws.linear import Mat, Vec
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -133,3 +134,15 @@ def test_lyapunov_functions_of_many_are_those_of_each(name):
     assert many is not None
     np.testing.assert_allclose(many.V, [one.V for one in each if one], rtol=1e-13)
     np.testing.assert_allclose(many.dV, [one.dV for one in each if one], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
+@pytest.mark.parametrize("kind", [Vec, Mat, EulerParameters])
+def test_what_is_compiled_with_what_another_process_has_compiled_has_the_same_types(kind: Any):
+    from numba import float64, int64
+
+    read = layout(kind).read.compiled
+    read.get_call_template((float64[::1], int64), {})
+    compiled, *_ = read.overloads.values()
+    found = pickle.loads(pickle.dumps(compiled.signature.return_type))
+    assert found is compiled.signature.return_type

@@ -117,7 +117,7 @@ def _leaves(kind: Any, name: str) -> Iterable[str]:
     for path, part in parts:
         yield from _leaves(part, name + path)
     if not parts:
-        yield f"float({name})" if kind is not float else name
+        yield f"1.0 * {name}" if kind is not float else name
 
 
 def _making(kind: Any, at: Iterable[int], names: dict[str, Any]) -> str:
@@ -378,8 +378,9 @@ def _struct(atom: type, fields: tuple[str, ...]) -> Any:
     """Return numba's type for a class of floats, of which it now knows all."""
     float64 = numba.float64
 
-    class Struct(numba.types.Type):  # type: ignore[misc]
-        pass
+    # by name, so that what is compiled in another process finds it
+    Struct = type(f"Type{atom.__name__}", (numba.types.Type,), {"__module__": __name__})
+    globals()[Struct.__name__] = Struct
 
     @numba.extending.register_model(Struct)
     class Model(numba.extending.models.StructModel):  # type: ignore[misc]

@@ -8,13 +8,36 @@ continuous.
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from typing import NamedTuple
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.limits import POSITION_RATE
-from eulerparams_control.laws.rotations import Array, EulerParameters, exp, rotation_vector
+from eulerparams_control.laws.linear import Vec, VecLike, norm
+from eulerparams_control.laws.rotations import exp, log
 from eulerparams_control.motion.frames import DesiredFrame
+
+
+class Most(NamedTuple):
+    """The bounds as the formulas take them; infinite where there is none."""
+
+    position: float
+    rotation: float
+    speed: float
+
+
+class Kept(NamedTuple):
+    """A velocity v (3,) within its bounds, and whether it is less than was asked for."""
+
+    v: VecLike
+    is_less: bool
+
+
+class Bounded(NamedTuple):
+    """A compliant frame within the bounds, and whether it had to change."""
+
+    frame: DesiredFrame
+    has_changed: bool
 
 
 @dataclass(frozen=True)
@@ -39,48 +62,58 @@ class ComplianceBounds:
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
 
-    def keep(
-        self, frame: DesiredFrame, desired: DesiredFrame, before: DesiredFrame, v: Array, dt: float
-    ) -> DesiredFrame:
-        """Return the compliant frame within the bounds; itself where it is.
+    @property
+    def values(self) -> Most:
+        """The bounds as the formulas take them."""
+        rotation = self.rotation if self.rotation < math.pi else math.inf
+        return Most(self.position, rotation, self.speed)
 
-        Args:
-            frame: the compliant frame as the impedance has it now.
-            desired: the desired frame now.
-            before: the compliant frame dt ago.
-            v: (6,) of the compliant relative to the desired frame, dt ago.
-            dt: positive [s].
-        """
-        x = frame.p_d - desired.p_d
-        dp, now = frame.dp_d - desired.dp_d, frame
-        kept = self._kept(x, dp, v[:3], self.position, dt)
-        if kept is not dp:
-            dp_c = desired.dp_d + kept
-            p_c = before.p_d + dt / 2 * (before.dp_d + dp_c)
-            now = now._replace(p_d=p_c, dp_d=dp_c, ddp_d=(dp_c - before.dp_d) / dt)
-        omega = frame.omega_d - desired.omega_d
-        if self.rotation >= math.pi and np.linalg.norm(omega) <= self.speed:
-            return now
-        most = self.rotation if self.rotation < math.pi else math.inf
-        x = rotation_vector(EulerParameters.from_R(frame.R_d @ desired.R_d.T))
-        kept = self._kept(x, omega, v[3:], most, dt)
-        if kept is not omega:
-            omega_c = desired.omega_d + kept
-            R_c = exp(dt / 2 * (before.omega_d + omega_c)) @ before.R_d
-            domega_c = (omega_c - before.omega_d) / dt
-            now = now._replace(R_d=R_c, omega_d=omega_c, domega_d=domega_c)
-        return now
 
-    def _kept(self, x: Array, v: Array, v_before: Array, most: float, dt: float) -> Array:
-        """Return the velocity v (3,) within the bounds at the displacement x (3,)."""
-        rate = min(POSITION_RATE, 1 / dt)
-        slower = rate * self.speed * dt  # by no more, where a bound was lowered
-        size, distance = float(np.linalg.norm(v)), float(np.linalg.norm(x))
-        fastest = max(self.speed, float(np.linalg.norm(v_before)) - slower)
-        kept = v if size <= fastest else v * (fastest / size)
-        if distance == 0:
-            return kept
+@formula
+def bounded(
+    frame: DesiredFrame, desired: DesiredFrame, before: DesiredFrame, v_p: Vec, v_o: Vec,
+    most: Most, dt: float,
+) -> Bounded:  # fmt: skip
+    """Return the compliant frame within the bounds.
+
+    Args:
+        frame: the compliant frame as the impedance has it now.
+        desired: the desired frame now.
+        before: the compliant frame dt ago.
+        v_p, v_o: of the compliant relative to the desired frame, dt ago.
+        most: the bounds.
+        dt: positive [s].
+    """
+    p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
+    linear = kept(p_c - desired.p_d, dp_c - desired.dp_d, v_p, most.position, most.speed, dt)
+    if linear.is_less:
+        dp_c = desired.dp_d + linear.v
+        p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
+        ddp_c = (dp_c - before.dp_d) / dt
+    x = log(R_c @ desired.R_d.T)
+    angular = kept(x, omega_c - desired.omega_d, v_o, most.rotation, most.speed, dt)
+    if angular.is_less:
+        omega_c = desired.omega_d + angular.v
+        R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
+        domega_c = (omega_c - before.omega_d) / dt
+    kept_frame = DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
+    return Bounded(kept_frame, linear.is_less or angular.is_less)
+
+
+@formula
+def kept(x: Vec, v: Vec, v_before: Vec, most: float, speed: float, dt: float) -> Kept:
+    """Return the velocity v within the bounds at the displacement x."""
+    rate = min(POSITION_RATE, 1.0 / dt)
+    slower = rate * speed * dt  # by no more, where a bound was lowered
+    size, distance = norm(v), norm(x)
+    fastest = max(speed, norm(v_before) - slower)
+    is_less = size > fastest
+    if is_less:
+        v = (fastest / size) * v
+    if distance > 0.0:
         away = x / distance
-        allowed = max(rate * (most - distance), -self.speed, float(v_before @ away) - slower)
-        excess = float(kept @ away) - allowed
-        return kept - excess * away if excess > 0 else kept
+        allowed = max(rate * (most - distance), max(-speed, v_before @ away - slower))
+        excess = v @ away - allowed
+        if excess > 0.0:
+            v, is_less = v - excess * away, True
+    return Kept(v, is_less)

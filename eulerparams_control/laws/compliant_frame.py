@@ -12,16 +12,41 @@ about the origin of the frames; base frame if not said otherwise.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compliance_bounds import ComplianceBounds
-from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.compiled import (
+    Array,
+    Input,
+    Inputs,
+    Row,
+    entry,
+    formula,
+    kernel,
+    layout,
+    slot,
+    template,
+    to_rows,
+)
+from eulerparams_control.laws.compliance_bounds import ComplianceBounds, Most, bounded
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.linear import (
+    Vec,
+    VecLike,
+    cross,
+    identity,
+    mat,
+    put_vec,
+    row,
+    vec,
+)
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, cross, exp
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, moved
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
@@ -40,7 +65,43 @@ _LONGEST_STOP = 0.5  # the same, however low the accelerations are
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
-_NONE = np.zeros(3)
+# What is known at a step: nothing, the compliant frame, the desired frame too, and the state.
+_NOTHING, _FRAME, _FRAMES, _STATE = range(4)
+
+# What a step finds.
+_NOT_FINITE, _SINGULAR = 1, 2
+
+begin = drive = rate = normalised = end = slot  # of a representation
+read_y = put_y = read_u = put_u = rates = integrate = driven = slot  # that follow from these
+y_width = 0
+
+
+class _Numbers(NamedTuple):
+    """A law in numbers."""
+
+    options: Coordinates
+    translation: Matrices
+    rotation: Matrices  # in the coordinates of the representation
+    in_base: bool
+    rate: float
+    most: Most
+
+
+class _Memory(NamedTuple):
+    """What is known of the last step; its state z = (x, dx, y) and input v = (f, u) lie behind."""
+
+    known: int
+    is_felt: bool
+    f: VecLike
+    mu: VecLike
+    now: DesiredFrame
+    desired: DesiredFrame
+
+
+_width, _read_memory, _put_memory = layout(_Memory)
+_NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
+_read_law, _read_vec = layout(_Numbers).read, layout(Vec).read
+_, _read_frame, _put_frame = layout(DesiredFrame)
 
 
 @dataclass(frozen=True)
@@ -67,15 +128,21 @@ class ComplianceLaw:
     def __post_init__(self) -> None:
         if self.frame not in TRANSLATIONAL_FRAMES:
             raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
-        object.__setattr__(self, "Z_o", self.orientation.impedance(self.rotation))
+        Z_o = self.orientation.impedance(self.rotation)
         for name, Z in (("_p", self.translation), ("_o", self.rotation)):
             if Z.rate > MAX_RATE:
                 raise ConfigurationError(
                     f"M{name} is too small for D{name} or K{name}: the impedance moves at "
                     f"{Z.rate:.4g} 1/s; at most {MAX_RATE:g} 1/s is possible: raise M{name}"
                 )
+        options, in_base = self.orientation.options.values, self.frame == "base"
+        matrices = self.translation.values, Z_o.values
+        numbers = _Numbers(options, *matrices, in_base, self.rate, self.bounds.values)
+        object.__setattr__(self, "numbers", to_rows(_Numbers, numbers))
+        object.__setattr__(self, "step", _step_of(type(self.orientation)))
 
-    Z_o: Impedance = None  # type: ignore[assignment]  # in the coordinates of the representation
+    numbers: Array = field(init=False, repr=False, compare=False)
+    step: Callable[..., int] = field(init=False, repr=False, compare=False)
 
     @property
     def rate(self) -> float:
@@ -83,11 +150,166 @@ class ComplianceLaw:
         return max(self.translation.rate, self.rotation.rate)
 
 
-class _Input(NamedTuple):
-    """Input of the impedances at one sample."""
+# --- the equations -------------------------------------------------------------------------
 
-    f: Array  # in the translational frame
-    u: Array  # of the representation
+
+def _rates(z: Input, v: Input, numbers: Input, dz: Row) -> None:
+    """Fill dz, the rates of z driven by v."""
+    law = _read_law(numbers, 0)
+    Z, x, dx = law.translation, _read_vec(z, 0), _read_vec(z, 3)
+    put_vec(dz, 0, dx)
+    put_vec(dz, 3, Z.M_inverse @ (_read_vec(v, 0) - Z.D @ dx - Z.K @ x))  # eq. (52)
+    put_y(dz, 6, rate(read_y(z, 6), read_u(v, 3), law.rotation, law.options))  # eqs. (55), (59)
+
+
+def _integrate(z: Row, v_0: Input, v_1: Input, dt: float, numbers: Input) -> None:
+    """Move z by dt [s] with steps of order 4 (Runge, Kutta), v going linearly from v_0 to v_1."""
+    n = max(1, math.ceil(_read_law(numbers, 0).rate * dt / _STEP))
+    h, between, v = dt / n, np.empty(len(z)), np.empty(len(v_0))
+    dz, total = np.zeros(len(z)), np.empty(len(z))
+    for i in range(n):
+        total[:] = 0.0
+        for stage in range(4):
+            share = 0.5 * ((stage + 1) // 2)  # of the step: 0, 1/2, 1/2, 1
+            for j in range(len(v)):
+                v[j] = v_0[j] + (i + share) / n * (v_1[j] - v_0[j])
+            for j in range(len(z)):
+                between[j] = z[j] + share * h * dz[j]
+            rates(between, v, numbers, dz)
+            for j in range(len(z)):
+                total[j] += dz[j] if stage % 3 == 0 else 2.0 * dz[j]
+        for j in range(len(z)):
+            z[j] += h / 6.0 * total[j]
+        put_y(z, 6, normalised(read_y(z, 6)))
+
+
+def _driven(frame: DesiredFrame, f: Vec, mu: Vec, before: Input, numbers: Input, v: Row) -> None:
+    """Fill the input v of a desired frame and a wrench; ``before`` is that of the last step."""
+    law = _read_law(numbers, 0)
+    put_vec(v, 0, f if law.in_base else frame.R_d.T @ f)
+    put_u(v, 3, drive(frame.R_d, mu, read_u(before, 3), law.options))
+
+
+@kernel
+def _square(z: Input) -> float:
+    """Return z' z."""
+    square = 0.0
+    for value in z:
+        square += value * value
+    return square
+
+
+@formula
+def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
+    """Return whether the desired frame is not where, or as fast as, its motion led."""
+    half, bend = dt / 2.0, dt * dt / 12.0  # the trapezoidal rule with its first correction
+    p = before.p_d + half * (before.dp_d + now.dp_d) - bend * (now.ddp_d - before.ddp_d)
+    turn = half * (before.omega_d + now.omega_d) - bend * (now.domega_d - before.domega_d)
+    dv = now.dp_d - before.dp_d - half * (before.ddp_d + now.ddp_d)
+    domega = now.omega_d - before.omega_d - half * (before.domega_d + now.domega_d)
+    dR = now.R_d - exp(turn) @ before.R_d
+    turned = max(_largest(row(dR, 0)), max(_largest(row(dR, 1)), _largest(row(dR, 2))))
+    jump, velocity_jump = max(_largest(now.p_d - p), turned), max(_largest(dv), _largest(domega))
+    return not (jump <= _JUMP and velocity_jump <= _VELOCITY_JUMP)
+
+
+@formula
+def _largest(v: Vec) -> float:
+    """Return the largest magnitude of the elements."""
+    return max(abs(v.x), max(abs(v.y), abs(v.z)))
+
+
+def _step(
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    dt: float, wrench: Input, memory: Row, numbers: Input, frame: Row,
+) -> int:  # fmt: skip
+    """Fill the compliant frame (24,) of a step; return what it finds, and then keep the memory."""
+    law, known = _read_law(numbers, 0), _read_memory(memory, 0)
+    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    _put_frame(frame, 0, desired)
+    if not math.isfinite(_square(frame) + 0.0 * _square(wrench)):
+        return _NOT_FINITE
+    behind = _width + 6 + y_width
+    z, v_0, v_1 = memory[_width:behind].copy(), memory[behind:].copy(), memory[behind:].copy()
+    start, before, begins = known.now, known.desired, known.known != _STATE
+    if known.known == _NOTHING:
+        start, before = desired, desired
+    elif known.known == _FRAME or _jumped(before, desired, dt):
+        before, begins = moved(desired, -dt), True  # as if it had come from there
+    R, omega, domega = identity(1.0), Vec(0.0, 0.0, 0.0), Vec(0.0, 0.0, 0.0)
+    f, mu = _read_vec(wrench, 0), _read_vec(wrench, 3)
+    if begins:
+        if not law.in_base:
+            R, omega = before.R_d, before.omega_d
+        x = start.p_d - before.p_d
+        put_vec(z, 0, R.T @ x)
+        put_vec(z, 3, R.T @ (start.dp_d - before.dp_d - cross(omega, x)))
+        put_y(z, 6, begin(before.R_d, before.omega_d, start.R_d, start.omega_d, law.options))
+        v_0[:] = 0.0
+        if known.is_felt:
+            driven(before, known.f, known.mu, v_0, numbers, v_0)
+        else:
+            driven(before, f, mu, v_0, numbers, v_0)
+    if math.isnan(_square(z)):
+        return _SINGULAR
+    driven(desired, f, mu, v_0, numbers, v_1)
+    if dt > 0.0:
+        integrate(z, v_0, v_1, dt, numbers)
+        if not math.isfinite(_square(z)):
+            return _NOT_FINITE
+    dz = np.empty(len(z))
+    rates(z, v_1, numbers, dz)
+    if not law.in_base:
+        R, omega, domega = desired.R_d, desired.omega_d, desired.domega_d
+    x, dx, ddx = R @ _read_vec(z, 0), R @ _read_vec(z, 3), R @ _read_vec(dz, 3)
+    turning, y, dy = cross(omega, x), read_y(z, 6), read_y(dz, 6)
+    rotation = end(
+        y, dy, read_u(v_1, 3), desired.R_d, desired.omega_d, desired.domega_d, law.options
+    )
+    now = DesiredFrame(
+        desired.p_d + x,
+        rotation.R_c,
+        desired.dp_d + dx + turning,
+        rotation.omega_c,
+        desired.ddp_d + ddx + cross(domega, x) + cross(omega, turning + 2.0 * dx),
+        rotation.domega_c,
+    )
+    _put_frame(frame, 0, now)
+    if math.isnan(_square(frame)):
+        return _SINGULAR
+    has_state = _STATE
+    if dt > 0.0:
+        v_p, v_o = start.dp_d - before.dp_d, start.omega_d - before.omega_d
+        now, is_less = bounded(now, desired, start, v_p, v_o, law.most, dt)
+        if is_less:
+            has_state = _FRAMES
+            _put_frame(frame, 0, now)
+    _put_memory(memory, 0, _Memory(has_state, True, f, mu, now, desired))
+    memory[_width:behind], memory[behind:] = z, v_1
+    return 0
+
+
+@cache
+def _step_of(kind: type[OrientationRepresentation]) -> Callable[..., int]:
+    """Return the step of a representation."""
+    slots, name = kind.compliance._asdict(), kind.name
+    y, u = layout(kind.compliance.begin.result), layout(kind.compliance.drive.result)
+    slots |= {"read_y": y.read, "put_y": y.put, "read_u": u.read, "put_u": u.put}
+    slots |= {"y_width": y.width}
+    for made, function in (("rates", _rates), ("integrate", _integrate), ("driven", _driven)):
+        slots[made] = kernel(template(function, f"{name}_{made}", **slots))
+    return entry(template(_step, f"{name}_step", **slots))
+
+
+@entry
+def _freeze(before: Input, dt: float, T: float, frame: Row) -> None:
+    """Fill the frame (24,) that comes to rest with the time constant T [s], dt [s] later."""
+    p, R, dp, omega, _, _ = _read_frame(before, 0)
+    left = math.exp(-dt / T)
+    gone = T * (1.0 - left)  # the way [s] of a velocity that decays
+    rates = left * dp, left * omega
+    a, alpha = (-1.0 / T) * rates[0], (-1.0 / T) * rates[1]
+    _put_frame(frame, 0, DesiredFrame(p + gone * dp, exp(gone * omega) @ R, *rates, a, alpha))
 
 
 class CompliantFrame:
@@ -112,9 +334,9 @@ class CompliantFrame:
     def reset(self) -> None:
         """Forget the state."""
         self.now: DesiredFrame | None = None
-        self._desired: DesiredFrame | None = None  # of the last step, as the other two
-        self._wrench: Array | None = None
-        self._input: _Input | None = None
+        kinds = self._law.orientation.compliance
+        widths = (layout(of.result).width for of in (kinds.begin, kinds.drive))
+        self._memory = np.zeros(_width + 6 + 3 + sum(widths))
 
     def replace_law(
         self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
@@ -125,22 +347,20 @@ class CompliantFrame:
             law: the equations.
             moved: placements by which the centre of compliance moves, one after the other.
         """
-        self._law = law
-        if self.now is not None:
-            self.now = self.now.carrying(moved[0]).carrying(moved[1])
-        self._desired = self._input = None  # the state is recomputed from the frames
+        self._law, now, felt = law, self.now, self._memory[1 : _NOW.start]
+        self.reset()
+        self._memory[1 : _NOW.start] = felt
+        if now is not None:  # the state is recomputed from the frames
+            self._set(_FRAME, now.carrying(moved[0]).carrying(moved[1]))
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
-        """Set the compliant frame and its velocities.
+        """Set the compliant frame and its velocities."""
+        self._memory[_DESIRED] = np.concatenate(desired, axis=None)
+        self._set(_FRAMES, frame)
 
-        Raises:
-            SingularityError: if the representation has no finite state there.
-        """
-        self._x, self._dx = self._relative(desired, frame)
-        self._y = self._law.orientation.compliance_begin(
-            desired.R_d, desired.omega_d, frame.R_d, frame.omega_d
-        )
-        self.now, self._desired, self._input = frame, desired, None
+    def _set(self, known: int, frame: DesiredFrame) -> None:
+        self.now, self._memory[0] = frame, known
+        self._memory[_NOW] = np.concatenate(frame, axis=None)
 
     def stop_time(self, motion: MotionLimits | None) -> float:
         """Return the time constant [s] with which it comes to rest now.
@@ -161,19 +381,13 @@ class CompliantFrame:
             actual: its first pose, if it has none yet.
             T: time constant [s].
         """
-        before = self.now or actual.at_rest()
-        left = math.exp(-dt / T)
-        gone = T * (1 - left)  # the way [s] of a velocity that decays
-        dp, omega = left * before.dp_d, left * before.omega_d
-        self.now = DesiredFrame(
-            before.p_d + gone * before.dp_d,
-            exp(gone * before.omega_d) @ before.R_d,
-            dp,
-            omega,
-            -dp / T,
-            -omega / T,
-        )
-        self._desired = self._wrench = self._input = None  # the next step begins from here
+        if self.now is None:
+            self._set(_FRAME, actual.at_rest())
+        row = np.empty(24)
+        _freeze(self._memory[_NOW], dt, T, row)
+        self._memory[1] = False
+        self._set(_FRAME, _frame_of(row))  # the next step begins from here
+        assert self.now is not None
         return self.now
 
     def step(self, dt: float, desired: DesiredFrame, wrench: Array) -> DesiredFrame:
@@ -187,121 +401,16 @@ class CompliantFrame:
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        if self.now is None:
-            self.begin(desired, desired)
-        elif self._desired is None or _jumped(self._desired, desired, dt):
-            self.begin(desired.moved(-dt), self.now)  # as if it had come from there
-        before = self._input
-        if before is None:
-            last = wrench if self._wrench is None else self._wrench
-            before = self._driven_by(self._desired or desired, last, None)
-        now = self._driven_by(desired, wrench, before)
-        start, v = self.now, self._velocity(self._desired or desired)
-        if dt > 0:
-            self._integrate(dt, before, now)
-        self._desired, self._wrench, self._input = desired, wrench, now
-        self.now = frame = self._frame(desired, now)
-        if dt > 0 and start is not None:
-            self.now = self._law.bounds.keep(frame, desired, start, v, dt)
-        if self.now is not frame:
-            self.begin(desired, self.now)
+        row = np.empty(24)
+        found = self._law.step(*desired, dt, wrench, self._memory, self._law.numbers, row)
+        if found == _SINGULAR:
+            raise SingularityError(self._law.orientation.singularity)
+        if found:
+            raise SingularityError("the motion of the compliant frame is not finite")
+        self.now = _frame_of(row)
         return self.now
 
-    def _velocity(self, desired: DesiredFrame) -> Array:
-        """Return the velocity (6,) of the compliant relative to the desired frame."""
-        if self.now is None:
-            return np.zeros(6)
-        linear, angular = self.now.dp_d - desired.dp_d, self.now.omega_d - desired.omega_d
-        return np.concatenate((linear, angular))
 
-    # --- integration -------------------------------------------------------------------
-
-    def _integrate(self, dt: float, before: _Input, now: _Input) -> None:
-        law = self._law
-        p, o = law.translation, law.orientation
-        n = max(1, math.ceil(law.rate * dt / _STEP))
-
-        def translation(z: Array, f: Array) -> Array:  # eq. (52)
-            x, dx = z[:3], z[3:]
-            return np.concatenate((dx, p.M_inverse @ (f - p.D @ dx - p.K @ x)))
-
-        def rotation(y: Array, u: Array) -> Array:  # eqs. (55), (59)
-            return o.compliance_rate(y, u, law.Z_o)
-
-        z, y = np.concatenate((self._x, self._dx)), self._y
-        for i in range(n):
-            a, b = i / n, (i + 1) / n
-            z = _runge_kutta(translation, z, before.f, now.f, a, b, dt / n)
-            y = o.compliance_normalised(_runge_kutta(rotation, y, before.u, now.u, a, b, dt / n))
-        if not (math.isfinite(z @ z) and math.isfinite(y @ y)):
-            raise SingularityError("the motion of the compliant frame is not finite")
-        self._x, self._dx, self._y = z[:3], z[3:], y
-
-    def _driven_by(self, desired: DesiredFrame, wrench: Array, before: _Input | None) -> _Input:
-        """Return what drives the impedances; ``before`` is that of the last step."""
-        f = wrench[:3] if self._law.frame == "base" else desired.R_d.T @ wrench[:3]
-        u = self._law.orientation.compliance_input(
-            desired.R_d, wrench[3:], None if before is None else before.u
-        )
-        return _Input(f, u)
-
-    # --- frames ------------------------------------------------------------------------
-
-    def _turning(self, desired: DesiredFrame) -> tuple[Array, Array, Array]:
-        """Return rotation, angular velocity and acceleration of the translational frame."""
-        if self._law.frame == "base":
-            return np.eye(3), _NONE, _NONE
-        return desired.R_d, desired.omega_d, desired.domega_d
-
-    def _relative(self, desired: DesiredFrame, frame: DesiredFrame) -> tuple[Array, Array]:
-        """Return x = R' (p_c - p_d) and its rate."""
-        R, omega, _ = self._turning(desired)
-        dp = frame.p_d - desired.p_d
-        return R.T @ dp, R.T @ (frame.dp_d - desired.dp_d - cross(omega, dp))
-
-    def _frame(self, desired: DesiredFrame, now: _Input) -> DesiredFrame:
-        """Return p_c, R_c and their derivatives from the state."""
-        law, p = self._law, self._law.translation
-        R, omega, domega = self._turning(desired)
-        x, dx = R @ self._x, R @ self._dx
-        ddx = R @ (p.M_inverse @ (now.f - p.D @ self._dx - p.K @ self._x))  # eq. (52)
-        turning = cross(omega, x)
-        dy = law.orientation.compliance_rate(self._y, now.u, law.Z_o)
-        rotation = law.orientation.compliance_end(
-            self._y, dy, now.u, desired.R_d, desired.omega_d, desired.domega_d
-        )
-        return DesiredFrame(
-            desired.p_d + x,
-            rotation.R_c,
-            desired.dp_d + dx + turning,
-            rotation.omega_c,
-            desired.ddp_d + ddx + cross(domega, x) + cross(omega, turning + 2 * dx),
-            rotation.domega_c,
-        )
-
-
-def _runge_kutta(
-    rate: Callable[[Array, Array], Array], y: Array, u_0: Array, u_1: Array, a: float, b: float,
-    dt: float,
-) -> Array:  # fmt: skip
-    """Return y after a step of order 4, the input going linearly from a to b of u_0 ... u_1."""
-    begin, end = u_0 + a * (u_1 - u_0), u_0 + b * (u_1 - u_0)
-    middle = (begin + end) / 2
-    k_1 = rate(y, begin)
-    k_2 = rate(y + dt / 2 * k_1, middle)
-    k_3 = rate(y + dt / 2 * k_2, middle)
-    k_4 = rate(y + dt * k_3, end)
-    return y + dt / 6 * (k_1 + 2 * (k_2 + k_3) + k_4)
-
-
-def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
-    """Return whether the desired frame is not where, or as fast as, its motion led."""
-    bend = dt * dt / 12  # the trapezoidal rule with its first correction
-    p = before.p_d + dt * (before.dp_d + now.dp_d) / 2 - bend * (now.ddp_d - before.ddp_d)
-    turn = dt * (before.omega_d + now.omega_d) / 2 - bend * (now.domega_d - before.domega_d)
-    R = exp(turn) @ before.R_d
-    dv = now.dp_d - before.dp_d - dt * (before.ddp_d + now.ddp_d) / 2
-    domega = now.omega_d - before.omega_d - dt * (before.domega_d + now.domega_d) / 2
-    jump = max(float(np.abs(now.p_d - p).max()), float(np.abs(now.R_d - R).max()))
-    velocity_jump = max(float(np.abs(dv).max()), float(np.abs(domega).max()))
-    return not (jump <= _JUMP and velocity_jump <= _VELOCITY_JUMP)
+def _frame_of(row: Array) -> DesiredFrame:
+    rows = row.reshape(8, 3)
+    return DesiredFrame(rows[0], rows[1:4], *rows[4:])

@@ -8,11 +8,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.compiled import Array
+from eulerparams_control.laws.linear import MatLike
 
 # Relative to the largest element: what is rounding, and not a lack of symmetry or a negative value.
 _ROUNDING = 1e-9
@@ -21,6 +23,14 @@ _ROUNDING = 1e-9
 _AXES_TOLERANCE = 1e-3
 
 _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
+
+
+class Matrices(NamedTuple):
+    """What moves by an impedance, as the formulas take it: ddx = M^-1 (force - D dx - K x)."""
+
+    M_inverse: MatLike
+    D: MatLike
+    K: MatLike
 
 
 @dataclass(frozen=True)
@@ -47,16 +57,15 @@ class Impedance:
             raise ConfigurationError(f"M is not positive definite: {self.M.tolist()}")
 
     @cached_property
-    def M_inverse(self) -> Array:
-        """M^-1 (3, 3)."""
-        return np.linalg.inv(self.M)
+    def values(self) -> Matrices:
+        """M^-1, D, K."""
+        return Matrices(np.linalg.inv(self.M), self.D, self.K)
 
     @cached_property
     def rate(self) -> float:
         """The largest magnitude [1/s] of the eigenvalues of its linear motion."""
-        companion = np.block(
-            [[np.zeros((3, 3)), np.eye(3)], [-self.M_inverse @ self.K, -self.M_inverse @ self.D]]
-        )
+        M_inverse, D, K = self.values
+        companion = np.block([[np.zeros((3, 3)), np.eye(3)], [-M_inverse @ K, -M_inverse @ D]])
         return float(np.abs(np.linalg.eigvals(companion)).max())
 
     @property
@@ -67,7 +76,7 @@ class Impedance:
     @property
     def least_damping(self) -> float:
         """The least eigenvalue [1/s] of M^-1 D."""
-        return float(np.linalg.eigvals(self.M_inverse @ self.D).real.min())
+        return float(np.linalg.eigvals(self.values.M_inverse @ self.D).real.min())
 
     def transformed(self, T: Array) -> "Impedance":
         """Return the impedance in coordinates y of x = T y: T' M T, T' D T, T' K T."""

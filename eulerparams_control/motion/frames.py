@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.rotations import Array, angle_between, cross, exp
+from eulerparams_control.laws.compiled import Array, formula
+from eulerparams_control.laws.linear import MatLike, VecLike
+from eulerparams_control.laws.rotations import angle_between, cross, exp
 
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
@@ -49,12 +51,12 @@ class DesiredFrame(NamedTuple):
         ddp_d, domega_d: (3,) [m/s^2], [rad/s^2].
     """
 
-    p_d: Array
-    R_d: Array
-    dp_d: Array = _ZERO
-    omega_d: Array = _ZERO
-    ddp_d: Array = _ZERO
-    domega_d: Array = _ZERO
+    p_d: VecLike
+    R_d: MatLike
+    dp_d: VecLike = _ZERO
+    omega_d: VecLike = _ZERO
+    ddp_d: VecLike = _ZERO
+    domega_d: VecLike = _ZERO
 
     def carrying(self, point: Placement) -> "DesiredFrame":
         """Return the frame that this one carries rigidly at ``point``, with its motion."""
@@ -100,6 +102,20 @@ class DesiredFrame(NamedTuple):
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""
         return DesiredFrame(self.p_d, self.R_d)
+
+
+@formula
+def moved(frame: DesiredFrame, dt: float) -> DesiredFrame:
+    """Return a frame dt [s] later, at constant acceleration."""
+    p_d, R_d, dp_d, omega_d, ddp_d, domega_d = frame
+    return DesiredFrame(
+        p_d + dt * (dp_d + (dt / 2.0) * ddp_d),
+        exp(dt * (omega_d + (dt / 2.0) * domega_d)) @ R_d,
+        dp_d + dt * ddp_d,
+        omega_d + dt * domega_d,
+        ddp_d,
+        domega_d,
+    )
 
 
 def with_an_angle(x: Array) -> Array:

@@ -9,6 +9,7 @@ from eulerparams_control.laws.orientation.base import Coordinates, Laws
 from eulerparams_control.laws.orientation.relative_quaternion import (
     Elastic,
     RelativeQuaternionRepresentation,
+    relative_compliance,
 )
 from eulerparams_control.laws.rotations import Array, EulerParameters, S, angle_between, mutual_R
 
@@ -99,6 +100,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     symbol = "sin(theta) r"
     laws = Laws(displacement, velocity, acceleration)
     elastic = Elastic(elastic_moment, elastic_energy)
+    compliance = relative_compliance(name, elastic)
 
     @property
     def singularity(self) -> str:

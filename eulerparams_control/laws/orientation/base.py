@@ -17,8 +17,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import Formula, from_rows, layout, to_rows
+from eulerparams_control.laws.compiled import Formula, formula, from_rows, layout, to_rows
 from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
 from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
 from eulerparams_control.laws.orientation.sign import Sign, SignRule
 from eulerparams_control.laws.rotations import Array
@@ -44,9 +45,9 @@ class CompliantRotation(NamedTuple):
         omega_c, domega_c: (3,) [rad/s], [rad/s^2].
     """
 
-    R_c: Array
-    omega_c: Array
-    domega_c: Array
+    R_c: MatLike
+    omega_c: VecLike
+    domega_c: VecLike
 
 
 class Coordinates(NamedTuple):
@@ -70,6 +71,33 @@ class Laws(NamedTuple):
     displacement: Formula
     velocity: Formula
     acceleration: Formula
+
+
+class Compliance(NamedTuple):
+    """The formulas of the rotational impedance of a representation for one sample.
+
+    Attributes:
+        begin: state y (R_d, omega_d, R_c, omega_c, options), relative to the desired frame: the
+            displacement and its rate.
+        drive: u (R_d, mu, previous, options), what it is driven by, interpolated between samples;
+            ``previous`` is that of the sample before, zeros at the first.
+        rate: dy (y, u, Z, options), eqs. (55), (59), Z in the coordinates of the representation.
+        normalised: y (y) after a step of integration, freed of its rounding.
+        end: the compliant rotation (y, dy, u, R_d, omega_d, domega_d, options) in the base frame,
+            the inverse of the beginning.
+    """
+
+    begin: Formula
+    drive: Formula
+    rate: Formula
+    normalised: Formula
+    end: Formula
+
+
+@formula
+def moment_in_desired_axes(R_d: Mat, mu: Vec, previous: Vec, options: Coordinates) -> Vec:
+    """Return mu^d = R_d' mu (3,): what relative displacements are driven by."""
+    return R_d.T @ mu
 
 
 @dataclass(frozen=True)
@@ -99,6 +127,7 @@ class OrientationRepresentation(ABC):
         unit: of that; "rad" or "".
         slope: [1/rad] of that where the displacement is small.
         laws: its formulas.
+        compliance: those of its rotational impedance.
     """
 
     name: ClassVar[str]
@@ -106,6 +135,7 @@ class OrientationRepresentation(ABC):
     unit: ClassVar[str] = ""
     slope: ClassVar[float] = 1.0
     laws: ClassVar[Laws]
+    compliance: ClassVar[Compliance]
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -231,11 +261,8 @@ class OrientationRepresentation(ABC):
         """
         return Z
 
-    @abstractmethod
     def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
-        """Return the state y of the rotational impedance for two frames.
-
-        It is relative to the desired frame: the displacement and its rate.
+        """Return the state y of the rotational impedance for two frames, as a row.
 
         Args:
             R_d, R_c: (3, 3) desired and compliant orientation, base frame.
@@ -244,18 +271,23 @@ class OrientationRepresentation(ABC):
         Raises:
             SingularityError: if the representation has no finite rate there.
         """
+        begin = self.compliance.begin
+        y = begin(R_d, omega_d, R_c, omega_c, self.options.values)
+        return self._finite(to_rows(begin.result, y))
 
-    @abstractmethod
     def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
-        """Return what the rotational impedance is driven by, interpolated between samples.
+        """Return what the rotational impedance is driven by, as a row.
 
         Args:
             R_d: (3, 3) desired orientation, base frame.
             mu: (3,) [Nm] contact moment on the end effector, base frame.
             previous: what was returned for the sample before, or None.
         """
+        drive = self.compliance.drive
+        before = np.zeros(layout(drive.result).width) if previous is None else previous
+        u = drive(R_d, mu, from_rows(drive.result, before), self.options.values)
+        return to_rows(drive.result, u)
 
-    @abstractmethod
     def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
         """Return dy of the rotational impedance, eqs. (55), (59).
 
@@ -264,12 +296,10 @@ class OrientationRepresentation(ABC):
             u: from :meth:`compliance_input`.
             Z: from :meth:`impedance`.
         """
+        begin, drive, rate, *_ = self.compliance
+        state, given = from_rows(begin.result, y), from_rows(drive.result, u)
+        return to_rows(begin.result, rate(state, given, Z.values, self.options.values))
 
-    def compliance_normalised(self, y: Array) -> Array:
-        """Return the state after a step of integration, freed of its rounding."""
-        return y
-
-    @abstractmethod
     def compliance_end(
         self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
@@ -279,10 +309,11 @@ class OrientationRepresentation(ABC):
             y, dy: state and its rate.
             u: from :meth:`compliance_input`.
             R_d: (3, 3), omega_d, domega_d: (3,) the desired frame now, base frame.
-
-        Raises:
-            SingularityError: if the representation has no finite answer there.
         """
+        begin, drive, _, _, end = self.compliance
+        states = (from_rows(begin.result, row) for row in (y, dy))
+        given, options = from_rows(drive.result, u), self.options.values
+        return end(*states, given, R_d, omega_d, domega_d, options)
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
         """Return V_3 of the impedance, eqs. (68), (69); None if it has none.

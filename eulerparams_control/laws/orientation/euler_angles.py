@@ -2,18 +2,18 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from eulerparams_control.laws.compiled import formula
-from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.impedance_matrices import Matrices
 from eulerparams_control.laws.linear import Mat, Vec, VecLike
 from eulerparams_control.laws.orientation.base import (
+    Compliance,
     CompliantRotation,
     Coordinates,
     Laws,
     OrientationRepresentation,
 )
 from eulerparams_control.laws.orientation.sequences import (
+    R_of,
     T_of,
     accelerations,
     dT_of,
@@ -90,6 +90,78 @@ def acceleration(
     )
 
 
+class CompliantAngles(NamedTuple):
+    """The state y of a rotational impedance in angles.
+
+    Attributes:
+        phi_cd: (3,) [rad] phi_c - phi_d; or the angles of R_d' R_c.
+        dphi_cd: (3,) [rad/s] their rates.
+    """
+
+    phi_cd: VecLike
+    dphi_cd: VecLike
+
+
+class AnglesInput(NamedTuple):
+    """What drives (55).
+
+    Attributes:
+        phi_d: (3,) [rad] of the desired frame, without jumps by a turn.
+        mu: (3,) [Nm] contact moment, base frame.
+    """
+
+    phi_d: VecLike
+    mu: VecLike
+
+
+@formula
+def begin(R_d: Mat, omega_d: Vec, R_c: Mat, omega_c: Vec, options: Coordinates) -> CompliantAngles:
+    """Return phi_c - phi_d and dphi_c - dphi_d."""
+    axes, none = options.axes, Vec(0.0, 0.0, 0.0)
+    phi_d, phi_c = extract(axes, R_d, none), extract(axes, R_c, none)
+    dphi_cd = rates(axes, phi_c, omega_c) - rates(axes, phi_d, omega_d)
+    return CompliantAngles(wrap(phi_c - phi_d), dphi_cd)
+
+
+@formula
+def drive(R_d: Mat, mu: Vec, previous: AnglesInput, options: Coordinates) -> AnglesInput:
+    """Return phi_d next to the one before, and mu."""
+    before = previous.phi_d
+    return AnglesInput(before + wrap(extract(options.axes, R_d, before) - before), mu)
+
+
+@formula
+def moved_by(mu_T: Vec, y: CompliantAngles, Z: Matrices) -> CompliantAngles:
+    """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T' mu."""
+    return CompliantAngles(y.dphi_cd, Z.M_inverse @ (mu_T - Z.D @ y.dphi_cd - Z.K @ y.phi_cd))
+
+
+@formula
+def rate(y: CompliantAngles, u: AnglesInput, Z: Matrices, options: Coordinates) -> CompliantAngles:
+    """Return dy of (55), with T of phi_c = phi_d + Delta phi_cd."""
+    return moved_by(T_of(options.axes, u.phi_d + y.phi_cd).T @ u.mu, y, Z)
+
+
+@formula
+def normalised(y: CompliantAngles) -> CompliantAngles:
+    """Return y: angles need no norm."""
+    return y
+
+
+@formula
+def end(
+    y: CompliantAngles, dy: CompliantAngles, u: AnglesInput, R_d: Mat, omega_d: Vec,
+    domega_d: Vec, options: Coordinates,
+) -> CompliantRotation:  # fmt: skip
+    """Return R(phi_c), T(phi_c) dphi_c and T(phi_c) ddphi_c + dT(phi_c) dphi_c, eq. (3)."""
+    axes, phi_d = options.axes, u.phi_d
+    dphi_d = rates(axes, phi_d, omega_d)
+    phi_c, dphi_c = phi_d + y.phi_cd, dphi_d + y.dphi_cd
+    ddphi_c = accelerations(axes, phi_d, dphi_d, domega_d) + dy.dphi_cd
+    T, dT = T_of(axes, phi_c), dT_of(axes, phi_c, dphi_c)
+    return CompliantRotation(R_of(axes, phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
+
+
 class EulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_d - phi_e; singular where T(phi) is."""
 
@@ -97,46 +169,12 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     symbol = "phi_d - phi_e"
     unit = "rad"
     laws = Laws(displacement, velocity, acceleration)
+    compliance = Compliance(begin, drive, rate, normalised, end)
 
     @property
     def singularity(self) -> str:
         """What is singular where the law has no answer, and what helps."""
         return self.options.sequence.singularity
-
-    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
-        """Return y (6,) = (Delta phi_cd, Delta dphi_cd), phi_c - phi_d and its rate."""
-        sequence = self.options.sequence
-        phi_d, phi_c = sequence.extract(R_d), sequence.extract(R_c)
-        dphi_cd = sequence.rates(phi_c, omega_c) - sequence.rates(phi_d, omega_d)
-        return np.concatenate((wrap(phi_c - phi_d), dphi_cd))
-
-    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
-        """Return (phi_d, mu) (6,), phi_d without jumps by a turn."""
-        phi_d = self.options.sequence.extract(R_d, None if previous is None else previous[:3])
-        if previous is not None:
-            phi_d = previous[:3] + wrap(phi_d - previous[:3])
-        return np.concatenate((phi_d, mu))
-
-    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
-        """Return dy of M_o Delta ddphi_cd + D_o Delta dphi_cd + K_o Delta phi_cd = T' mu, eq. (55).
-
-        T is that of phi_c = phi_d + Delta phi_cd.
-        """
-        phi_cd, dphi_cd = y[:3], y[3:]
-        T = self.options.sequence.T(u[:3] + phi_cd)
-        ddphi_cd = Z.M_inverse @ (T.T @ u[3:] - Z.D @ dphi_cd - Z.K @ phi_cd)
-        return np.concatenate((dphi_cd, ddphi_cd))
-
-    def compliance_end(
-        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
-        """Return R(phi_c), T(phi_c) dphi_c and T(phi_c) ddphi_c + dT(phi_c) dphi_c, eq. (3)."""
-        sequence, phi_d = self.options.sequence, u[:3]
-        dphi_d = sequence.rates(phi_d, omega_d)
-        phi_c, dphi_c = phi_d + y[:3], dphi_d + y[3:]
-        ddphi_c = sequence.accelerations(phi_d, dphi_d, domega_d) + dy[3:]
-        T, dT = sequence.T(phi_c), sequence.dT(phi_c, dphi_c)
-        return CompliantRotation(sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the smaller distance [rad] of the two frames to the pole of the sequence."""

@@ -6,15 +6,18 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.compiled import formula
-from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
 from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
 from eulerparams_control.laws.orientation.base import (
+    Compliance,
     CompliantRotation,
     Coordinates,
     Laws,
     OrientationRepresentation,
+    moment_in_desired_axes,
 )
-from eulerparams_control.laws.orientation.sequences import T_of, dT_of, extract, rates
+from eulerparams_control.laws.orientation.euler_angles import CompliantAngles, moved_by, normalised
+from eulerparams_control.laws.orientation.sequences import R_of, T_of, dT_of, extract, rates
 from eulerparams_control.laws.rotations import Array, cross
 
 
@@ -76,6 +79,36 @@ def acceleration(
     return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ phi_de)
 
 
+@formula
+def begin(R_d: Mat, omega_d: Vec, R_c: Mat, omega_c: Vec, options: Coordinates) -> CompliantAngles:
+    """Return phi_cd of R_d' R_c and dphi_cd."""
+    phi_cd = extract(options.axes, R_d.T @ R_c, Vec(0.0, 0.0, 0.0))
+    return CompliantAngles(phi_cd, rates(options.axes, phi_cd, R_d.T @ (omega_c - omega_d)))
+
+
+@formula
+def rate(y: CompliantAngles, mu_d: Vec, Z: Matrices, options: Coordinates) -> CompliantAngles:
+    """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
+    return moved_by(T_of(options.axes, y.phi_cd).T @ mu_d, y, Z)
+
+
+@formula
+def end(
+    y: CompliantAngles, dy: CompliantAngles, mu_d: Vec, R_d: Mat, omega_d: Vec, domega_d: Vec,
+    options: Coordinates,
+) -> CompliantRotation:  # fmt: skip
+    """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
+
+    x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
+    """
+    axes, phi_cd, dphi_cd = options.axes, y.phi_cd, y.dphi_cd
+    T = T_of(axes, phi_cd)
+    dx = T @ dy.dphi_cd + dT_of(axes, phi_cd, dphi_cd) @ dphi_cd
+    omega_c = omega_d + R_d @ (T @ dphi_cd)
+    domega_c = domega_d + R_d @ dx + cross(omega_d, omega_c)
+    return CompliantRotation(R_d @ R_of(axes, phi_cd), omega_c, domega_c)
+
+
 class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_de; singular for large errors only, with XYZ at 90 deg."""
 
@@ -83,6 +116,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     symbol = "phi_de of R_e' R_d"
     unit = "rad"
     laws = Laws(displacement, velocity, acceleration)
+    compliance = Compliance(begin, moment_in_desired_axes, rate, normalised, end)
 
     @property
     def singularity(self) -> str:
@@ -103,39 +137,6 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
                 "three axes"
             )
         return Z.transformed(sequence.T(np.zeros(3)))
-
-    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
-        """Return y (6,) = (phi_cd, dphi_cd) of R_d' R_c."""
-        sequence = self.options.sequence
-        phi_cd = sequence.extract(R_d.T @ R_c)
-        dphi_cd = sequence.rates(phi_cd, R_d.T @ (omega_c - omega_d))
-        return np.concatenate((phi_cd, dphi_cd))
-
-    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
-        """Return mu^d = R_d' mu (3,)."""
-        return R_d.T @ mu
-
-    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
-        """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
-        phi_cd, dphi_cd = y[:3], y[3:]
-        T = self.options.sequence.T(phi_cd)
-        ddphi_cd = Z.M_inverse @ (T.T @ u - Z.D @ dphi_cd - Z.K @ phi_cd)
-        return np.concatenate((dphi_cd, ddphi_cd))
-
-    def compliance_end(
-        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
-        """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
-
-        x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
-        """
-        sequence, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
-        T = sequence.T(phi_cd)
-        dx = T @ dy[3:] + sequence.dT(phi_cd, dphi_cd) @ dphi_cd
-        omega_c = omega_d + R_d @ (T @ dphi_cd)
-        return CompliantRotation(
-            R_d @ sequence.R(phi_cd), omega_c, domega_d + R_d @ dx + cross(omega_d, omega_c)
-        )
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the distance [rad] of the mutual rotation to the pole of the sequence."""

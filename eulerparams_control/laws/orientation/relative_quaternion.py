@@ -1,24 +1,35 @@
 """What the representations with a vector of the mutual quaternion share: (28), (40) and (59).
 
 Their rotational impedance, in Euler parameters and relative angular velocity, eq. (59), differs
-in the elastic moment only.  State: y = (eta_cd, eps_cd_d, x) (7,), the mutual quaternion of
-R_cd = R_d' R_c and x = R_d' (omega_c - omega_d) [rad/s], all in the desired frame.  Its motion
-depends on the absolute orientation in no way.
+in the elastic moment only.  Its motion depends on the absolute orientation in no way.
 """
 
+import math
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Formula, formula
-from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.linear import Vec
+from eulerparams_control.laws.compiled import Formula, formula, slot, template
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.linear import Mat, Vec, VecLike
 from eulerparams_control.laws.orientation.base import (
+    Compliance,
     CompliantRotation,
+    Coordinates,
     Lyapunov,
     OrientationRepresentation,
+    moment_in_desired_axes,
 )
-from eulerparams_control.laws.rotations import Array, EulerParameters, cross, quaternion
+from eulerparams_control.laws.rotations import (
+    Array,
+    EulerParameters,
+    cross,
+    inner,
+    matrix,
+    mutual_R,
+    propagation,
+    quaternion,
+)
 
 # So many turns of up to a half are tried for the largest moment.
 _ANGLES = 181
@@ -50,6 +61,62 @@ def acceleration_along(
     return domega_d + k_Vo * (omega_d - omega_e) + k_Po * e
 
 
+class RelativeTurn(NamedTuple):
+    """The state y of the rotational impedance, all in the desired frame.
+
+    Attributes:
+        Q_cd: {eta_cd, eps_cd_d} of R_cd = R_d' R_c.
+        x: (3,) [rad/s] R_d' (omega_c - omega_d).
+    """
+
+    Q_cd: EulerParameters
+    x: VecLike
+
+
+@formula
+def begin(R_d: Mat, omega_d: Vec, R_c: Mat, omega_c: Vec, options: Coordinates) -> RelativeTurn:
+    """Return y of two frames."""
+    return RelativeTurn(mutual_R(R_d, R_c), R_d.T @ (omega_c - omega_d))
+
+
+elastic_moment = slot  # of a representation
+
+
+def _rate(y: RelativeTurn, mu_d: Vec, Z: Matrices, options: Coordinates) -> RelativeTurn:
+    """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
+    Q, x = y
+    dx = Z.M_inverse @ (mu_d - Z.D @ x - elastic_moment(Q, Z.K))  # eq. (59)
+    return RelativeTurn(propagation(Q, x), dx)
+
+
+@formula
+def normalised(y: RelativeTurn) -> RelativeTurn:
+    """Return y with a unit quaternion."""
+    size = math.sqrt(inner(y.Q_cd, y.Q_cd))
+    return RelativeTurn(EulerParameters(y.Q_cd.eta / size, y.Q_cd.eps / size), y.x)
+
+
+@formula
+def end(
+    y: RelativeTurn, dy: RelativeTurn, mu_d: Vec, R_d: Mat, omega_d: Vec, domega_d: Vec,
+    options: Coordinates,
+) -> CompliantRotation:  # fmt: skip
+    """Return R_c = R_d R_cd, omega_c = omega_d + R_d x and domega_c.
+
+    domega_c = domega_d + R_d dx + omega_d x omega_c: x are components in the desired frame,
+    which turns (erratum of (59)).
+    """
+    omega_c = omega_d + R_d @ y.x
+    domega_c = domega_d + R_d @ dy.x + cross(omega_d, omega_c)
+    return CompliantRotation(R_d @ matrix(y.Q_cd), omega_c, domega_c)
+
+
+def relative_compliance(name: str, elastic: Elastic) -> Compliance:
+    """Return the formulas of (59) with the elastic moment of the representation ``name``."""
+    rate = formula(template(_rate, f"{name}_rate", elastic_moment=elastic.moment))
+    return Compliance(begin, moment_in_desired_axes, rate, normalised, end)
+
+
 class RelativeQuaternionRepresentation(OrientationRepresentation):
     """A representation whose impedance is (59) with an elastic moment of its own."""
 
@@ -62,41 +129,6 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return the elastic energy [J]: see :class:`Elastic`."""
         return self.elastic.energy(Q_cd, K_o)
-
-    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
-        """Return y (7,) = (eta_cd, eps_cd_d, R_d' (omega_c - omega_d))."""
-        eta, eps = EulerParameters.from_R(R_d.T @ R_c)
-        return np.concatenate(([eta], eps, R_d.T @ (omega_c - omega_d)))
-
-    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
-        """Return mu^d = R_d' mu (3,)."""
-        return R_d.T @ mu
-
-    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
-        """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
-        Q, x = EulerParameters(y[0], y[1:4]), y[4:]
-        dy = np.empty(7)
-        dy[0] = -0.5 * (Q.eps @ x)  # eq. (8)
-        dy[1:4] = 0.5 * (Q.eta * x - cross(Q.eps, x))  # eqs. (9), (10)
-        dy[4:] = Z.M_inverse @ (u - Z.D @ x - self.elastic_moment(Q, Z.K))  # eq. (59)
-        return dy
-
-    def compliance_normalised(self, y: Array) -> Array:
-        """Return y with a unit quaternion."""
-        y[:4] /= np.sqrt(y[:4] @ y[:4])
-        return y
-
-    def compliance_end(
-        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
-        """Return R_c = R_d R_cd, omega_c = omega_d + R_d x and domega_c.
-
-        domega_c = domega_d + R_d dx + omega_d x omega_c: x are components in the desired frame,
-        which turns (erratum of (59)).
-        """
-        R_c = R_d @ EulerParameters(y[0], y[1:4]).R
-        omega_c = omega_d + R_d @ y[4:]
-        return CompliantRotation(R_c, omega_c, domega_d + R_d @ dy[4:] + cross(omega_d, omega_c))
 
     def least_moment(self, K_o: Array) -> float:
         """Return the largest elastic moment [Nm] about the axis of K_o that has the least."""

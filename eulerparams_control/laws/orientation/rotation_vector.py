@@ -10,6 +10,7 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
     Elastic,
     RelativeQuaternionRepresentation,
     acceleration_along,
+    relative_compliance,
     velocity_along,
 )
 from eulerparams_control.laws.orientation.sign import signed_mutual
@@ -99,6 +100,7 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
     unit = "rad"
     laws = Laws(displacement, velocity, acceleration)
     elastic = Elastic(elastic_moment, elastic_energy)
+    compliance = relative_compliance(name, elastic)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""
