@@ -138,12 +138,13 @@ def _card(what: str, *newest: Mapping[tuple[str, str], Row]) -> str:
     lines = []
     for k, row in enumerate(row for row in newest[0].values() if row.what == what):
         met, loaded = row.is_met, newest[1].get((what, row.of))
-        of = f'<span style="color: {colour(k)}">&#9679;</span> {escape(row.of.replace("_", " "))}'
-        under_load = number(loaded.ratio) if loaded else ""
+        words = escape(row.of.replace("_", " "))
+        of = f'<span style="color: {colour(k)}">&#9679;</span>&nbsp;{words}'
+        under_load = [number(loaded.ratio) if loaded else ""] if newest[1] else []
         marked = "" if met is None else mark(met)
-        lines.append(cells((of, number(row.ratio), marked, under_load, escape(row.figure))))
+        lines.append(cells((of, number(row.ratio), marked, *under_load, escape(row.figure))))
     goal = f', <span class="soft">goal {escape(GOALS[what])}</span>' if what in GOALS else ""
-    names = ("", "ratio", "", "loaded", "measured")
+    names = ("", "ratio", "", *(["loaded"] if newest[1] else []), "measured")
     return f"<h3>{escape(what)}{goal}</h3>{table(names, lines)}"
 
 

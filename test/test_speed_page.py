@@ -40,7 +40,7 @@ def test_the_history_keeps_every_run_and_the_page_shows_the_newest_and_all(tmp_p
     write_page(page, runs)
     text = page.read_text(encoding="utf-8")
     assert "1 of 1 goals of speed are met" in text
-    assert " euler parameters</td><td>1.25</td>" in text
+    assert "&nbsp;euler parameters</td><td>1.25</td>" in text
     assert "<td>3.50</td><td>&lt;b&gt;</td>" in text
     assert '"y":[9.0,1.25,3.5]' in text
     assert "<x>" not in text
