@@ -355,7 +355,16 @@ def test_the_wrist_singularity_of_the_ur5_is_passed_with_bounded_speed():
     assert np.linalg.norm(DampedInverse()(J) @ v) <= np.linalg.norm(v) / EPS
 
 
+def test_what_is_not_finite_is_not_taken_for_a_singularity():
+    for J in (np.full((6, 6), math.nan), np.full((6, 7), math.nan), np.full((6, 4), math.inf)):
+        assert not np.isfinite(DampedInverse()(J)).any()
+        assert not math.isfinite(smallest_singular_value(J))
+
+
 def test_the_smallest_singular_value_is_that_of_the_jacobian():
+    for smallest in np.geomspace(1e-9, 1e-2, 15):
+        J = jacobian_with([2.0, 1.5, 1.0, 1.0, 0.5, smallest], 7)
+        assert smallest_singular_value(J) == pytest.approx(smallest, abs=RELATIVE)
     for columns in (6, 7):
         J = jacobian_with([2.0, 1.5, 1.0, 1.0, 0.5, 0.125], columns)
         assert smallest_singular_value(J) == pytest.approx(0.125, abs=ALGEBRAIC)

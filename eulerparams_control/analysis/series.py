@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.robot.robot import Robot, RobotState
@@ -113,8 +114,7 @@ class Series:
 
         Its rows for the position are divided by the characteristic length of the arm.
         """
-        scale = np.array([self.robot.length] * 3 + [1.0] * 3)[:, None]
-        return np.linalg.svd(self.kinematics.J / scale, compute_uv=False)[:, -1]
+        return np.array([sigma_min(J, self.robot.length) for J in self.kinematics.J])
 
     def pole_distance(self, sequence: EulerSequence) -> Array:
         """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""

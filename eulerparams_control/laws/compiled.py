@@ -423,7 +423,8 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     """Return a function compiled for these types now, or for any as they come."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
     try:
-        options = {"cache": True, "error_model": "numpy"}
+        options = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+        options["no_cpython_wrapper"] = not signatures  # Python calls entries only
         return numba.njit(list(signatures) or None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before

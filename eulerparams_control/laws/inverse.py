@@ -68,12 +68,13 @@ def _unit(row: int, length: float) -> float:
 
 
 @kernel
-def _principal(J: Inputs, length: float, A: Rows) -> None:
+def _orthogonal(J: Inputs, length: float, A: Rows) -> float:
     """Turn the rows of J (6, n), without units, among each other until they are orthogonal.
 
     The columns for n < 6.  By Jacobi's rotations of pairs (Hestenes, 1958), which keep small
     singular values exact.  A (m, size) begins with them, m = min(6, n), and may have m columns
-    more, from which then follows what they are of the rows of J: A = [W, Q], J = Q' W.
+    more, from which then follows what they are of the rows of J: A = [W, Q], J = Q' W.  Return
+    sigma_min, the length of the shortest.
     """
     m, n = len(A), J.shape[1]
     size = max(6, n)
@@ -106,33 +107,26 @@ def _principal(J: Inputs, length: float, A: Rows) -> None:
                         A[i, k], A[j, k] = cosine * (x - t * y), cosine * (t * x + y)
         if not turned:
             break
+    least = _square(A, 0, size)
+    for i in range(1, m):
+        least = min(least, _square(A, i, size))
+    return math.sqrt(least)
 
 
 @kernel
 def _square(A: Rows, i: int, size: int) -> float:
-    """Return sigma_i^2 of rows that are orthogonal."""
+    """Return the square of the length of row i."""
     square = 0.0
     for k in range(size):
         square += A[i, k] * A[i, k]
     return square
 
 
-@kernel
-def _least(A: Rows, size: int) -> float:
-    """Return sigma_min of rows that are orthogonal."""
-    least = _square(A, 0, size)
-    for i in range(1, len(A)):
-        least = min(least, _square(A, i, size))
-    return math.sqrt(least)
-
-
 @entry
 def sigma_min(J: Inputs, length: float) -> float:
     """Return the smallest singular value of J (6, n)."""
     n = J.shape[1]
-    A = np.empty((min(6, n), max(6, n)))
-    _principal(J, length, A)
-    return _least(A, max(6, n))
+    return _orthogonal(J, length, np.empty((min(6, n), max(6, n))))
 
 
 @kernel
@@ -180,26 +174,21 @@ def _invert_regular(J: Inputs, X: Rows) -> bool:
     n = J.shape[1]
     if n < 6:
         return False
-    A = np.zeros((6, 6 + n))
+    A = np.zeros((6, 6 + n))  # of what is solved for the transpose
     for i in range(6):
         for j in range(6):
             if n == 6:
-                A[i, j] = J[i, j]
+                A[i, j], A[i, 6 + j] = J[j, i], 1.0 if i == j else 0.0
             else:
                 for k in range(n):
                     A[i, j] += J[i, k] * J[j, k]
-        if n == 6:
-            A[i, 6 + i] = 1.0
-        else:
+        if n > 6:
             for k in range(n):
                 A[i, 6 + k] = J[i, k]
     is_regular = _solve(A)
     for i in range(6):
         for k in range(n):
-            if n == 6:
-                X[i, k] = A[i, 6 + k]
-            else:
-                X[k, i] = A[i, 6 + k]
+            X[k, i] = A[i, 6 + k]
     return is_regular
 
 
@@ -218,15 +207,15 @@ def invert(J: Inputs, eps: float, lambda_max: float, length: float, X: Rows) -> 
             return
     m, size = min(6, n), max(6, n)
     A = np.empty((m, size + m))
-    _principal(J, length, A)
-    ratio = _least(A, size) / eps if eps > 0.0 else 1.0
+    sigma = _orthogonal(J, length, A)
+    ratio = sigma / eps if eps > 0.0 else 1.0
     lambda_2 = (1.0 - ratio * ratio) * lambda_max * lambda_max if ratio < 1.0 else 0.0
     for i in range(n):
         for j in range(6):
             X[i, j] = 0.0
     for k in range(m):  # J* is the sum of w_k q_k' / (sigma_k^2 + lambda^2)
         square = _square(A, k, size) + lambda_2
-        if square > 0.0:  # else this direction is lost, and not damped
+        if square != 0.0:  # else this direction is lost, and not damped
             for i in range(n):
                 for j in range(6):
                     w, q = (A[k, i], A[k, size + j]) if n >= 6 else (A[k, j], A[k, size + i])

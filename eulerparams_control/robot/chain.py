@@ -113,7 +113,7 @@ def place(chain: Rows, q: Input, work: Rows) -> tuple[Mat, Vec]:
         if link.slides:
             r = r + q[i] * z
         else:
-            R = R @ R_angle_axis(q[i], link.axis)
+            R = R @ R_angle_axis(q[i] + 0.0 * q[i], link.axis)  # NaN for an infinite q
         p = p + r
         _put_placed(work[i], 0, Placed(R, p, z, r))
     tip = _tip(chain[len(q)], 0)
