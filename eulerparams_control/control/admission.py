@@ -32,18 +32,6 @@ _MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 _LONGEST_STEP = 3.0
 
 
-class Repeat(NamedTuple):
-    """A state with the stamp of the last one.
-
-    Attributes:
-        is_same: whether it says the same, or is another one, by a clock that was set back.
-        silence: [s] since the stamp went on.
-    """
-
-    is_same: bool
-    silence: float
-
-
 class Restart(NamedTuple):
     """The stamps jumped, or no state came for long.
 
@@ -71,7 +59,8 @@ class Accept(NamedTuple):
         q: (n,) positions, which go on where joints are continuous.
         code: what the numbers say, see :mod:`eulerparams_control.control.judge`.
         dt: [s] since the last one; 0 at the first, and after a restart.
-        acted: [s] for which the command before has acted.
+        acted: [s] for which the command before has acted; of a state that repeats the stamp of the
+            last one, how long [s] it has stayed.
         lost: [s] of dt that no law is to integrate over: states are missing.
         leapt: [s] of it by which the stamps alone went on: no time has passed; below 0: by which
             they were set back, and more has.
@@ -198,22 +187,15 @@ class Admission:
         return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
 
     def admit(
-        self,
-        at: Instant,
-        q: Array,
-        dq: Array,
-        told: Array | None = None,
-        velocity: Array = judge.NONE,
-        *,
-        patient: bool = False,
-    ) -> Accept | Repeat:
+        self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array, patient: bool
+    ) -> Accept:
         """Say what the state q, dq (n,) measured at an instant is.
 
         Args:
             at: when it was.
             q, dq: (n,) as they came.
             told: (n,) the last command, to which continuous joints are nearest after a gap.
-            velocity: (n,) limits of the speeds under efforts.
+            velocity: (n,) limits of the speeds under efforts; empty: there are none.
             patient: whether states that stay late are taken in the end.
 
         Raises:
@@ -222,7 +204,12 @@ class Admission:
         timeout, last, receipt = self._timeout, self.clock.last, at.receipt
         dt, silence = self.clock.step(at)
         if -timeout < dt < 0:
-            self._refuse_stamp(at, dt)
+            self._back = self._back + 1 if at.stamp > self._back_at else 1
+            self._back_at = at.stamp
+            self.conflicts.append(at.seconds)
+            raise InvalidMessageError(
+                f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
+            )
         is_set_back = self._back >= _SET_BACK
         if is_set_back:  # nothing is late
             self._latency.forget()
@@ -237,26 +224,29 @@ class Admission:
         if receipt is not None and (dt != 0 or is_first):
             self._refuse_late(at.stamp, dt, receipt, patient)
         if last is not None and at.stamp == last.stamp:
-            is_same = bool(code & judge.SAME) or is_set_back  # its clock was here before
-            if not is_same:
+            if is_set_back:  # its clock was here before
+                code |= judge.SAME
+            elif not code & judge.SAME:
                 self.conflicts.append(at.seconds)
-            return Repeat(is_same, silence)
+            return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
         if code & judge.WOUND:
             q = self._now[judge.Q].copy()
         usual, restart = self.period.seconds, None
         self.period.take(dt)
         if not goes_on:
-            is_same = not code & judge.MOVED
-            restart, dt = self._restart(at, dt, silence, usual, is_same_arm=is_same), 0.0
+            restart, dt = self._restart(at, dt, silence, usual, code), 0.0
         acted, lost, leapt = dt, 0.0, 0.0
         if receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
-            if is_set_back and not restart:
+            # by how much more the stamps went on than time, lost and late states apart
+            leapt = min(self._latency.early, dt - max(silence, usual))
+            if is_set_back:
                 leapt = dt - silence
-            elif not restart:
-                leapt = self._leapt(dt, silence, usual)
-        if usual and max(dt, acted) > (longest := _LONGEST_STEP * usual):
-            acted, lost = min(acted, longest), max(dt - longest, 0.0)
+            if restart or not (is_set_back or 0 < usual < 2 * leapt):  # less is jitter
+                leapt = 0.0
+        if usual:
+            longest = _LONGEST_STEP * usual
+            lost, acted = max(dt - longest, 0.0), min(acted, longest)
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
@@ -274,46 +264,31 @@ class Admission:
         self._before, self._now = self._now, self._before
 
     def _restart(
-        self, at: Instant, dt: float, silence: float, usual: float, *, is_same_arm: bool
+        self, at: Instant, dt: float, silence: float, usual: float, code: int
     ) -> Restart:
         """Return what happened before a state whose stamp is dt [s] after the last one."""
-        timeout = self._timeout
+        is_silence, is_same_arm = silence > self._timeout, not code & judge.MOVED
         # by the stamps alone a silence and a clock that was set forward look the same
-        is_heard = silence <= timeout and (dt < 0 or at.receipt is not None)
-        if not is_same_arm and silence <= timeout:
+        is_heard = not is_silence and (dt < 0 or at.receipt is not None)
+        if not is_same_arm and not is_silence:
             self.conflicts.append(at.seconds)
-        why = restarted(dt, silence, not 0 <= dt <= timeout)
+        why = restarted(dt, silence, not 0 <= dt <= self._timeout)
         jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
-        return Restart(why, silence > timeout, is_same_arm, acts, usual, jump)
-
-    def _leapt(self, dt: float, silence: float, usual: float) -> float:
-        """Return by how much more [s] the stamps went on than time, lost and late states apart."""
-        leapt = min(self._latency.early, dt - max(silence, usual))
-        return leapt if 0 < usual < 2 * leapt else 0.0  # less is jitter
-
-    def _refuse_stamp(self, at: Instant, dt: float) -> None:
-        """Raise InvalidMessageError for a stamp that is dt [s] before the last one."""
-        self._back = self._back + 1 if at.stamp > self._back_at else 1
-        self._back_at = at.stamp
-        self.conflicts.append(at.seconds)
-        raise InvalidMessageError(
-            f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
-        )
+        return Restart(why, is_silence, is_same_arm, acts, usual, jump)
 
     def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array, code: int) -> None:
         """Raise InvalidMessageError for a state that is too fast or too far away."""
-        joints, before, (fastest, endless, _) = self._robot.joints, self._before[judge.Q], self._arm
+        i, robot = code >> judge.JOINT, self._robot
         if code & judge.FAST:
-            i = int(np.argmax(np.abs(dq) > fastest))
             raise InvalidMessageError(
-                f"the joint {joints[i]} moves at {dq[i]:.3g} rad/s, more than "
+                f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        rows = enumerate(zip(q, before, endless, fastest, strict=True))
-        i = next(i for i, row in rows if judge.is_far(*row, dt))
+        way = robot.limits.deviation(q, self._before[judge.Q])[i]
         self.conflicts.append(at.seconds)
-        way = abs(judge.difference(q[i], before[i], endless[i]))
-        raise InvalidMessageError(f"the joint {joints[i]} jumps by {way:.3g} rad within {dt:g} s")
+        raise InvalidMessageError(
+            f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"
+        )
 
     def _refuse_late(self, t: int, dt: float, now: float, patient: bool) -> None:
         """Raise InvalidMessageError for a state that comes too late to control by."""

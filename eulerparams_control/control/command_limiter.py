@@ -12,7 +12,7 @@ import numpy as np
 
 from eulerparams_control.control.judge import NONE, difference
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import Input, Inputs, Rows, entry, kernel
+from eulerparams_control.laws.compiled import Input, Rows, entry, kernel
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
@@ -26,13 +26,11 @@ _ROUNDING = 5e-13
 # No acceleration is larger [rad/s^2 or m/s^2]; no time shorter [s].
 _STEEP, _TINY = 1e9, 1e-300
 
-# Rows of the limits, of what is known of the joints (whether one is not where it is to be, how far
-# its last step led it), and codes: what is changed; then, shifted, what is not finite.
+# Rows of the limits, and of what is known of the joints: whether one is not where it is to be, and
+# how far its last step led it.  Codes: what is changed of a command, and what is not finite.
 _LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION, _RATE = range(6)
 _LAGS, _LED = range(2)
-_NAMES = ("q", "dq", "effort")
-_Q, _DQ, _TAU = (1 << bit for bit in range(3))
-_INFINITE = 3
+_PARTS, _INFINITE = ("q", "dq", "effort"), (8, 16, 32)
 
 
 class CommandLimiter:
@@ -92,48 +90,21 @@ class CommandLimiter:
             NONE if dq is None else dq,
             NONE if effort is None else effort,
         )
-        bounds, joints, safe = self._bounds, self._joints, self._safe
-        code = _bounded(*rows, *self._last, q, bounds, joints, safe, elapsed, dt)
-        if frame is not None and not _is_finite(*frame):
+        given = self._bounds, self._joints, self._safe, elapsed, dt
+        code = _bounded(*rows, *self._last, q, *given)
+        if frame is not None and not all(np.isfinite(part).all() for part in frame):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
+        for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
+            if code & bit:
+                raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
         if code:
-            rows = self._changed(rows, code)
+            self.bounded += 1
+            safe = [self._safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
+            rows = safe[0], safe[1], safe[2]
             q_c, dq, effort = (row if len(row) else None for row in rows)
-            command = command._replace(q=q_c, dq=dq, effort=effort)
+            command = JointCommand(q_c, dq, effort, frame)
         self._last, self.commands_efforts = rows, effort is not None
         return command
-
-    def _changed(self, rows: tuple[Array, ...], code: int) -> tuple[Array, Array, Array]:
-        """Return rows where those of the code are bounded; raise UnsafeCommandError for others."""
-        if code >> _INFINITE:
-            at = next(k for k in range(len(rows)) if code >> _INFINITE + k & 1)
-            values = self._safe[at] if code & (1 << at) else rows[at]
-            name, shown = _NAMES[at], values.tolist()
-            raise UnsafeCommandError(f"the command has a non-finite {name}: {shown}")
-        self.bounded += 1
-        q, dq, effort = (
-            self._safe[k].copy() if code & (1 << k) else row for k, row in enumerate(rows)
-        )
-        return q, dq, effort
-
-
-@entry
-def _is_finite(p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega: Input) -> bool:
-    """Return whether a frame is finite."""
-    total = 0.0
-    for i in range(3):
-        total += 0.0 * (p[i] + R[i, 0] + R[i, 1] + R[i, 2])
-        total += 0.0 * (dp[i] + omega[i] + ddp[i] + domega[i])
-    return bool(total == 0.0)
-
-
-@kernel
-def _infinite(values: Array) -> int:
-    """Return 1 if a value is not finite, else 0."""
-    for value in values:
-        if not math.isfinite(value):
-            return 1
-    return 0
 
 
 @kernel
@@ -142,99 +113,65 @@ def _clip(value: float, low: float, high: float) -> float:
 
 
 @kernel
-def _bound_position(
-    safe: Array, q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: Array,
+def _position(
+    i: int, q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: float,
     bounds: Array, joints: Array, elapsed: float, lasted: float,
-) -> bool:  # fmt: skip
-    """Fill ``safe`` with q_c where the motion until now can lead to; return whether it changed.
+) -> float:  # fmt: skip
+    """Return q_c of a joint, measured at q, where the motion until now can lead to.
 
-    The measured q is there.  A joint that cannot be where it is to be goes on by its velocity,
-    which chases; it gets there where that bends its motion, before and after, by no more than it
-    may.
+    A joint that cannot be where it is to be goes on by its velocity, which chases; it gets there
+    where that bends its motion, before and after, by no more than it may.
     """
-    fits_all = True
-    for i in range(len(q_c)):
-        fits_all = fits_all and bounds[_LOWER, i] <= q_c[i] <= bounds[_UPPER, i]
-        safe[i] = q_c[i]
-        if len(q_0):
-            reach, bend = _reach(i, dq_0, bounds, elapsed, lasted)
-            step = difference(q_c[i], q_0[i], math.isinf(bounds[_UPPER, i]))
-            led = lasted * dq_0[i] if len(dq_0) else 0.0
-            fits = abs(step) <= reach + _ROUNDING and abs(step - led) <= bend
-            if joints[_LAGS, i]:
-                leads = lasted * dq[i] if len(dq) else 0.0
-                fits = fits and abs(step - joints[_LED, i]) <= bend and abs(step - leads) <= bend
-            joints[_LAGS, i], joints[_LED, i] = not fits, led
-            fits_all = fits_all and fits and abs(q_c[i] - (q_0[i] + step)) <= _ROUNDING
-            if not fits and not math.isinf(bend):
-                step = led if len(dq_0) else _clip(step, -bend, bend)
-            safe[i] = q_0[i] + step
-    changes = False
-    for i in range(len(q_c)):
-        low, high = min(bounds[_LOWER, i], q[i]), max(bounds[_UPPER, i], q[i])  # it may come back
-        if len(q_0):
-            reach, _ = _reach(i, dq_0, bounds, elapsed, lasted)
-            low = max(min(low, q_0[i]), q_0[i] - reach)
-            high = min(max(high, q_0[i]), q_0[i] + reach)
-        safe[i] = _clip(safe[i], low, high)
-        changes = changes or safe[i] != q_c[i]
-    return changes and not fits_all
-
-
-@kernel
-def _reach(
-    i: int, dq_0: Array, bounds: Array, elapsed: float, lasted: float
-) -> tuple[float, float]:
-    """Return how far a joint may have come, and by how much its step may differ from the last."""
-    fastest = bounds[_VELOCITY, i]
-    if len(dq_0):  # its limit may have been lowered since
-        fastest = max(fastest, abs(dq_0[i]))
+    low, high = min(bounds[_LOWER, i], q), max(bounds[_UPPER, i], q)  # it may come back
+    if len(q_0) == 0:
+        return _clip(q_c[i], low, high)
+    fastest, led, leads = bounds[_VELOCITY, i], 0.0, lasted * dq[i] if len(dq) else 0.0
+    if len(dq_0):  # the limit of the speed may have been lowered since
+        fastest, led = max(fastest, abs(dq_0[i])), lasted * dq_0[i]
+    reach = fastest * elapsed if elapsed > 0 else 0.0
     bend = bounds[_ACCELERATION, i] * (lasted * lasted) + _ROUNDING
-    return (fastest * elapsed if elapsed > 0 else 0.0), bend
+    step = difference(q_c[i], q_0[i], math.isinf(bounds[_UPPER, i]))
+    lags = abs(step) > reach + _ROUNDING or abs(step - led) > bend
+    if joints[_LAGS, i]:
+        lags = lags or abs(step - joints[_LED, i]) > bend or abs(step - leads) > bend
+    joints[_LAGS, i], joints[_LED, i] = lags, led
+    if lags and not math.isinf(bend):
+        step = led if len(dq_0) else _clip(step, -bend, bend)
+    elif low <= q_c[i] <= high and not lags and abs(q_0[i] + step - q_c[i]) <= _ROUNDING:
+        return q_c[i]
+    low, high = max(min(low, q_0[i]), q_0[i] - reach), min(max(high, q_0[i]), q_0[i] + reach)
+    return _clip(q_0[i] + step, low, high)
 
 
 @kernel
-def _bound_velocity(
-    safe: Array, q_c: Array, q_safe: Array, dq: Array, dq_0: Array,
-    bounds: Array, lasted: float, chases: bool,
-) -> bool:  # fmt: skip
-    """Fill ``safe`` with dq where the velocity until now can have come to; return if it changed.
+def _velocity(
+    i: int, dq: float, before: float, lag: float, bounds: Array, lasted: float
+) -> float:
+    """Return dq of a joint where the velocity until now, ``before``, can have come to.
 
-    Where the position lags behind its command, ``q_safe`` behind ``q_c``, it chases that.
+    It chases what its position lags behind.
     """
-    fits_all, changes = not chases, False
-    for i in range(len(dq)):
-        before = dq_0[i] if len(dq_0) else 0.0
-        most, change, wanted = bounds[_VELOCITY, i], bounds[_ACCELERATION, i] * lasted, dq[i]
-        fits = abs(wanted) <= most and abs(wanted - before) <= change + _ROUNDING
-        fits_all = fits_all and fits
-        if chases:
-            chase = difference(q_c[i], q_safe[i], math.isinf(bounds[_UPPER, i]))
-            lag, a = abs(chase), min(bounds[_ACCELERATION, i], _STEEP)
-            speed = min(min(_CHASE, 0.5 / lasted) * lag, math.sqrt(a * lag))
-            wanted += math.copysign(speed, chase)
-        safe[i] = _clip(_clip(wanted, before - change, before + change), -most, most)
-        changes = changes or safe[i] != dq[i]
-    return changes and not fits_all
+    most, a = bounds[_VELOCITY, i], bounds[_ACCELERATION, i]
+    change = a * lasted
+    if lag != 0.0:
+        rate, way = min(_CHASE, 0.5 / lasted), abs(lag)
+        dq += math.copysign(min(rate * way, math.sqrt(min(a, _STEEP) * way)), lag)
+    elif abs(dq) <= most and abs(dq - before) <= change + _ROUNDING:
+        return dq
+    return _clip(_clip(dq, before - change, before + change), -most, most)
 
 
 @kernel
-def _bound_effort(
-    safe: Array, effort: Array, effort_0: Array, bounds: Array, elapsed: float
-) -> bool:
-    """Fill ``safe`` with efforts within their limits and rates; return whether they changed."""
-    fits_all, changes = True, False
-    for i in range(len(effort)):
-        most, reach = bounds[_EFFORT, i], bounds[_RATE, i] * max(elapsed, _TINY)
-        low, high = -most, most
-        fits_all = fits_all and abs(effort[i]) <= most
-        if len(effort_0):
-            fits_all = fits_all and abs(effort[i] - effort_0[i]) <= reach + _ROUNDING
-            low = max(min(low, effort_0[i]), effort_0[i] - reach)
-            high = min(max(high, effort_0[i]), effort_0[i] + reach)
-        safe[i] = _clip(effort[i], low, high)
-        changes = changes or safe[i] != effort[i]
-    return changes and not fits_all
+def _effort(i: int, effort: float, last: Array, bounds: Array, elapsed: float) -> float:
+    """Return the effort of a joint within its limit and rate."""
+    low, high = -bounds[_EFFORT, i], bounds[_EFFORT, i]
+    if len(last):
+        reach = bounds[_RATE, i] * max(elapsed, _TINY)
+        if abs(effort) <= high and abs(effort - last[i]) <= reach + _ROUNDING:
+            return effort
+        low = max(min(low, last[i]), last[i] - reach)
+        high = min(max(high, last[i]), last[i] + reach)
+    return _clip(effort, low, high)
 
 
 @entry
@@ -242,24 +179,35 @@ def _bounded(
     q_c: Input, dq: Input, effort: Input, q_0: Input, dq_0: Input, effort_0: Input,
     q: Input, bounds: Rows, joints: Rows, safe: Rows, elapsed: float, dt: float,
 ) -> int:  # fmt: skip
-    """Fill ``safe`` (3, n) with what has to change of a command, and return which, as a code.
+    """Fill ``safe`` (3, n) with a command within its bounds, and return what changed, as a code.
 
     Args:
-        q_c, dq, effort: (n,) of the command.
+        q_c, dq, effort: (n,) of the command; a part that it has not is empty.
         q_0, dq_0, effort_0: (n,) of the one before.
         q: (n,) measured.
-        bounds, joints: rows of the limits, and of what is known of the joints.
-        safe: (3, n).
+        bounds, joints: rows of the limits, none if there are none, and of the joints.
+        safe: is filled.
         elapsed, dt: [s] as the limiter is given them.
     """
-    code: int = _infinite(q_c) | _infinite(dq) << 1 | _infinite(effort) << 2
-    if code or bounds.shape[1] == 0:
-        return code << _INFINITE
-    lasted = dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
-    if _bound_position(safe[0], q_c, dq, q_0, dq_0, q, bounds, joints, elapsed, lasted):
-        code |= _Q | _infinite(safe[0]) << _INFINITE
-    if _bound_velocity(safe[1], q_c, safe[0], dq, dq_0, bounds, lasted, code != 0):
-        code |= _DQ | _infinite(safe[1]) << _INFINITE + 1
-    if _bound_effort(safe[2], effort, effort_0, bounds, elapsed):
-        code |= _TAU | _infinite(safe[2]) << _INFINITE + 2
+    code, lasted = 0, dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
+    for i in range(max(len(q_c), len(dq), len(effort))):
+        code |= 8 if len(q_c) and not math.isfinite(q_c[i]) else 0
+        code |= 16 if len(dq) and not math.isfinite(dq[i]) else 0
+        code |= 32 if len(effort) and not math.isfinite(effort[i]) else 0
+    for i in range(0 if code else bounds.shape[1]):
+        lag = 0.0
+        if len(q_c):
+            safe[0, i] = _position(i, q_c, dq, q_0, dq_0, q[i], bounds, joints, elapsed, lasted)
+            if safe[0, i] != q_c[i]:
+                code |= 1
+                lag = difference(q_c[i], safe[0, i], math.isinf(bounds[_UPPER, i]))
+        if len(dq):
+            before = dq_0[i] if len(dq_0) else 0.0
+            safe[1, i] = _velocity(i, dq[i], before, lag, bounds, lasted)
+            code |= 2 if safe[1, i] != dq[i] else 0
+        if len(effort):
+            safe[2, i] = _effort(i, effort[i], effort_0, bounds, elapsed)
+            code |= 4 if safe[2, i] != effort[i] else 0
+        for k in range(3):
+            code |= 0 if math.isfinite(safe[k, i]) else 8 << k
     return code

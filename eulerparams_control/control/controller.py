@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eulerparams_control.control.admission import Admission, Repeat
+from eulerparams_control.control.admission import Accept, Admission
 from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
-from eulerparams_control.control.judge import AT_REST, NONE
+from eulerparams_control.control.judge import AGAIN, AT_REST, NONE, SAME
 from eulerparams_control.control.mode import (
     DEACTIVATED,
     HALTED,
@@ -214,8 +214,8 @@ class Controller:
         limits, has_efforts = limiter.limits, limiter.commands_efforts
         velocity = limits.velocity if has_efforts and limits is not None else NONE
         told = None if command is None else command.q
-        state = admission.admit(at, q, dq, told, velocity, patient=not has_efforts)
-        if isinstance(state, Repeat):
+        state = admission.admit(at, q, dq, told, velocity, not has_efforts)
+        if state.code & AGAIN:
             return self._answer_again(at, state)
         q = state.q
         if supervisor.mode.mode is Mode.WAITING:
@@ -258,14 +258,14 @@ class Controller:
             supervisor.change(ModeEvent.FAULT, why_of(error))
             return None
 
-    def _answer_again(self, at: Instant, state: Repeat) -> JointCommand | None:
+    def _answer_again(self, at: Instant, state: Accept) -> JointCommand | None:
         """Return the command of the state seen last, if it may act for longer."""
         stamp = f"its stamp stays at {at.stamp / 1e9:g} s"
-        if not state.is_same:
+        if not state.code & SAME:
             self.supervisor.change(ModeEvent.FAULT, stuck(f"joint_states moves, but {stamp}"))
         elif at.receipt is None or self._may_stay:
             return self._command
-        elif state.silence <= self.options.state_timeout:
+        elif state.acted <= self.options.state_timeout:
             return None  # it has its answer; efforts must not act for longer than states come
         else:
             self.supervisor.change(ModeEvent.FAULT, stuck(f"joint_states repeats itself: {stamp}"))

@@ -156,14 +156,24 @@ class Guidance:
             motion.wait(round((1 - u) * dt * 1e9))
         desired = motion.sample(t - self._jump)
         if not is_frozen or is_shaped:
-            desired = scale.paced(dt, self._wanted(is_frozen), desired, motion.after)
+            # what is frozen has to start again from rest
+            wanted = min(self.pace.wanted, self._options.speed_override, motion.bearable)
+            wanted = 0.0 if self.is_braking else scale.now if is_frozen else wanted
+            desired = scale.paced(dt, wanted, desired, motion.after)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
         try:
             tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
             raise LawError(error) from error
-        self._pace(dt, tick)
+        self.pace.update(dt, scale.now, tick.state.q, tick.state.dq, tick.state.J)
+        if self.is_braking:
+            if scale.now == 0 or motion.is_at_rest:
+                motion.hold(motion.last)
+                self._rest()
+        elif tick.excess > 1 and is_shaped and not is_frozen:
+            # the arm is behind already: time waits for it at once
+            scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
         self._ticks, self.dt = (tick, self._ticks[0]), dt
         self.tick_now = tick
         self.saturated += tick.saturated
@@ -177,26 +187,6 @@ class Guidance:
             ddp_d=(later.dp_d - desired.dp_d) / dt,
             domega_d=(later.omega_d - desired.omega_d) / dt,
         )
-
-    def _wanted(self, is_frozen: bool) -> float:
-        """Return the rate of time to go to."""
-        if self.is_braking:
-            return 0.0
-        if is_frozen:
-            return self.scale.now  # it has to start again from rest
-        return min(self.pace.wanted, self._options.speed_override, self.motion.bearable)
-
-    def _pace(self, dt: float, tick: Tick) -> None:
-        """See what rate of time the arm bears; end a stop."""
-        scale, state, motion = self.scale, tick.state, self.motion
-        self.pace.update(dt, scale.now, state.q, state.dq, state.J)
-        if self.is_braking:
-            if scale.now == 0 or motion.is_at_rest:
-                motion.hold(motion.last)
-                self._rest()
-        elif tick.excess > 1 and self._options.motion is not None and not self.scheme.is_frozen:
-            # the arm is behind already: time waits for it at once
-            scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
 
     def lyapunov(self) -> tuple[float, float, float] | None:
         """Return V, its derivative by the paper, and as measured over the last tick.

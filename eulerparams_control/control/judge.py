@@ -17,10 +17,11 @@ turns that were added to what the driver says, and whether it was seen to jump b
 FASTEST, ENDLESS, TURNING = range(3)
 """Rows of an arm: speeds that no joint has, which ones have no limit, which of these turn."""
 
-SAME, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(8))
-"""Codes: the state is the last one; a joint is too fast, or too far from it; the arm is another
-one; positions stay although it moves; it runs away, or would if it were to stand; positions are
-turns from what came."""
+SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(9))
+"""Codes: the state is the last one, or has its stamp; a joint, whose number is above all codes, is
+too fast, or too far from the last state; the arm is another one; positions stay although it moves;
+it runs away, or would if it were to stand; positions are turns from what came."""
+JOINT = 9
 
 AT_REST = 0.01
 """Slower than this [rad/s or m/s] a joint is at rest."""
@@ -56,12 +57,6 @@ def difference(q_c: float, q: float, is_endless: float) -> float:
 
 
 @kernel
-def is_far(q: float, before: float, is_endless: float, fastest: float, dt: float) -> bool:
-    """Return whether a joint cannot have come to q within dt [s]."""
-    return bool(abs(difference(q, before, is_endless)) > _MOST_ASTRAY + dt * fastest)
-
-
-@kernel
 def runaway(dq: float, most: float, limit: float) -> float:
     """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
     return max(abs(dq) - max(most * limit, _SLOW), 0.0)
@@ -69,27 +64,16 @@ def runaway(dq: float, most: float, limit: float) -> float:
 
 @entry
 def code_of(
-    q: Input,
-    dq: Input,
-    near: Input,
-    velocity: Input,
-    arm: Rows,
-    before: Rows,
-    now: Rows,
-    dt: float,
-    is_next: bool,
-    goes_on: bool,
-    is_lost: bool,
-) -> int:
+    q: Input, dq: Input, near: Input, velocity: Input, arm: Rows, before: Rows, now: Rows,
+    dt: float, is_next: bool, goes_on: bool, is_lost: bool,
+) -> int:  # fmt: skip
     """Fill the state ``now`` that was measured, and return what it says, as a code.
 
     Args:
         q, dq: (n,) as they came.
-        near: (n,) where joints that turn are nearest to; none: to the state before.
-        velocity: (n,) limits of the speeds of an arm that runs away; none: it does not.
-        arm: its rows.
-        before: the last state.
-        now: is filled.
+        near: (n,) where joints that turn are nearest to; none: to the last state.
+        velocity: (n,) limits of the speeds of an arm that may run away; or none.
+        arm, before, now: its rows, the last state and this one.
         dt: [s] after the last state, by the stamps.
         is_next: whether there is one, and ``dt`` is short enough to compare with it.
         goes_on: whether there was no silence, either.
@@ -98,10 +82,11 @@ def code_of(
     """
     code, stays = SAME, True
     for i in range(len(q)):
-        if abs(dq[i]) > arm[FASTEST, i]:
-            code |= FAST
-        if is_next and is_far(q[i], before[Q, i], arm[ENDLESS, i], arm[FASTEST, i], dt):
-            code |= FAR
+        way = abs(difference(q[i], before[Q, i], arm[ENDLESS, i]))
+        if abs(dq[i]) > arm[FASTEST, i] and not code & FAST:
+            code = code & ((1 << JOINT) - 1) | FAST | i << JOINT
+        if is_next and way > _MOST_ASTRAY + dt * arm[FASTEST, i] and not code & (FAST | FAR):
+            code |= FAR | i << JOINT
         turns, wraps = 0.0, before[WRAPS, i]
         if arm[TURNING, i]:
             place = near[i] if len(near) else before[Q, i]
@@ -115,15 +100,12 @@ def code_of(
             now[Q, i] += 2 * math.pi * turns
             code |= WOUND
         stays = stays and now[Q, i] == before[Q, i]
-        if not abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i])) <= _SAME_ARM:
+        if abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i])) > _SAME_ARM:
             code |= MOVED
         if not (stays and dq[i] == before[DQ, i]):
             code &= ~SAME
-        if len(velocity):
-            if runaway(dq[i], RUNAWAY, velocity[i]):
-                code |= RUNS
-            if runaway(dq[i], SWINGING, velocity[i]):
-                code |= SWINGS
+        if len(velocity) and runaway(dq[i], SWINGING, velocity[i]):
+            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, velocity[i]) else 0)
     for i in range(len(q)):
         now[UNMOVED, i] = before[UNMOVED, i] if stays else 0.0
         if stays and goes_on and abs(dq[i]) > AT_REST:

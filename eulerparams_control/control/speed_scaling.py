@@ -153,33 +153,23 @@ class SpeedScaling:
 
     def _by_limits(self, now: float, q: Array, dq: Array) -> float:
         """Return the pace at which no joint is faster than it may be so near to its limit."""
-        limits, self.limit = self.limits, Nearness.CLEAR
-        if limits is None:
-            return 1.0
-        pace = float(_pace_of_limits(now, q, dq, limits.rows, self._near))
-        limit, joint = self._near.tolist()
-        self.limit = Nearness(int(limit))
-        if self.limit is not Nearness.CLEAR:
-            self.joint = int(joint)
+        self.limit, near, pace = Nearness.CLEAR, self._near, 1.0
+        if self.limits is not None:
+            pace = float(_pace_of_limits(now, q, dq, self.limits.rows, near))
+            self.limit, self.joint = Nearness(int(near[0])), int(near[1])
         return pace
 
 
 @entry
 def _pace_of_limits(now: float, q: Input, dq: Input, limits: Rows, near: Row) -> float:
-    """Return the pace at which no joint is faster than it may be so near to its limit.
-
-    Args:
-        now: the pace of now.
-        q, dq: (n,) positions and velocities.
-        limits: rows of the limits.
-        near: (2,) is filled: how near which joint is.
-    """
+    """Return the pace for limits of the joints; fill ``near`` (2,): how near which joint is."""
     first, ratio, by_speed, fastest, nearest, least = 0, math.inf, math.inf, 0.0, 0, math.inf
     for i in range(len(q)):
         below, above, speed = q[i] - limits[_LOWER, i], limits[_UPPER, i] - q[i], abs(dq[i])
         room, ahead = min(above, below), above if dq[i] > 0 else below
-        if POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW) < ratio:
-            first, ratio = i, POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW)
+        rate = POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW)
+        if rate < ratio:
+            first, ratio = i, rate
         if room < least:
             nearest, least, leaves = i, room, ahead > room and speed > _SLOW
         by_speed = min(by_speed, limits[_VELOCITY, i] / max(speed, _SLOW))

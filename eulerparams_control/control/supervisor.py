@@ -147,13 +147,9 @@ class Supervisor:
         return state
 
     def observe(self, at: Instant, state: Accept, dq: Array, *, is_acting: bool) -> None:
-        """Change the mode as a new state tells to.
+        """Change the mode as a new state with speeds dq (n,) tells to.
 
-        Args:
-            at: when it was.
-            state: what the admission says of it.
-            dq: (n,) measured.
-            is_acting: whether the state before had a command.
+        ``is_acting``: whether the state before had a command.
         """
         if isinstance(self.mode, Distrusting):
             if at.receipt is not None and at.receipt < self.mode.until:
