@@ -1,6 +1,9 @@
 """What is calculated for many samples at once is what is calculated for one after the other."""
 
+import os
 import pickle
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -146,3 +149,16 @@ def test_what_is_compiled_with_what_another_process_has_compiled_has_the_same_ty
     compiled, *_ = read.overloads.values()
     found = pickle.loads(pickle.dumps(compiled.signature.return_type))
     assert found is compiled.signature.return_type
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
+def test_without_a_folder_that_can_be_written_formulas_are_compiled_all_the_same(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    code = "from eulerparams_control.laws.rotations import exp; exp.prepare()"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(file)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
+    )
+    assert "set NUMBA_CACHE_DIR to a folder that can be written" in done.stderr

@@ -196,7 +196,7 @@ class ClikLaw:
             SingularityError: if the representation has no finite answer.
         """
         q, orientation, posture = state.q, self.orientation, self.posture
-        dq, dp_de, x_de = np.empty(len(q)), np.empty(3), np.empty(orientation.width)
+        dq, dp_de, x_de = np.empty(len(q)), np.empty(3), np.empty(orientation.rows.width)
         is_finite = _velocity_of(type(orientation))(
             q,
             state.p_e,
@@ -215,7 +215,7 @@ class ClikLaw:
         )
         if not is_finite:
             raise SingularityError(orientation.singularity)
-        return dq, dp_de, orientation.of_row(x_de)
+        return dq, dp_de, orientation.rows.unpack(x_de)
 
     @cached_property
     def fastest_gain(self) -> LoopGain:

@@ -18,7 +18,7 @@ import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
 from types import FunctionType
@@ -77,23 +77,32 @@ class RowLayout(NamedTuple):
         width: how many floats it is.
         read: returns the value (a, i) that begins at a[i].
         put: writes a value (a, i, v) from a[i] on.
+        pack: returns a row with a value whose parts are arrays.
+        unpack: returns the value of a row, whose parts are arrays: views of it.
     """
 
     width: int
     read: Kernel
     put: Kernel
+    pack: Callable[[Any], Array]
+    unpack: Callable[[Array], Any]
 
 
 @cache
 def layout(kind: Any) -> RowLayout:
     """Return the layout of a kind: a number, an atom, or a tuple of kinds, named or not."""
-    leaves, names = list(_leaves(kind, "v")), dict[str, Any]()
-    made = _making(kind, iter(range(len(leaves))), names)
+    leaves, names = list(_leaves(kind, "v")), dict[str, Any](empty=np.empty)
+    made, _ = _making(kind, 0, names)
+    views, _ = _making(kind, 0, names, as_views=True)
+    fills = "".join(f"    {line}\n" for line in _fills(kind, "v", iter(range(len(leaves) + 1))))
     writes = "".join(f"    a[i + {k}] = {leaf}\n" for k, leaf in enumerate(leaves))
     name = hashlib.sha256(f"{kind}{leaves}".encode()).hexdigest()[:8]
     read = _source(f"read_{name}", f"(a, i):\n    return {made}\n", names)
     put = _source(f"put_{name}", f"(a, i, v):\n{writes}", names)
-    return RowLayout(len(leaves), Kernel(read), Kernel(put))
+    fills = f"    a = empty({len(leaves)})\n{fills}    return a\n"
+    pack = _source(f"pack_{name}", f"(v):\n{fills}", names)
+    unpack = _source(f"unpack_{name}", f"(a):\n    return {views}\n", names)
+    return RowLayout(len(leaves), Kernel(read), Kernel(put), pack, unpack)
 
 
 @cache
@@ -120,16 +129,40 @@ def _leaves(kind: Any, name: str) -> Iterable[str]:
         yield f"1.0 * {name}" if kind is not float else name
 
 
-def _making(kind: Any, at: Iterable[int], names: dict[str, Any]) -> str:
+def _making(
+    kind: Any, at: int, names: dict[str, Any], *, as_views: bool = False
+) -> tuple[str, int]:
+    """Return what makes the value that begins at a place of a row, and where the next one does."""
     parts = _parts(kind)
     if not parts:
-        value = f"a[i + {next(iter(at))}]"
-        return {bool: f"{value} != 0.0", int: f"int({value})"}.get(kind, value)
-    made = ", ".join(_making(part, at, names) for _, part in parts)
+        value = f"a.item({at})" if as_views else f"a[i + {at}]"
+        return {bool: f"{value} != 0.0", int: f"int({value})"}.get(kind, value), at + 1
+    if as_views and kind in _ATOMS:
+        matrix = ".reshape(3, 3)" if _axes(kind) == 2 else ""
+        return f"a[{at}:{at + len(parts)}]{matrix}", at + len(parts)
+    made = []
+    for _, part in parts:
+        one, at = _making(part, at, names, as_views=as_views)
+        made.append(one)
     if isinstance(kind, type) and not get_args(kind):
         names[kind.__name__] = kind
-        return f"{kind.__name__}({made})"
-    return f"({made},)"
+        return f"{kind.__name__}({', '.join(made)})", at
+    return f"({', '.join(made)},)", at
+
+
+def _fills(kind: Any, name: str, at: Iterator[int]) -> Iterable[str]:
+    """Return the lines that fill a row with a value whose parts are arrays."""
+    parts = _parts(kind)
+    if kind in _ATOMS:
+        begin = next(at)
+        end = begin + len(parts)
+        yield f"a[{begin}:{end}] = {name}{'.ravel()' if _axes(kind) == 2 else ''}"
+        for _ in parts[1:]:
+            next(at)
+    for path, part in parts if kind not in _ATOMS else ():
+        yield from _fills(part, name + path, at)
+    if not parts:
+        yield f"a[{next(at)}] = {name}"
 
 
 def _source(name: str, body: str, names: dict[str, Any]) -> FunctionType:
@@ -387,8 +420,8 @@ def _struct(atom: type, fields: tuple[str, ...]) -> Any:
         def __init__(self, manager: Any, kind: Any) -> None:
             super().__init__(manager, kind, [(name, float64) for name in fields])
 
-    for name in fields:
-        numba.extending.make_attribute_wrapper(Struct, name, name)
+    for field in fields:
+        numba.extending.make_attribute_wrapper(Struct, field, field)
     struct = Struct(atom.__name__)
 
     @numba.extending.type_callable(atom)

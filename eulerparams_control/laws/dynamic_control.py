@@ -180,7 +180,7 @@ class ResolvedAcceleration:
             SingularityError: if the representation has no finite answer.
         """
         orientation = self.orientation
-        a, dp_de, x_de = np.empty(6), np.empty(3), np.empty(orientation.width)
+        a, dp_de, x_de = np.empty(6), np.empty(3), np.empty(orientation.rows.width)
         is_finite = _acceleration_of(type(orientation))(
             *arm[2:6],
             *desired,
@@ -194,7 +194,7 @@ class ResolvedAcceleration:
         )
         if not is_finite:
             raise SingularityError(orientation.singularity)
-        return a, dp_de, orientation.of_row(x_de)
+        return a, dp_de, orientation.rows.unpack(x_de)
 
     @cached_property
     def numbers(self) -> Array:

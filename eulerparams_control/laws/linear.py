@@ -153,8 +153,8 @@ register(
 
 # --- values and arrays ---------------------------------------------------------------------
 
-_, read_vec, put_vec = layout(Vec)
-_, read_mat, put_mat = layout(Mat)
+read_vec, put_vec = layout(Vec)[1:3]
+read_mat, put_mat = layout(Mat)[1:3]
 
 
 @kernel

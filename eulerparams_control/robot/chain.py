@@ -83,8 +83,8 @@ class Motion(NamedTuple):
 
 
 _link, _tip = layout(Link).read, layout(Tip).read
-_placed, _put_placed = layout(Placed)[1:]
-_load, _put_load = layout(Load)[1:]
+_placed, _put_placed = layout(Placed)[1:3]
+_load, _put_load = layout(Load)[1:3]
 _put_vec, _put_mat = layout(Vec).put, layout(Mat).put
 _LOAD = layout(Placed).width  # where it begins
 WORK = _LOAD + layout(Load).width

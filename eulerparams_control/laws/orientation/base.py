@@ -17,7 +17,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import Formula, formula, from_rows, layout, to_rows
+from eulerparams_control.laws.compiled import (
+    Formula,
+    RowLayout,
+    formula,
+    from_rows,
+    layout,
+    to_rows,
+)
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
 from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
@@ -158,8 +165,7 @@ class OrientationRepresentation(ABC):
     @cached_property
     def _none(self) -> Any:
         """What stands for the displacement before the first."""
-        kind = self.laws.displacement.result
-        return from_rows(kind, np.zeros(layout(kind).width))
+        return self.rows.unpack(np.zeros(self.rows.width))
 
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
@@ -213,18 +219,14 @@ class OrientationRepresentation(ABC):
         acceleration, options = self.laws.acceleration, self.options.values
         return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
 
-    @property
-    def width(self) -> int:
-        """How many floats a displacement is."""
-        return layout(self.laws.displacement.result).width
+    @cached_property
+    def rows(self) -> RowLayout:
+        """How a displacement lies in a row of floats."""
+        return layout(self.laws.displacement.result)
 
     def row(self, x_de: Any) -> Array:
         """Return a displacement as a row of floats; None is that before the first."""
-        return to_rows(self.laws.displacement.result, self._none if x_de is None else x_de)
-
-    def of_row(self, row: Array) -> Any:
-        """Return the displacement of a row of floats."""
-        return from_rows(self.laws.displacement.result, row)
+        return np.zeros(self.rows.width) if x_de is None else self.rows.pack(x_de)
 
     @property
     def singularity(self) -> str:
