@@ -98,10 +98,10 @@ class _Memory(NamedTuple):
     desired: DesiredFrame
 
 
-_width, _read_memory, _put_memory = layout(_Memory)
+_width, _read_memory, _put_memory = layout(_Memory)[:3]
 _NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
 _read_law, _read_vec = layout(_Numbers).read, layout(Vec).read
-_, _read_frame, _put_frame = layout(DesiredFrame)
+_, _read_frame, _put_frame = layout(DesiredFrame)[:3]
 
 
 @dataclass(frozen=True)

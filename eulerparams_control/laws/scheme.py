@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
+from eulerparams_control.laws.compiled import Input, Inputs, entry
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.linear import mat, norm, vec
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, chord
 from eulerparams_control.motion.frames import DesiredFrame
@@ -69,6 +71,8 @@ class ErrorBounds:
 
     def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
+        if is_near(desired.p_d, desired.R_d, arm.p_e, arm.R_e, self.position, self._small):
+            return
         dp_de = desired.p_d - arm.p_e
         distance = math.sqrt(dp_de @ dp_de)
         if distance > self.position:
@@ -79,15 +83,23 @@ class ErrorBounds:
                 "reference again; is the computer late? then lower the gains k_P and k_V; else "
                 "raise max_error_position"
             )
-        if chord(desired.R_d, arm.R_e) > self._small:
-            angle = angle_between(desired.R_d, arm.R_e)
-            if angle > self.rotation:
-                raise FollowingError(
-                    f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
-                    f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
-                    "blocked, or the orientation singular? then send the reference again, else "
-                    "raise max_error_rotation"
-                )
+        angle = angle_between(desired.R_d, arm.R_e)
+        if angle > self.rotation:
+            raise FollowingError(
+                f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+                f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
+                "blocked, or the orientation singular? then send the reference again, else "
+                "raise max_error_rotation"
+            )
+
+
+@entry
+def is_near(
+    p_d: Input, R_d: Inputs, p_e: Input, R_e: Inputs, most: float, most_chord: float
+) -> bool:
+    """Return whether the tip is clearly within these errors of the desired frame."""
+    near = norm(vec(p_d) - vec(p_e)) <= most
+    return near and chord(mat(R_d), mat(R_e)) <= most_chord
 
 
 class Tick(NamedTuple):
