@@ -1,9 +1,13 @@
 """The controller: stamps, references, faults; no command is ever other than finite."""
 
 import math
+import subprocess
+import sys
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -203,6 +207,48 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
     assert way < speed**2 / a + 0.02
     np.testing.assert_array_equal(command.dq, 0)
     np.testing.assert_array_equal(command.q, before.q)
+
+
+def move_in_all_ways():
+    """Let an arm follow each kind of reference, while it is an error to compile a formula."""
+    options = ControllerOptions(motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    running, dp, t = controller(options), np.array([0.05, 0.0, 0.0]), T_0
+    goal = moved(0.05, 0.3)
+
+    def go_on(steps):
+        nonlocal t
+        for _ in range(steps):
+            t += MS
+            running.step(t, HOME, STILL)
+
+    with patch("eulerparams_control.laws.compiled.entry", side_effect=AssertionError):
+        go_on(3)
+        for seconds in (0.1, 1.0):  # too fast, then within the limits, which join on the way
+            running.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
+            go_on(100)
+        for dp_d in (dp, 0 * dp):
+            for n in range(20):
+                there = running.guidance.motion.last
+                frame = DesiredFrame(there.p_d + 0.005 * n * dp, there.R_d, dp_d)
+                running.follow(SetPoint(frame, 0.1), None)
+                go_on(5)
+        running.aim(goal)
+        go_on(200)
+        running.jog(np.array([*dp, 0.0, 0.2, 0.0]))
+        go_on(100)
+        running.changed(replace(options, motion=replace(options.motion, linear_speed=0.05)))
+        running.changed(replace(options, speed_override=0.5))
+        go_on(100)
+        assert not running.guidance.motion.is_at_rest
+        assert running.fault == ""
+        running.halt()
+        go_on(300)
+    assert running.mode is Mode.STOPPED
+
+
+def test_nothing_is_compiled_while_an_arm_moves():
+    code = "import test_controller; test_controller.move_in_all_ways()"
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True)
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)

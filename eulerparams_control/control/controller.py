@@ -33,7 +33,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
-from eulerparams_control.motion.trajectories import Trajectory, prepare
+from eulerparams_control.motion.trajectories import Trajectory
 
 __all__ = ["Controller", "ControllerOptions"]
 
@@ -69,7 +69,6 @@ class Controller:
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
-        prepare()
 
     @property
     def mode(self) -> Mode:

@@ -41,6 +41,7 @@ Inputs = Annotated[Array, "float64", 2, "A", True]
 
 # Rooms whose files have formulas: where one changes, all is compiled anew.
 _ROOMS = ("laws", "robot", "motion", "control")
+_UNKNOWN = np.empty(0)
 _KEPT = 4  # folders of compiled formulas, one for each state of these files
 
 if IS_COMPILED:
@@ -239,6 +240,23 @@ class Formula(Kernel):
         """Compile what maps it over N samples, now."""
         _ = self._series
 
+    def row(self, *parts: Any) -> Array:
+        """Return the value as a row of floats, of parts that are one sample side by side.
+
+        It is compiled, at the first call unless it was prepared.
+        """
+        return self.rows(np.concatenate(parts, axis=None)[None])[0]
+
+    def rows(self, samples: Array, previous: Array = _UNKNOWN) -> Array:
+        """Return the values (N, ...) of N samples, in each row of which lies what it takes."""
+        out = np.empty((len(samples), self._width))
+        self._series(samples, previous, out)
+        return out
+
+    @cached_property
+    def _width(self) -> int:
+        return layout(self.result).width
+
     @property
     def takes(self) -> dict[str, Any]:
         """The kinds of what it takes, by name."""
@@ -255,11 +273,9 @@ class Formula(Kernel):
         if not any(_is_stack(kind, arg) for kind, arg in pairs):
             return _arrays(self.function(*(_value(kind, arg) for kind, arg in pairs)))
         rows = dict(zip(kinds, (to_rows(kind, arg) for kind, arg in pairs), strict=True))
-        first = rows.pop("previous", np.zeros(0))
+        first = rows.pop("previous", _UNKNOWN)
         samples = np.ascontiguousarray(_side_by_side(list(rows.values())))
-        out = np.empty((len(samples), layout(result).width))
-        self._series(samples, first, out)
-        return from_rows(result, out)
+        return from_rows(result, self.rows(samples, first))
 
     @cached_property
     def _series(self) -> Any:

@@ -8,14 +8,18 @@ and likewise for the rotation.  s follows from the speed, acceleration and jerk 
 trajectory: the least of its surroundings, averaged, so that it changes slowly.
 """
 
-import bisect
-
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.laws.compiled import Array, Row, Rows, entry
+from eulerparams_control.motion.frames import DesiredFrame, at_pace
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.trajectories import Trajectory, powers, quintic
+from eulerparams_control.motion.trajectories import (
+    Trajectory,
+    polynomial,
+    put_frame,
+    quintic,
+    sampled,
+)
 
 # A trajectory is looked at at its points, between them, and in so many places a second, so many at
 # least and at most.
@@ -52,30 +56,31 @@ class Dilated:
         steps = np.diff(tau) / ((s[1:] + s[:-1]) / 2)
         times = np.concatenate(([0.0], np.cumsum(steps)))
         rates = s * np.gradient(s, tau)
-        self._tau, self._rows = tau, np.column_stack((tau, s, rates))
-        self._times: list[float] = times.tolist()
-        self._segment = -1
-        self.duration = self._times[-1]
+        self._times, self._rows = times, np.column_stack((tau, s, rates))
+        self.duration = float(times[-1])
 
     def time_at(self, tau: float) -> float:
         """Return the time [s] at which the trajectory is as it was asked to be at tau [s]."""
-        return float(np.interp(tau, self._tau, self._times))
+        return float(np.interp(tau, self._rows[:, 0], self._times))
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
-        if t > self.duration:
-            return self.trajectory.sample(self._tau[-1]).at_rest()
-        if t == self.duration:
-            _, s, ds = self._rows[-1].tolist()
-            return self.trajectory.sample(self._tau[-1]).at_pace(s, ds)
-        index = max(bisect.bisect_right(self._times, t) - 1, 0)
-        if index != self._segment:
-            start, end = ([row[k : k + 1] for k in range(3)] for row in self._rows[index:][:2])
-            length = self._times[index + 1] - self._times[index]
-            self._coefficients = quintic(start, end, length)  # type: ignore[arg-type]
-            self._segment = index
-        (tau,), (s,), (ds,) = powers(max(t - self._times[index], 0.0)) @ self._coefficients
-        return self.trajectory.sample(float(tau)).at_pace(float(s), float(ds))
+        if t >= self.duration:
+            tau, s, ds = self._rows[-1].tolist()
+            end = self.trajectory.sample(tau)
+            return end.at_rest() if t > self.duration else end.at_pace(s, ds)
+        row = np.empty(24)
+        _sample(self._times, self._rows, *self.trajectory.rows, t, row)
+        return DesiredFrame.of(row)
+
+
+@entry
+def _sample(times: Row, rows: Rows, points: Row, frames: Rows, t: float, row: Row) -> None:
+    k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
+    (x_0, v_0, a_0), (x_1, v_1, a_1) = rows[k], rows[k + 1]
+    c = quintic(x_0, v_0, a_0, x_1, v_1, a_1, times[k + 1] - times[k])
+    tau, s, ds = polynomial(c, max(t - times[k], 0.0))
+    put_frame(row, 0, at_pace(sampled(points, frames, tau), s, ds))
 
 
 def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated:
@@ -90,7 +95,7 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
     parts = _PARTS if len(points) < _MANY else (0.5,)
     between = (points[:-1] + np.diff(points) * part for part in parts)
     fine = np.unique(np.round(np.concatenate((tau, points, *between)), 9))
-    most = np.array([limits.speeds, limits.accelerations, limits.jerks])
+    most = limits.row.reshape(3, 2)
     rates = _rates(trajectory, fine)
     used = _used(fine, np.ones(len(fine)), *rates, most)
     if used.max() <= 1 + _ROUNDING:

@@ -11,8 +11,8 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.laws.compiled import Array, formula
-from eulerparams_control.laws.linear import MatLike, VecLike
-from eulerparams_control.laws.rotations import angle_between, cross, exp
+from eulerparams_control.laws.linear import MatLike, Vec, VecLike, cross, norm
+from eulerparams_control.laws.rotations import angle_between, exp
 
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
@@ -26,8 +26,8 @@ class Placement(NamedTuple):
         p: (3,) [m] its origin.
     """
 
-    R: Array
-    p: Array
+    R: MatLike
+    p: VecLike
 
     @property
     def inverse(self) -> "Placement":
@@ -58,31 +58,34 @@ class DesiredFrame(NamedTuple):
     ddp_d: VecLike = _ZERO
     domega_d: VecLike = _ZERO
 
+    @classmethod
+    def of(cls, row: Array) -> "DesiredFrame":
+        """Return the frame that lies in a row (24,).
+
+        Raises:
+            SingularityError: if its rotation is not finite.
+        """
+        if math.isnan(row[3]):
+            raise SingularityError("the rotation of the desired frame is not finite")
+        rows = row.reshape(8, 3)
+        return cls(rows[0], rows[1:4], rows[4], rows[5], rows[6], rows[7])
+
+    @property
+    def _is_still(self) -> bool:
+        """Whether it is known to be at rest."""
+        return self.dp_d is self.omega_d is self.ddp_d is self.domega_d is _ZERO
+
     def carrying(self, point: Placement) -> "DesiredFrame":
         """Return the frame that this one carries rigidly at ``point``, with its motion."""
         if point is AT_ORIGIN:
             return self
-        r = self.R_d @ point.p
-        turning = cross(self.omega_d, r)
-        return DesiredFrame(
-            self.p_d + r,
-            self.R_d @ point.R,
-            self.dp_d + turning,
-            self.omega_d,
-            self.ddp_d + cross(self.domega_d, r) + cross(self.omega_d, turning),
-            self.domega_d,
-        )
+        return DesiredFrame.of(carried.row(*self, *point))
 
     def at_pace(self, s: float, ds: float) -> "DesiredFrame":
         """Return the frame of a motion whose time runs s times as fast, ds [1/s] the rate of s."""
-        if s == 1.0 and ds == 0.0:
+        if (s == 1.0 and ds == 0.0) or self._is_still:
             return self
-        return self._replace(
-            dp_d=s * self.dp_d,
-            omega_d=s * self.omega_d,
-            ddp_d=s**2 * self.ddp_d + ds * self.dp_d,
-            domega_d=s**2 * self.domega_d + ds * self.omega_d,
-        )
+        return DesiredFrame.of(at_pace.row(*self, s, ds))
 
     def moved(self, dt: float) -> "DesiredFrame":
         """Return the frame dt [s] later, at constant acceleration.
@@ -90,42 +93,84 @@ class DesiredFrame(NamedTuple):
         Raises:
             SingularityError: if its rotation is not finite.
         """
-        ddp_d, domega_d = dt * self.ddp_d, dt * self.domega_d
-        turn = dt * (self.omega_d + domega_d / 2)
-        return self._replace(
-            p_d=self.p_d + dt * (self.dp_d + ddp_d / 2),
-            R_d=exp(with_an_angle(turn)) @ self.R_d,
-            dp_d=self.dp_d + ddp_d,
-            omega_d=self.omega_d + domega_d,
-        )
+        return self if self._is_still else DesiredFrame.of(moved.row(*self, dt))
 
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""
-        return DesiredFrame(self.p_d, self.R_d)
+        return self if self._is_still else DesiredFrame(self.p_d, self.R_d)
+
+
+@formula
+def carried(frame: DesiredFrame, point: Placement) -> DesiredFrame:
+    """Return the frame that a frame carries rigidly at a point, with its motion."""
+    r = frame.R_d @ point.p
+    turning = cross(frame.omega_d, r)
+    return DesiredFrame(
+        frame.p_d + r,
+        frame.R_d @ point.R,
+        frame.dp_d + turning,
+        frame.omega_d,
+        frame.ddp_d + cross(frame.domega_d, r) + cross(frame.omega_d, turning),
+        frame.domega_d,
+    )
+
+
+@formula
+def at_pace(frame: DesiredFrame, s: float, ds: float) -> DesiredFrame:
+    """Return the frame of a motion whose time runs s times as fast, ds [1/s] the rate of s."""
+    return DesiredFrame(
+        frame.p_d,
+        frame.R_d,
+        s * frame.dp_d,
+        s * frame.omega_d,
+        s * s * frame.ddp_d + ds * frame.dp_d,
+        s * s * frame.domega_d + ds * frame.omega_d,
+    )
 
 
 @formula
 def moved(frame: DesiredFrame, dt: float) -> DesiredFrame:
-    """Return a frame dt [s] later, at constant acceleration."""
-    p_d, R_d, dp_d, omega_d, ddp_d, domega_d = frame
+    """Return the frame dt [s] later, at constant acceleration."""
+    ddp_d, domega_d = dt * frame.ddp_d, dt * frame.domega_d
     return DesiredFrame(
-        p_d + dt * (dp_d + (dt / 2.0) * ddp_d),
-        exp(dt * (omega_d + (dt / 2.0) * domega_d)) @ R_d,
-        dp_d + dt * ddp_d,
-        omega_d + dt * domega_d,
-        ddp_d,
-        domega_d,
+        frame.p_d + dt * (frame.dp_d + 0.5 * ddp_d),
+        exp(with_an_angle(dt * (frame.omega_d + 0.5 * domega_d))) @ frame.R_d,
+        frame.dp_d + ddp_d,
+        frame.omega_d + domega_d,
+        frame.ddp_d,
+        frame.domega_d,
     )
 
 
-def with_an_angle(x: Array) -> Array:
-    """Return the rotation vector x (3,) [rad], or raise SingularityError if it has no angle."""
-    if not math.isfinite(x @ x):
-        raise SingularityError(f"the rotation of the desired frame is not finite: {x.tolist()} rad")
-    return x
+@formula
+def with_an_angle(x: Vec) -> Vec:
+    """Return the rotation vector x [rad]; NaN if it has no angle."""
+    return x if math.isfinite(x @ x) else Vec(math.nan, math.nan, math.nan)
+
+
+class Ways(NamedTuple):
+    """How far two frames are apart, of the point and of the turning: [m, rad], rates and so on."""
+
+    poses: tuple[float, float]
+    rates: tuple[float, float]
+    accelerations: tuple[float, float]
+
+
+@formula
+def apart(here: DesiredFrame, there: DesiredFrame) -> Ways:
+    """Return how far two frames are apart."""
+    return Ways(
+        (norm(there.p_d - here.p_d), angle_between(there.R_d, here.R_d)),
+        (norm(there.dp_d - here.dp_d), norm(there.omega_d - here.omega_d)),
+        (norm(there.ddp_d - here.ddp_d), norm(there.domega_d - here.domega_d)),
+    )
+
+
+for _formula in (carried, at_pace, moved, apart):
+    _formula.prepare()
 
 
 def distance(here: DesiredFrame, there: DesiredFrame) -> tuple[float, float]:
     """Return how far [m] a frame is from another, and by which angle [rad] it is turned."""
-    way = there.p_d - here.p_d
-    return math.sqrt(way @ way), angle_between(there.R_d, here.R_d)
+    way, angle = apart.row(*here, *there)[:2].tolist()
+    return way, angle

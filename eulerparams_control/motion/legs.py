@@ -4,13 +4,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from eulerparams_control.laws.rotations import Array, log
-from eulerparams_control.motion.frames import DesiredFrame, distance
-from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.plan import Sample
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import Vec, norm
+from eulerparams_control.laws.rotations import log
+from eulerparams_control.motion.frames import DesiredFrame, apart
+from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
+from eulerparams_control.motion.plan import Sample, bounded
+
+__all__ = ["bounded"]
 
 # A motion within so much [m, rad; m/s, rad/s] of the state is there; [m/s^2, rad/s^2] it begins.
-_SAME, _SAME_ACCELERATION = ((1e-6, 1e-5), (1e-4, 1e-3)), (1e-2, 4e-2)
+_SAME = 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 4e-2
 
 # A set-point may be this much beyond what the limits allow from tick to tick: its own rounding.
 _MARGIN = 1.05
@@ -36,67 +40,58 @@ class Leg:
     expires: float = math.inf
     end: Callable[[DesiredFrame], "Leg"] | None = None
 
+
 def resting(frame: DesiredFrame) -> Leg:
     """Return the leg that rests at a frame for good."""
     held = frame.at_rest()
     return Leg(lambda _: held, is_held=True)
 
 
-def _norm(v: Array) -> float:
-    return math.sqrt(v @ v)
-
-
 def is_there(here: DesiredFrame, there: DesiredFrame) -> bool:
     """Return whether two frames are the same, and as fast."""
-    ways = (
-        distance(here, there),
-        (_norm(here.dp_d - there.dp_d), _norm(here.omega_d - there.omega_d)),
-    )
-    return all(
-        way <= most
-        for pair, bounds in zip(ways, _SAME, strict=True)
-        for way, most in zip(pair, bounds, strict=True)
-    )
+    return _within(here, there, _SAME[:4])
 
 
 def is_alike(here: DesiredFrame, there: DesiredFrame) -> bool:
     """Return whether two frames are the same, as fast, and as accelerated."""
-    ways = _norm(here.ddp_d - there.ddp_d), _norm(here.domega_d - there.domega_d)
-    return is_there(here, there) and all(
-        way <= most for way, most in zip(ways, _SAME_ACCELERATION, strict=True)
-    )
+    return _within(here, there, _SAME)
 
 
-def bounded(frame: DesiredFrame, limits: MotionLimits) -> DesiredFrame:
-    """Return the frame with a twist, and no acceleration, within the limits."""
-    dp_d, omega_d = (
-        v if _norm(v) <= most else most / _norm(v) * v
-        for v, most in zip((frame.dp_d, frame.omega_d), limits.speeds, strict=True)
-    )
-    return DesiredFrame(frame.p_d, frame.R_d, dp_d, omega_d)
+def _within(here: DesiredFrame, there: DesiredFrame, bounds: tuple[float, ...]) -> bool:
+    ways = apart.row(*here, *there).tolist()
+    return all(way <= most for way, most in zip(ways, bounds, strict=False))
 
 
 def passes(before: DesiredFrame, frame: DesiredFrame, dt: float, limits: MotionLimits) -> bool:
     """Return whether the limits allow a frame dt [s] after the one before."""
-    if not dt > 0:
-        return False
-    ways = frame.p_d - before.p_d, log(frame.R_d @ before.R_d.T)
-    return all(
-        _norm(v) <= speed
-        and _norm(a) <= _MARGIN * most
-        and _norm(v - v_0) <= _MARGIN * most * dt
-        and _norm(a - a_0) <= _MARGIN * jerk * dt
-        and _norm(v - v_0 - dt / 2 * (a + a_0)) <= _MARGIN * jerk * dt**2
-        and _norm(way - dt / 2 * (v + v_0)) <= _MARGIN * most * dt**2 / 2
-        for way, v, v_0, a, a_0, speed, most, jerk in zip(
-            ways,
-            (frame.dp_d, frame.omega_d),
-            (before.dp_d, before.omega_d),
-            (frame.ddp_d, frame.domega_d),
-            (before.ddp_d, before.domega_d),
-            limits.speeds,
-            limits.accelerations,
-            limits.jerks,
-            strict=True,
-        )
+    return dt > 0 and bool(are_near.row(*before, *frame, dt, limits.row)[0])
+
+
+@formula
+def are_near(a: DesiredFrame, b: DesiredFrame, dt: float, most: TipLimits) -> bool:
+    """Return whether limits allow a frame dt [s] after the one before."""
+    return _is_near(
+        b.p_d - a.p_d, a.dp_d, b.dp_d, a.ddp_d, b.ddp_d,
+        dt, most.linear_speed, most.linear_acceleration, most.linear_jerk,
+    ) and _is_near(
+        log(b.R_d @ a.R_d.T), a.omega_d, b.omega_d, a.domega_d, b.domega_d,
+        dt, most.angular_speed, most.angular_acceleration, most.angular_jerk,
+    )  # fmt: skip
+
+
+@formula
+def _is_near(
+    way: Vec, v_0: Vec, v: Vec, a_0: Vec, a: Vec, dt: float, speed: float, most: float, jerk: float
+) -> bool:
+    half, most, jerk = dt / 2.0, _MARGIN * most, _MARGIN * jerk
+    return (
+        norm(v) <= speed
+        and norm(a) <= most
+        and norm(v - v_0) <= most * dt
+        and norm(a - a_0) <= jerk * dt
+        and norm(v - v_0 - half * (a + a_0)) <= jerk * dt * dt
+        and norm(way - half * (v + v_0)) <= most * dt * half
     )
+
+
+are_near.prepare()

@@ -10,16 +10,16 @@ time.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as Profile
 
-from eulerparams_control.laws.rotations import Array, body_rates, cross, exp
+from eulerparams_control.laws.compiled import Array, formula
+from eulerparams_control.laws.linear import Mat, Vec, columns, cross, identity, norm
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.trajectories import rotation_vector_at_end
+from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
+from eulerparams_control.motion.trajectories import perpendicular, rotation_vector_at_end, turned
 
 Sample = Callable[[float], DesiredFrame]
 
@@ -41,6 +41,13 @@ _MOST = 1e6
 # A motion is joined after times that grow by this factor, at most so often.
 _LATER, _JOINS = 1.25, 30
 
+# A way [m, rad] that is shorter, or a speed that is less [m/s, rad/s], has no direction.
+_NOWHERE = 1e-12
+
+# Of a half, (3,) each on its axes: velocity and acceleration now; position, velocity and
+# acceleration at the end; the largest speed, acceleration and jerk.
+_Half = tuple[Vec, Vec, Vec, Vec, Vec, Vec, Vec, Vec]
+
 
 class Plan:
     """A motion from one state of the tip to another; then it goes on as it ended.
@@ -49,36 +56,53 @@ class Plan:
         duration: [s].
     """
 
-    def __init__(self, start: DesiredFrame, axes: tuple[Array, Array], profile: Profile) -> None:
-        self._p, self._R = start.p_d, start.R_d
-        self._axes, self._profile = axes, profile
+    def __init__(self, start: DesiredFrame, axes: Array, profile: Profile) -> None:
+        self._begin, self._profile = np.concatenate((axes, *start[:2]), axis=None), profile
         self.duration: float = profile.duration
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the frame at t [s] after the start."""
-        rows = np.array(self._profile.at_time(max(t, 0.0)))  # value, rate, acceleration
-        A, B = self._axes
-        (p, v, a), (x, dx, ddx) = rows[:, :3] @ A.T, rows[:, 3:] @ B.T
-        omega, domega = body_rates(x, dx, ddx)
-        R = self._R @ exp(x)
-        return DesiredFrame(self._p + p, R, v, R @ omega, a, R @ domega)
+        return DesiredFrame.of(self.rows([max(t, 0.0)])[0])
+
+    def rows(self, times: list[float]) -> Array:
+        """Return the frames (N, 24) at N times [s] after the start."""
+        at = np.array([self._profile.at_time(t) for t in times]).reshape(-1, 18)
+        return along.rows(np.hstack((at, np.broadcast_to(self._begin, (len(times), 30)))))
+
+
+@formula
+def along(
+    value: tuple[Vec, Vec],
+    rate: tuple[Vec, Vec],
+    acceleration: tuple[Vec, Vec],
+    axes: tuple[Mat, Mat],
+    p: Vec,
+    R: Mat,
+) -> DesiredFrame:
+    """Return the frame of a plan that began at p and R, from what is on its axes, p and x."""
+    A, B = axes
+    way, dp, ddp = A @ value[0], A @ rate[0], A @ acceleration[0]
+    return turned(R, p + way, dp, ddp, B @ value[1], B @ rate[1], B @ acceleration[1])
 
 
 def reach(start: DesiredFrame, end: DesiredFrame, limits: MotionLimits, least: float = 0.0) -> Plan:
     """Return the plan from one state to another, in no less than ``least`` [s]."""
-    begin = _begin(start)
-    ends = ((end.p_d - start.p_d, end.dp_d, end.ddp_d), rotation_vector_at_end(start, end))
-    return _planned(start, begin, ends, limits, least, ControlInterface.Position)
+    return _planned(start, end, limits, least, ControlInterface.Position)
 
 
 def attain(start: DesiredFrame, twist: Array, limits: MotionLimits) -> Plan:
     """Return the plan from a state to a constant twist (6,) [m/s, rad/s]; 0 is to brake."""
-    zero, v = np.zeros(3), []
-    for part, most in zip((twist[:3], twist[3:]), limits.speeds, strict=True):
-        speed = math.sqrt(part @ part)
-        v.append(part if speed <= most else most / speed * part)
-    ends = (zero, v[0], zero), (zero, start.R_d.T @ v[1], zero)
-    return _planned(start, _begin(start), ends, limits, 0.0, ControlInterface.Velocity)
+    end = bounded(DesiredFrame(start.p_d, start.R_d, twist[:3], twist[3:]), limits)
+    return _planned(start, end, limits, 0.0, ControlInterface.Velocity)
+
+
+def bounded(frame: DesiredFrame, limits: MotionLimits) -> DesiredFrame:
+    """Return the frame with a twist, and no acceleration, within the limits."""
+    dp_d, omega_d = (
+        v if (speed := math.sqrt(v @ v)) <= most else most / speed * v
+        for v, most in zip((frame.dp_d, frame.omega_d), limits.speeds, strict=True)
+    )
+    return DesiredFrame(frame.p_d, frame.R_d, dp_d, omega_d)
 
 
 def join(start: DesiredFrame, motion: Sample, t: float, limits: MotionLimits, least: float) -> Plan:
@@ -100,86 +124,105 @@ def join(start: DesiredFrame, motion: Sample, t: float, limits: MotionLimits, le
     return plan
 
 
-def _begin(start: DesiredFrame) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return rates and accelerations of p and x at the start, where x is 0 and J_r is 1."""
-    R = start.R_d.T
-    return (start.dp_d, start.ddp_d), (R @ start.omega_d, R @ start.domega_d)
+@formula
+def problem(
+    start: DesiredFrame, end: DesiredFrame, by_velocity: bool, most: TipLimits
+) -> tuple[_Half, _Half, Mat, Mat, bool]:
+    """Return both halves of a problem, p and x; their axes; whether all is along the first."""
+    R, way = start.R_d.T, end.p_d - start.p_d  # at the start x is 0 and J_r is 1
+    x, dx, ddx = rotation_vector_at_end(start, end)
+    omega, domega = R @ start.omega_d, R @ start.domega_d
+    A = _axes(way, start.dp_d, end.dp_d, by_velocity)
+    B = _axes(x, omega, dx, by_velocity)
+    p_half, p_is = _half(
+        A.T, start.dp_d, start.ddp_d, way, end.dp_d, end.ddp_d,
+        most.linear_speed, most.linear_acceleration, most.linear_jerk,
+    )  # fmt: skip
+    x_half, x_is = _half(
+        B.T, omega, domega, x, dx, ddx,
+        most.angular_speed, most.angular_acceleration, most.angular_jerk,
+    )  # fmt: skip
+    return p_half, x_half, A, B, p_is and x_is
 
 
-class _Half(NamedTuple):
-    """Half of a problem, of p or of x.
-
-    Attributes:
-        axes: (3, 3) as columns.
-        known: (3,) each on them: velocity and acceleration now; position, velocity and
-            acceleration at the end; largest speed, acceleration and jerk.
-        is_straight: whether all of it is along the first axis.
-    """
-
-    axes: Array
-    known: tuple[Array, ...]
-    is_straight: bool
-
-
+@formula
 def _half(
-    begin: tuple[Array, Array],
-    end: tuple[Array, Array, Array],
-    most: tuple[float, float, float],
-    by_velocity: bool,
-) -> _Half:
-    (v_0, a_0), (x_1, v_1, a_1) = begin, end
-    A = _axes(v_1 - v_0 if by_velocity else x_1, v_0 if (v_0 @ v_0) else v_1)
-    now_v, now_a, x, v, a = (A.T @ part for part in (v_0, a_0, x_1, v_1, a_1))
-    speed, acceleration, jerk = (min(one, _MOST) for one in most)
-    acceleration *= _OF_ACCELERATION
-    across = max(
-        np.abs(np.concatenate((now_v[1:], v[1:]))).max() / speed,
-        np.abs(np.concatenate((now_a[1:], a[1:]))).max() / acceleration,
-    )
-    straight = bool(across < _STRAIGHT)
-    bounds = (
-        _shared(np.maximum(np.abs(now_v), np.abs(v)), speed, straight),
-        _shared(np.maximum(np.abs(now_a), np.abs(a)), acceleration, straight),
-        _shared(np.zeros(3), jerk, straight),
-    )
-    return _Half(A, (now_v, now_a, x, v, a, *bounds), straight)
+    A: Mat, v_0: Vec, a_0: Vec, x_1: Vec, v_1: Vec, a_1: Vec,
+    speed: float, acceleration: float, jerk: float,
+) -> tuple[_Half, bool]:  # fmt: skip
+    """Return half of a problem on the axes that are the rows of A, and whether it is straight."""
+    v_0, a_0, x_1, v_1, a_1 = A @ v_0, A @ a_0, A @ x_1, A @ v_1, A @ a_1
+    speed, acceleration = min(speed, _MOST), _OF_ACCELERATION * min(acceleration, _MOST)
+    v, a = _larger(v_0, v_1), _larger(a_0, a_1)
+    is_straight = max(max(v.y, v.z) / speed, max(a.y, a.z) / acceleration) < _STRAIGHT
+    v, a = _shared(v, speed, is_straight), _shared(a, acceleration, is_straight)
+    j = _shared(0.0 * v, min(jerk, _MOST), is_straight)
+    return (v_0, a_0, x_1, v_1, a_1, v, a, j), is_straight
+
+
+@formula
+def _larger(v: Vec, w: Vec) -> Vec:
+    """Return the larger one of the magnitudes of each element."""
+    return Vec(max(abs(v.x), abs(w.x)), max(abs(v.y), abs(w.y)), max(abs(v.z), abs(w.z)))
+
+
+@formula
+def _axes(x_1: Vec, v_0: Vec, v_1: Vec, by_velocity: bool) -> Mat:
+    """Return three axes as columns, the first along the way, or else along the velocity."""
+    d = v_1 - v_0 if by_velocity else x_1
+    if not norm(d) > _NOWHERE:
+        d = v_0 if norm(v_0) > 0.0 else v_1
+    if not norm(d) > _NOWHERE:
+        return identity(1.0)
+    first = d / norm(d)
+    second = perpendicular(first)
+    return columns(first, second, cross(first, second))
+
+
+@formula
+def _shared(taken: Vec, most: float, is_straight: bool) -> Vec:
+    """Return the bounds of each axis, together about ``most``, that leave what is taken."""
+    if is_straight:
+        return most * Vec(1.0, _LEAST, _LEAST)
+    squares = Vec(taken.x * taken.x, taken.y * taken.y, taken.z * taken.z) / (most * most)
+    left = max(0.0, 1.0 - (squares.x + squares.y + squares.z))
+    shares = squares + left * Vec(1.0 - 2.0 * _ACROSS, _ACROSS, _ACROSS)
+    x, y, z = math.sqrt(shares.x), math.sqrt(shares.y), math.sqrt(shares.z)
+    return most * Vec(max(x, _ACROSS), max(y, _ACROSS), max(z, _ACROSS))
 
 
 def _planned(
     start: DesiredFrame,
-    begins: tuple[tuple[Array, Array], tuple[Array, Array]],
-    ends: tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]],
+    end: DesiredFrame,
     limits: MotionLimits,
     least: float,
     interface: ControlInterface,
 ) -> Plan:
     by_velocity = interface is ControlInterface.Velocity
-    most = zip(limits.speeds, limits.accelerations, limits.jerks, strict=True)
-    p, x = (_half(*half, by_velocity) for half in zip(begins, ends, most, strict=True))
-    problem = InputParameter(6)
+    found = problem.row(*start, *end, by_velocity, limits.row)
+    asked = InputParameter(6)
     (
-        problem.current_velocity,
-        problem.current_acceleration,
-        problem.target_position,
-        problem.target_velocity,
-        problem.target_acceleration,
-        problem.max_velocity,
-        problem.max_acceleration,
-        problem.max_jerk,
-    ) = (np.concatenate(both).tolist() for both in zip(p.known, x.known, strict=True))
-    problem.current_position = [0.0] * 6
-    problem.control_interface = interface
+        asked.current_velocity,
+        asked.current_acceleration,
+        asked.target_position,
+        asked.target_velocity,
+        asked.target_acceleration,
+        asked.max_velocity,
+        asked.max_acceleration,
+        asked.max_jerk,
+    ) = found[:48].reshape(2, 8, 3).swapaxes(0, 1).reshape(8, 6).tolist()
+    asked.current_position = [0.0] * 6
+    asked.control_interface = interface
     profile, T = Profile(6), least
     for _ in range(_TRIALS):
         if T > 0:
-            problem.minimum_duration = T
-        _solve(problem, profile)
-        if p.is_straight and x.is_straight:
-            break
-        if (excess := _excess(profile, x.axes, limits)) <= 1 + _TOLERANCE:
+            asked.minimum_duration = T
+        _solve(asked, profile)
+        plan = Plan(start, found[48:66], profile)
+        if found[66] or (excess := _excess(plan, limits)) <= 1 + _TOLERANCE:
             break
         T = profile.duration * max(_LONGER, min(excess, 2.0))
-    return Plan(start, (p.axes, x.axes), profile)
+    return plan
 
 
 def _solve(problem: InputParameter, profile: Profile) -> None:
@@ -196,42 +239,15 @@ def _solve(problem: InputParameter, profile: Profile) -> None:
     solver.calculate(problem, profile)
 
 
-def _axes(way: Array, other: Array) -> Array:
-    """Return three axes (3, 3) as columns, the first along a way, or along another if it is 0."""
-    for d in (way, other):
-        length = math.sqrt(d @ d)
-        if length > 1e-12:
-            first = d / length
-            second = np.zeros(3)
-            second[int(np.abs(first).argmin())] = 1.0
-            second -= (first @ second) * first
-            second /= math.sqrt(second @ second)
-            return np.column_stack((first, second, cross(first, second)))
-    return np.eye(3)
-
-
-def _shared(taken: Array, most: float, is_straight: bool) -> Array:
-    """Return the bounds (3,) of each axis, together about ``most``, that leave what is taken."""
-    if is_straight:
-        return most * np.array([1.0, _LEAST, _LEAST])
-    squares = (taken / most) ** 2
-    left = max(0.0, 1.0 - float(squares.sum()))
-    shares = squares + left * np.array([1 - 2 * _ACROSS, _ACROSS, _ACROSS])
-    return most * np.maximum(np.sqrt(shares), _ACROSS)
-
-
-def _excess(profile: Profile, axes: Array, limits: MotionLimits) -> float:
+def _excess(plan: Plan, limits: MotionLimits) -> float:
     """Return by how much the norms along a plan exceed their limits, 1 being not at all.
 
-    Args:
-        profile: of the plan.
-        axes: (3, 3) of its rotation vector.
-        limits: of the norms; what the plan begins with is given.
+    What the plan begins with is given.
     """
-    times = np.linspace(0.0, profile.duration, _PLACES).tolist()
-    rows = np.array([profile.at_time(t) for t in times])  # (places, value rate acceleration, 6)
-    omega, domega = body_rates(*np.moveaxis(rows[:, :, 3:] @ axes.T, 1, 0))
-    rates = np.stack((rows[:, 1, :3], omega, rows[:, 2, :3], domega))
-    norms = np.sqrt((rates * rates).sum(axis=2))
-    most = np.array([*limits.speeds, *limits.accelerations])
-    return float((norms.max(axis=1) / np.maximum(most, norms[:, 0])).max())
+    rates = plan.rows(np.linspace(0.0, plan.duration, _PLACES).tolist())[:, 12:]
+    norms = np.sqrt((rates * rates).reshape(_PLACES, 4, 3).sum(axis=2))
+    return float((norms / np.maximum(limits.row[:4], norms[0])).max())
+
+
+for _formula in (along, problem):
+    _formula.prepare()

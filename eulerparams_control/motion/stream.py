@@ -9,8 +9,10 @@ interval between two of them has to do with the rate of the filter is its time c
 
 import math
 
-from eulerparams_control.laws.rotations import Array, exp, log
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws.linear import norm
+from eulerparams_control.laws.rotations import exp, log
+from eulerparams_control.motion.frames import DesiredFrame, moved
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 # Time constants [s] of the filter for poses alone, and for those with a twist.
@@ -67,24 +69,8 @@ class StreamFilter:
             self.frame = frame
             return
         self._time(T)
-        expected = before.moved(T)
-        e_p, e_R = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
-        if self.has_twists:
-            alpha, dp_d, omega_d = 1 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
-        elif _leaps(e_p, e_R, T + 2 * _POSES, limits):
-            self.frame = frame
-            return
-        else:
-            theta = math.exp(-T / _POSES)
-            alpha, beta = 1 - theta**2, (1 - theta) ** 2
-            dp_d = before.dp_d + beta / T * e_p
-            omega_d = before.omega_d + beta / T * (expected.R_d @ e_R)
-        self.frame = frame._replace(
-            p_d=expected.p_d + alpha * e_p,
-            R_d=expected.R_d @ exp(alpha * e_R),
-            dp_d=dp_d,
-            omega_d=omega_d,
-        )
+        filtered = follow.row(*before, *frame, T, self.has_twists, limits.speeds)
+        self.frame = DesiredFrame.of(filtered)
 
     def _time(self, T: float) -> None:
         if self.interval == 0.0:
@@ -93,7 +79,34 @@ class StreamFilter:
         self.interval += _SMOOTHING * (T - self.interval)
 
 
-def _leaps(e_p: Array, e_R: Array, T: float, limits: MotionLimits) -> bool:
-    """Return whether a way [m], [rad] within T [s] is faster than the limits."""
-    ways = math.sqrt(e_p @ e_p), math.sqrt(e_R @ e_R)
-    return any(way > T * most for way, most in zip(ways, limits.speeds, strict=True))
+@formula
+def follow(
+    before: DesiredFrame,
+    frame: DesiredFrame,
+    T: float,
+    has_twists: bool,
+    speeds: tuple[float, float],
+) -> DesiredFrame:
+    """Return the stream at a set-point T [s] after the one before; itself if it leaps."""
+    expected = moved(before, T)
+    e_p, e_R = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
+    alpha, dp_d, omega_d = 1.0 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
+    if not has_twists:
+        most = T + 2.0 * _POSES
+        if norm(e_p) > most * speeds[0] or norm(e_R) > most * speeds[1]:
+            return frame
+        theta = math.exp(-T / _POSES)
+        alpha, beta = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta)
+        dp_d = before.dp_d + beta / T * e_p
+        omega_d = before.omega_d + beta / T * (expected.R_d @ e_R)
+    return DesiredFrame(
+        expected.p_d + alpha * e_p,
+        expected.R_d @ exp(alpha * e_R),
+        dp_d,
+        omega_d,
+        frame.ddp_d,
+        frame.domega_d,
+    )
+
+
+follow.prepare()

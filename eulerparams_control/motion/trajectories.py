@@ -9,138 +9,115 @@ Notation: ``p_d`` (3,) [m], ``R_d`` (3, 3), ``dp_d, omega_d`` [m/s, rad/s], ``dd
 domega_d`` [m/s^2, rad/s^2], all in the base frame, of the tip.
 """
 
-import bisect
 import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.rotations import (
+from eulerparams_control.laws.compiled import (
     Array,
+    Input,
+    Row,
+    Rows,
+    entry,
+    formula,
+    from_rows,
+    kernel,
+    layout,
+)
+from eulerparams_control.laws.linear import Mat, Vec, cross, norm, solve
+from eulerparams_control.laws.rotations import (
     R_angle_axis,
     body_rates,
-    cross,
     exp,
     log,
-    quaternion,
     right_jacobian,
-    rotation_vector,
 )
 from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
 
 # Points of one trajectory: more would be a message of megabytes.
 MAX_POINTS = 20000
 
-
-def prepare() -> None:
-    """Compile what is planned with, now: nothing is compiled while an arm moves."""
-    for formula in (body_rates, exp, quaternion, rotation_vector):
-        formula.prepare()
+_, read_frame, put_frame = layout(DesiredFrame)
 
 
-class _Segment:
-    """Motion between two frames ``duration`` seconds apart."""
-
-    def __init__(self, start: DesiredFrame, end: DesiredFrame, duration: float) -> None:
-        self.R_0 = start.R_d
-        begin = (np.zeros(3), start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d)
-        self.coefficients = np.hstack(
-            [
-                quintic(
-                    (start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration
-                ),
-                quintic(begin, rotation_vector_at_end(start, end), duration),
-            ]
-        )
-
-    def sample(self, t: float) -> DesiredFrame:
-        row, drow, ddrow = powers(t) @ self.coefficients
-        x = with_an_angle(row[3:])
-        R_d = self.R_0 @ exp(x)
-        omega, domega = body_rates(x, drow[3:], ddrow[3:])  # in the desired frame
-        return DesiredFrame(row[:3], R_d, drow[:3], R_d @ omega, ddrow[:3], R_d @ domega)
+@kernel
+def quintic[X: (float, Vec)](
+    x_0: X, v_0: X, a_0: X, x_1: X, v_1: X, a_1: X, T: float
+) -> tuple[X, X, X, X, X, X]:
+    """Return the coefficients, constant first, from values, rates, accelerations T [s] apart."""
+    h = x_1 - x_0 - T * v_0 - 0.5 * T * T * a_0
+    v = T * (v_1 - v_0 - T * a_0)
+    a = 0.5 * T * T * (a_1 - a_0)
+    return (
+        x_0,
+        v_0,
+        0.5 * a_0,
+        (10.0 * h - 4.0 * v + a) / (T * T * T),
+        (-15.0 * h + 7.0 * v - 2.0 * a) / (T * T * T * T),
+        (6.0 * h - 3.0 * v + a) / (T * T * T * T * T),
+    )
 
 
-def rotation_vector_at_end(start: DesiredFrame, end: DesiredFrame) -> tuple[Array, Array, Array]:
-    """Return x, dx, ddx at the end of a segment: the inverse of ``_Segment.sample``."""
+@kernel
+def polynomial[X: (float, Vec)](c: tuple[X, X, X, X, X, X], t: float) -> tuple[X, X, X]:
+    """Return value, rate and acceleration at t [s] from the coefficients of ``quintic``."""
+    return (
+        c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5])))),
+        c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * (4.0 * c[4] + t * (5.0 * c[5])))),
+        2.0 * c[2] + t * (6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5]))),
+    )
+
+
+@formula
+def turned(R_0: Mat, p: Vec, dp: Vec, ddp: Vec, x: Vec, dx: Vec, ddx: Vec) -> DesiredFrame:
+    """Return the frame at p, and at R = R_0 exp(x), with their derivatives."""
+    x = with_an_angle(x)
+    R = R_0 @ exp(x)
+    omega, domega = body_rates(x, dx, ddx)  # in the desired frame
+    return DesiredFrame(p, R, dp, R @ omega, ddp, R @ domega)
+
+
+@formula
+def rotation_vector_at_end(start: DesiredFrame, end: DesiredFrame) -> tuple[Vec, Vec, Vec]:
+    """Return x, dx, ddx at the end of a segment: the inverse of ``turned``."""
     x = log(start.R_d.T @ end.R_d)
-    if not (end.omega_d.any() or end.domega_d.any()):
-        return x, np.zeros(3), np.zeros(3)
     J_r = right_jacobian(x)
-    dx = np.linalg.solve(J_r, end.R_d.T @ end.omega_d)
-    _, dJ_dx = body_rates(x, dx, np.zeros(3))
-    return x, dx, np.linalg.solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
+    dx = solve(J_r, end.R_d.T @ end.omega_d)
+    _, dJ_dx = body_rates(x, dx, 0.0 * dx)
+    return x, dx, solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
 
 
-def quintic(
-    start: tuple[Array, Array, Array], end: tuple[Array, Array, Array], T: float | Array
-) -> Array:
-    """Return the coefficients (6, ..., 3), constant first, of values, rates and accelerations."""
-    x_0, v_0, a_0 = start
-    x_1, v_1, a_1 = end
-    h = x_1 - x_0 - v_0 * T - a_0 * T**2 / 2
-    v = v_1 - v_0 - a_0 * T
-    a = a_1 - a_0
-    return np.array(
-        [
-            x_0,
-            v_0,
-            a_0 / 2,
-            (10 * h - 4 * v * T + a * T**2 / 2) / T**3,
-            (-15 * h + 7 * v * T - a * T**2) / T**4,
-            (6 * h - 3 * v * T + a * T**2 / 2) / T**5,
-        ]
-    )
+@formula
+def between(start: DesiredFrame, end: DesiredFrame, T: float, t: float) -> DesiredFrame:
+    """Return the frame t [s] after one of two frames that are T [s] apart."""
+    R = start.R_d.T
+    p = quintic(start.p_d, start.dp_d, start.ddp_d, end.p_d, end.dp_d, end.ddp_d, T)
+    x_1, dx_1, ddx_1 = rotation_vector_at_end(start, end)
+    x = quintic(0.0 * x_1, R @ start.omega_d, R @ start.domega_d, x_1, dx_1, ddx_1, T)
+    return turned(start.R_d, *polynomial(p, t), *polynomial(x, t))
 
 
-def powers(t: float) -> Array:
-    """Return the matrix (3, 6) that makes value, rate and acceleration of coefficients."""
-    t2 = t * t
-    t3 = t2 * t
-    return np.array(
-        [
-            [1.0, t, t2, t3, t2 * t2, t2 * t3],
-            [0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t2 * t2],
-            [0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3],
-        ]
-    )
+@kernel
+def sampled(times: Array, frames: Array, t: float) -> DesiredFrame:
+    """Return the frame at t [s] of a motion through frames (N, 24) at times (N,) [s]."""
+    k = int(np.searchsorted(times, t, side="right")) - 1
+    frame, last = read_frame(frames[max(k, 0)], 0), len(times) - 1
+    if k < 0 or t > times[last]:
+        rest = Vec(0.0, 0.0, 0.0)
+        return DesiredFrame(frame.p_d, frame.R_d, rest, rest, rest, rest)
+    if k == last:
+        return frame
+    return between(frame, read_frame(frames[k + 1], 0), times[k + 1] - times[k], t - times[k])
 
 
-def _powers_of(t: Array) -> Array:
-    """Return the matrices (M, 3, 6) of ``powers`` for t (M,)."""
-    powers = np.zeros((len(t), 3, 6))
-    for n in range(6):
-        powers[:, 0, n] = t**n
-        powers[:, 1, n] = n * t ** max(n - 1, 0)
-        powers[:, 2, n] = n * (n - 1) * t ** max(n - 2, 0)
-    return powers
-
-
-def _segments(frames: DesiredFrame, index: NDArray[np.intp], T: Array) -> tuple[Array, Array]:
-    """Return R_0 (K, 3, 3) and the coefficients (K, 6, 6) of K segments, as ``_Segment`` has them.
-
-    Args:
-        frames: stacked.
-        index: (K,) of the frame at which each segment begins.
-        T: (K,) [s] that it takes.
-    """
-    start, end = (DesiredFrame(*(field[k] for field in frames)) for k in (index, index + 1))
-    R_0, R_1, none = start.R_d, end.R_d, np.zeros((len(index), 3))
-    x = rotation_vector(quaternion(R_0.mT @ R_1))
-    units = (np.broadcast_to(axis, x.shape) for axis in np.eye(3))
-    J_r = np.stack([body_rates(x, unit, none)[0] for unit in units], axis=2)
-    dx = np.linalg.solve(J_r, np.matvec(R_1.mT, end.omega_d)[:, :, None])[:, :, 0]
-    dJ_dx = body_rates(x, dx, none)[1]
-    ddx = np.linalg.solve(J_r, (np.matvec(R_1.mT, end.domega_d) - dJ_dx)[:, :, None])[:, :, 0]
-    begin = none, np.matvec(R_0.mT, start.omega_d), np.matvec(R_0.mT, start.domega_d)
-    duration = T[:, None]
-    p = quintic((start.p_d, start.dp_d, start.ddp_d), (end.p_d, end.dp_d, end.ddp_d), duration)
-    both = np.concatenate((p, quintic(begin, (x, dx, ddx), duration)), axis=2)
-    return R_0, np.moveaxis(both, 0, 1)
+@entry
+def _sample(times: Row, frames: Rows, t: Input, rows: Rows) -> None:
+    for n in range(len(t)):
+        put_frame(rows[n], 0, sampled(times, frames, t[n]))
 
 
 class Trajectory:
@@ -165,7 +142,6 @@ class Trajectory:
             raise ConfigurationError("the times of a trajectory must increase from point to point")
         self.times = [float(t) for t in times]
         self.frames = list(frames)
-        self._segments: dict[int, _Segment] = {}
 
     @property
     def duration(self) -> float:
@@ -174,52 +150,27 @@ class Trajectory:
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]; at rest before the first and after the last."""
-        if t < self.times[0]:
-            return self.frames[0].at_rest()
-        if t == self.times[-1]:
-            return self.frames[-1]
-        if t > self.times[-1]:
-            return self.frames[-1].at_rest()
-        index = bisect.bisect_right(self.times, t) - 1
-        if index not in self._segments:
-            self._segments = {index: self._segment(index)}
-        return self._segments[index].sample(t - self.times[index])
+        row = np.empty((1, 24))
+        _sample(*self.rows, np.array([t]), row)
+        return DesiredFrame.of(row[0])
 
     def samples(self, t: Array) -> DesiredFrame:
         """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
-        frames, times, last = self._stacked, np.array(self.times), len(self.times) - 1
-        at = np.searchsorted(times, t, side="right") - 1
-        found = DesiredFrame(*(field[np.maximum(at, 0)] for field in frames))
-        rests = (at < 0) | (t > times[-1])
-        for field in found[2:]:
-            field[rests] = 0.0
-        inside = np.flatnonzero((at >= 0) & (at < last))
-        if len(inside):
-            used, which = np.unique(at[inside], return_inverse=True)
-            R_0, coefficients = _segments(frames, used, np.diff(times)[used])
-            rows = _powers_of(t[inside] - times[at[inside]]) @ coefficients[which]
-            value, rate, acceleration = np.moveaxis(rows, 1, 0)
-            R_d = R_0[which] @ exp(value[:, 3:])
-            omega, domega = body_rates(value[:, 3:], rate[:, 3:], acceleration[:, 3:])
-            part = (value[:, :3], R_d, rate[:, :3], np.matvec(R_d, omega), acceleration[:, :3])
-            for field, values in zip(found, (*part, np.matvec(R_d, domega)), strict=True):
-                field[inside] = values
-        return found
+        rows = np.empty((len(t), 24))
+        _sample(*self.rows, t, rows)
+        return from_rows(DesiredFrame, rows)
 
     @cached_property
-    def _stacked(self) -> DesiredFrame:
-        """The frames as one, each field stacked."""
-        return DesiredFrame(*(np.array(field) for field in zip(*self.frames, strict=True)))
+    def rows(self) -> tuple[Array, Array]:
+        """Its times (N,) [s], and its frames (N, 24)."""
+        fields = [field for frame in self.frames for field in frame]
+        return np.array(self.times), np.concatenate(fields, axis=None).reshape(-1, 24)
 
     def lasting(self, duration: float) -> "Trajectory":
         """Return the same way in ``duration`` [s], at rest at its points."""
         begin, end = self.times[0], self.times[-1]
         times = [begin + duration * (t - begin) / (end - begin) for t in self.times]
         return Trajectory(times, [frame.at_rest() for frame in self.frames])
-
-    def _segment(self, index: int) -> _Segment:
-        duration = self.times[index + 1] - self.times[index]
-        return _Segment(self.frames[index], self.frames[index + 1], duration)
 
     def from_frame(self, frame: DesiredFrame) -> "Trajectory":
         """Return the trajectory that starts with ``frame`` at 0 if its first time is later."""
@@ -290,7 +241,7 @@ class Circle(NamedTuple):
     def _frame(self, t: float, p_0: Array, R_0: Array) -> DesiredFrame:
         phi, dphi, ddphi = self._phase(t)
         n = self.normal / np.linalg.norm(self.normal)
-        u = _perpendicular(n)
+        u = perpendicular(n)
         arm = self.radius * (R_angle_axis(phi, n) @ u)  # from the centre to the tip
         turn = cross(n, arm)
         A = R_angle_axis(phi, n) @ R_angle_axis(self.tilt, u) @ R_angle_axis(-phi, n)
@@ -313,7 +264,12 @@ def _ramp(s: float, speed: float, ramp: float) -> tuple[float, float, float]:
     return phi, speed * (10 * s**3 - 15 * s**4 + 6 * s**5), speed / ramp * 30 * (s * (1 - s)) ** 2
 
 
-def _perpendicular(n: Array) -> Array:
-    """Return a unit vector (3,) perpendicular to the unit vector n."""
-    u = cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
-    return u / np.linalg.norm(u)
+@formula
+def perpendicular(n: Vec) -> Vec:
+    """Return a unit vector perpendicular to the unit vector n."""
+    x, y, z = abs(n.x), abs(n.y), abs(n.z)
+    if x <= y and x <= z:
+        u = Vec(0.0, n.z, -n.y)
+    else:
+        u = Vec(-n.z, 0.0, n.x) if y <= z else Vec(n.y, -n.x, 0.0)
+    return u / norm(u)
