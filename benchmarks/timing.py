@@ -15,6 +15,8 @@ type Pair = tuple[str, str, Call, Call]
 
 _OTHER_WORK = np.ones(500_000)  # more than the caches of a core
 
+_BURN = "import os\nbegun = os.getppid()\nwhile os.getppid() == begun: pass"
+
 
 def side_by_side(calls: Sequence[Call], repeat: int, loops: int, cold: bool) -> list[float]:
     """Return the median time [s] of each call, in blocks in turn.
@@ -46,7 +48,7 @@ def compared(pairs: Sequence[Pair], repeat: int, loops: int = 20, cold=False) ->
 @contextmanager
 def burning(count: int) -> Iterator[None]:
     """Let so many processes burn processor time meanwhile."""
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    burners = [subprocess.Popen([sys.executable, "-c", _BURN]) for _ in range(count)]
     try:
         yield
     finally:
