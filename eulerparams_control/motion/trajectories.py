@@ -41,7 +41,7 @@ from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
 # Points of one trajectory: more would be a message of megabytes.
 MAX_POINTS = 20000
 
-_, read_frame, put_frame = layout(DesiredFrame)
+read_frame, put_frame = layout(DesiredFrame).read, layout(DesiredFrame).put
 
 
 @kernel
