@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.laws.rotations import Array, exp
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.motion import frames as formulas
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 
 
@@ -81,16 +82,7 @@ class Frames:
         """Return what these frames carry rigidly at ``point``: see ``DesiredFrame.carrying``."""
         if point is AT_ORIGIN:
             return self
-        r = self.R @ point.p
-        turning = np.cross(self.omega, r)
-        return Frames(
-            self.p + r,
-            self.R @ point.R,
-            self.dp + turning,
-            self.omega,
-            self.ddp + np.cross(self.domega, r) + np.cross(self.omega, turning),
-            self.domega,
-        )
+        return Frames(*formulas.carried(DesiredFrame(*self.columns), point))
 
 
 def moved(frames: Frames, dt: Array, lasting: float) -> Frames:
@@ -98,22 +90,6 @@ def moved(frames: Frames, dt: Array, lasting: float) -> Frames:
 
     They go on at their acceleration for ``lasting`` [s], and are held then.
     """
-    h = np.clip(dt, 0.0, lasting)[:, None]
-    R = _turned_by(h * (frames.omega + h * frames.domega / 2), frames.R)
+    end = formulas.moved(DesiredFrame(*frames.columns), np.clip(dt, 0.0, lasting))
     held = (dt > lasting)[:, None]
-    return Frames(
-        frames.p + h * (frames.dp + h * frames.ddp / 2),
-        R,
-        np.where(held, 0.0, frames.dp + h * frames.ddp),
-        np.where(held, 0.0, frames.omega + h * frames.domega),
-        np.where(held, 0.0, frames.ddp),
-        np.where(held, 0.0, frames.domega),
-    )
-
-
-def _turned_by(x: Array, R: Array) -> Array:
-    """Return exp(x) R (N, 3, 3); R as it is where x (N, 3) is 0."""
-    turned: Array = R.copy()
-    some = x.any(axis=1)
-    turned[some] = exp(x[some]) @ R[some]
-    return turned
+    return Frames(end.p_d, end.R_d, *(np.where(held, 0.0, rate) for rate in end[2:]))
