@@ -25,6 +25,7 @@ PROGRAMS = {
     "experiment": "eulerparams_control.lab.experiments.main",
     "fault_campaign": "eulerparams_control.lab.campaign.main",
     "failure_map": "eulerparams_control.lab.maps.main",
+    "compile_laws": "eulerparams_control.control.compile_laws",
 }
 """The modules of the executables that are not named after their file."""
 

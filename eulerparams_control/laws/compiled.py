@@ -16,7 +16,9 @@ import importlib.util
 import inspect
 import os
 import shutil
+import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property, update_wrapper, wraps
@@ -42,7 +44,7 @@ Inputs = Annotated[Array, "float64", 2, "A", True]
 # Rooms whose files have formulas: where one changes, all is compiled anew.
 _ROOMS = ("laws", "robot", "motion", "control")
 _UNKNOWN = np.empty(0)
-_KEPT = 4  # folders of compiled formulas, one for each state of these files
+_KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
 if IS_COMPILED:
     import numba
@@ -474,9 +476,23 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     try:
         options = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
         options["no_cpython_wrapper"] = not signatures  # Python calls entries only
-        return numba.njit(list(signatures) or None, **options)(function)
+        compiled = numba.njit(list(signatures) or None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
+    if signatures and compiled.stats.cache_misses:
+        _say_once()
+    return compiled
+
+
+@cache
+def _say_once() -> None:
+    """Say what takes so long."""
+    print(
+        "eulerparams_control: its formulas are being compiled, once for this version and machine, "
+        f"for up to a minute; kept in {cache_folder()}",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 @cache
@@ -504,9 +520,9 @@ def cache_folder() -> str:
             stacklevel=2,
         )
         return tempfile.mkdtemp(prefix="eulerparams_control_")
-    known = sorted(root.iterdir(), key=lambda path: path.stat().st_mtime)
-    for old in known[:-_KEPT]:
-        shutil.rmtree(old, ignore_errors=True)
+    for old in root.iterdir():
+        if time.time() - old.stat().st_mtime > _KEPT:
+            shutil.rmtree(old, ignore_errors=True)
     return str(folder)
 
 

@@ -1,0 +1,38 @@
+"""Compile the formulas beforehand: of all schemes, with all representations, and what maps them.
+
+Whoever starts a node first has it done for what that node uses; an installation for many users
+or an image does it at once.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.options import ControllerOptions
+from eulerparams_control.laws.compiled import IS_COMPILED, cache_folder
+from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+
+
+def main(args: list[str] | None = None) -> int:
+    """Compile, and say where and for how long; return the exit code."""
+    if not IS_COMPILED:
+        print("nothing to compile: numba is not installed, or EULERPARAMS_PLAIN is set")
+        return 0
+    started, arm = time.perf_counter(), load_robot("ur5")
+    robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame)
+    for orientation in ORIENTATIONS:
+        representation(orientation).laws.displacement.prepare()
+        for info in schemes().values():
+            scheme = info.parameters(orientation=orientation).make_scheme(robot, robot.limits)
+            Controller(scheme, ControllerOptions(), np.array(arm.home))
+    print(f"formulas compiled in {time.perf_counter() - started:.0f} s, kept in {cache_folder()}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
