@@ -34,6 +34,8 @@ from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
 
+_NO_WRENCH = np.zeros(6)
+
 
 class NoMotionLoop:
     """Commands nothing: the compliant frame goes to a controller of positions (admittance).
@@ -356,23 +358,19 @@ class ImpedanceControl(Scheme):
         Raises:
             FollowingError: if it is too large.
         """
-        w = np.zeros(6)
-        acceleration = self._acceleration(state, dt)
+        w, before, self._dq = _NO_WRENCH, self._dq, state.arm.dq
         if self._sensed is None:
             self.chain.reset()
         else:
+            acceleration, law = None, self.law
+            if law.wrench.takes_inertia and before is not None and dt > 0:  # J ddq + dJ dq
+                acceleration = state.arm.J @ ((state.arm.dq - before) / dt) + state.dJ_dq
             w = self.chain.contact(self._sensed, state.arm, acceleration, dt)
-            self.law.refuse_wrench(w)
+            if not (self.chain.force <= law.max_force and self.chain.moment <= law.max_moment):
+                law.refuse_wrench(w)
         self._w = w + self._blend.offset(dt, w)
         # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
         self._h = -(self._w + self._fade.offset(dt, self._w))
-
-    def _acceleration(self, state: DynamicState, dt: float) -> Array | None:
-        """Return J ddq + dJ dq (6,) of the tip as it was measured over the last step."""
-        before, self._dq = self._dq, state.arm.dq
-        if before is None or dt <= 0:
-            return None
-        return state.arm.J @ ((state.arm.dq - before) / dt) + state.dJ_dq
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
@@ -383,7 +381,9 @@ class ImpedanceControl(Scheme):
         if self._was_frozen and self._compliant.now is not None:
             self.law.refuse_return(desired, self._compliant.now)
         self._was_frozen = False
-        w = at_point(self._w, actual.p_d - arm.p_e)
+        w = self._w
+        if self.law.centre is not AT_ORIGIN:
+            w = at_point(w, actual.p_d - arm.p_e)
         if self._compliant.now is None or not self.law.inner_loop:
             self._compliant.begin(desired, actual)
             return self._compliant.step(0.0, desired, w)

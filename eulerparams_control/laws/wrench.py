@@ -11,13 +11,34 @@ is for axes of the tip and about its origin, else base axes, about the origin of
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.compiled import (
+    Array,
+    Input,
+    Inputs,
+    Row,
+    entry,
+    formula,
+    layout,
+    to_rows,
+)
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.rotations import Array, cross
+from eulerparams_control.laws.linear import (
+    MatLike,
+    Vec,
+    VecLike,
+    cross,
+    mat,
+    norm,
+    put_vec,
+    read_vec,
+    vec,
+)
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
@@ -27,6 +48,29 @@ _REPEATS, _MOVED = 0.1, 0.02
 
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
+
+
+_UNKNOWN = np.empty(0)
+
+
+class _Numbers(NamedTuple):
+    """The options in numbers; without a weight to be taken out there is no gravity."""
+
+    sign: float
+    bias_f: VecLike
+    bias_m: VecLike
+    has_tool: bool
+    mass: float
+    com: VecLike
+    inertia: MatLike
+    gravity: VecLike
+    inertial: bool
+    dead_force: float
+    dead_torque: float
+    cutoff: float
+
+
+_read_numbers = layout(_Numbers).read
 
 
 class SensedWrench(NamedTuple):
@@ -79,18 +123,89 @@ class WrenchOptions:
             if not 0 <= getattr(self, name) < math.inf:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
 
+    @cached_property
+    def numbers(self) -> Array:
+        """The options as a row."""
+        body = self.tool or Tool(0.0, np.zeros(3), np.zeros((3, 3)))
+        gravity = np.array(self.gravity) if self.weight else np.zeros(3)
+        bias_f, bias_m = np.split(np.array(self.bias, dtype=float), 2)
+        tool = self.tool is not None, *body, gravity, self.inertial
+        dead = self.dead_force, self.dead_torque
+        numbers = _Numbers(self.sign, bias_f, bias_m, *tool, *dead, self.cutoff)
+        return to_rows(_Numbers, numbers)
+
+    @property
+    def takes_inertia(self) -> bool:
+        """Whether the acceleration of the tip matters."""
+        return self.inertial and self.tool is not None
+
+
+@formula
+def _without_dead_band(v: Vec, width: float) -> Vec:
+    """Return v shortened by ``width``: continuous, and 0 within it."""
+    length = norm(v)
+    return v if width == 0.0 or length == 0.0 else (max(0.0, length - width) / length) * v
+
+
+@entry
+def _feel(
+    w: Input, R_s: Inputs, p_s: Input, R_e: Inputs, omega_e: Input, acceleration: Input,
+    dt: float, numbers: Input, state: Row, found: Row,
+) -> None:  # fmt: skip
+    """Fill what is found (14,): the contact w, its force and moment in size, and what is felt, w_t.
+
+    Args:
+        w: (6,) what the sensor says.
+        R_s, p_s: where it is, seen from the tip.
+        R_e, omega_e: orientation and angular velocity of the tip.
+        acceleration: (6,) of the tip, base frame; empty if unknown.
+        dt: [s] since the one before.
+        numbers: the options.
+        state: (13,) the tare, whether the low-pass has begun, and what it says; it moves on.
+    """
+    options, R = _read_numbers(numbers, 0), mat(R_e)
+    f = mat(R_s) @ (options.sign * read_vec(w, 0) - options.bias_f)
+    mu = mat(R_s) @ (options.sign * read_vec(w, 3) - options.bias_m) + cross(vec(p_s), f)
+    if options.has_tool:  # m (g - a_com), and its moment
+        com, inertia = options.com, options.inertia
+        force, turning = options.mass * (R.T @ options.gravity), Vec(0.0, 0.0, 0.0)
+        if options.inertial and len(acceleration) > 0:
+            omega, a = R.T @ vec(omega_e), R.T @ read_vec(acceleration, 0)
+            domega = R.T @ read_vec(acceleration, 3)
+            a_com = a + cross(domega, com) + cross(omega, cross(omega, com))
+            force = force - options.mass * a_com
+            turning = inertia @ domega + cross(omega, inertia @ omega)
+        f, mu = f - force, mu - (cross(com, force) - turning)
+    put_vec(found, 8, f)
+    put_vec(found, 11, mu)
+    f = _without_dead_band(f - read_vec(state, 0), options.dead_force)
+    mu = _without_dead_band(mu - read_vec(state, 3), options.dead_torque)
+    if state[6] != 0.0 and options.cutoff > 0.0:
+        f_0, mu_0 = read_vec(state, 7), read_vec(state, 10)
+        share = 1.0 - math.exp(-2.0 * math.pi * options.cutoff * dt)
+        f, mu = f_0 + share * (f - f_0), mu_0 + share * (mu - mu_0)
+    state[6] = 1.0
+    put_vec(state, 7, f)
+    put_vec(state, 10, mu)
+    put_vec(found, 0, R @ f)
+    put_vec(found, 3, R @ mu)
+    found[6], found[7] = norm(f), norm(mu)
+
 
 class WrenchChain:
     """The way from the sensor to the contact, with the state of its low-pass and its tare.
 
     Args:
         options: how each part is done.
+
+    Attributes:
+        force, moment: [N], [Nm] sizes of the last contact.
     """
 
     def __init__(self, options: WrenchOptions) -> None:
         self.options = options
-        self._tare = np.zeros(6)  # _t
-        self._low: Array | None = None  # _t
+        self._state = np.zeros(13)
+        self.force = self.moment = 0.0
 
     def replace_options(self, options: WrenchOptions) -> None:
         """Go on with other options; the tare and the state of the low-pass stay."""
@@ -98,7 +213,7 @@ class WrenchChain:
 
     def reset(self) -> None:
         """Forget what the low-pass has seen; the tare stays."""
-        self._low = None
+        self._state[6] = False
 
     def felt(self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None) -> Array:
         """Return w_t (6,) without the tool, but before tare, dead band and low-pass.
@@ -108,57 +223,38 @@ class WrenchChain:
             arm: kinematics of the arm at that time.
             acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
-        options = self.options
-        w = options.sign * sensed.w - np.array(options.bias)
-        return _shifted(w, sensed.sensor) - self._tool(arm, acceleration)
+        return self._feel(sensed, arm, acceleration, 0.0, self._state.copy())[8:]
 
     def contact(
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
         """Return the contact wrench w (6,) in base axes, dt [s] after the one before."""
-        w_t = self.felt(sensed, arm, acceleration) - self._tare
-        w_t = np.concatenate(
-            (
-                _without_dead_band(w_t[:3], self.options.dead_force),
-                _without_dead_band(w_t[3:], self.options.dead_torque),
-            )
-        )
-        w_t = self._filtered(w_t, dt)
-        return np.concatenate((arm.R_e @ w_t[:3], arm.R_e @ w_t[3:]))
+        found = self._feel(sensed, arm, acceleration, dt, self._state)
+        self.force, self.moment = found[6], found[7]
+        return found[:6]
+
+    def _feel(
+        self,
+        sensed: SensedWrench,
+        arm: RobotState,
+        acceleration: Array | None,
+        dt: float,
+        state: Array,
+    ) -> Array:
+        found, a = np.empty(14), _UNKNOWN if acceleration is None else acceleration
+        w, (R_s, p_s), numbers = sensed.w, sensed.sensor, self.options.numbers
+        _feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
+        return found
 
     @property
     def tared(self) -> Array:
         """Wrench (6,) _t without contact: the bias."""
-        return self._tare
+        return self._state[:6].copy()
 
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
-        self._tare = felt.copy()
-        self._low = None
-
-    def _tool(self, arm: RobotState, acceleration: Array | None) -> Array:
-        """Return what the sensor feels of the tool, (6,) _t: m (g - a_com), and its moment."""
-        tool = self.options.tool
-        if tool is None:
-            return np.zeros(6)
-        g_t = arm.R_e.T @ np.array(self.options.gravity) if self.options.weight else np.zeros(3)
-        if acceleration is None or not self.options.inertial:
-            force = tool.mass * g_t
-            return np.concatenate((force, cross(tool.com, force)))
-        omega, a = arm.R_e.T @ arm.omega_e, arm.R_e.T @ acceleration[:3]
-        domega = arm.R_e.T @ acceleration[3:]
-        a_com = a + cross(domega, tool.com) + cross(omega, cross(omega, tool.com))
-        force = tool.mass * (g_t - a_com)
-        turning = tool.inertia @ domega + cross(omega, tool.inertia @ omega)
-        return np.concatenate((force, cross(tool.com, force) - turning))
-
-    def _filtered(self, w_t: Array, dt: float) -> Array:
-        cutoff = self.options.cutoff
-        if self._low is None or cutoff == 0:
-            self._low = w_t
-        else:
-            self._low = self._low + (1 - math.exp(-2 * math.pi * cutoff * dt)) * (w_t - self._low)
-        return self._low
+        self._state[:6] = felt
+        self.reset()
 
 
 class StuckSensor:
@@ -232,17 +328,3 @@ class RestingWrench:
 def at_point(w: Array, r: Array) -> Array:
     """Return a wrench (6,) about a point at r (3,) [m] from where it was about, same axes."""
     return np.concatenate((w[:3], w[3:] - cross(r, w[:3])))
-
-
-def _shifted(w: Array, sensor: Placement) -> Array:
-    """Return a wrench (6,) of the sensor frame in the axes of the tip and about its origin."""
-    force, moment = sensor.R @ w[:3], sensor.R @ w[3:]
-    return np.concatenate((force, moment + cross(sensor.p, force)))
-
-
-def _without_dead_band(v: Array, width: float) -> Array:
-    """Return v (3,) shortened by ``width``: continuous, and 0 within it."""
-    if width == 0:
-        return v
-    length = math.sqrt(v @ v)
-    return v * (max(0.0, length - width) / length) if length > 0 else v
