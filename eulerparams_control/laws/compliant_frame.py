@@ -386,7 +386,7 @@ class CompliantFrame:
         row = np.empty(24)
         _freeze(self._memory[_NOW], dt, T, row)
         self._memory[1] = False
-        self._set(_FRAME, _frame_of(row))  # the next step begins from here
+        self._set(_FRAME, DesiredFrame.of(row))  # the next step begins from here
         assert self.now is not None
         return self.now
 
@@ -407,10 +407,5 @@ class CompliantFrame:
             raise SingularityError(self._law.orientation.singularity)
         if found:
             raise SingularityError("the motion of the compliant frame is not finite")
-        self.now = _frame_of(row)
+        self.now = DesiredFrame.of(row)
         return self.now
-
-
-def _frame_of(row: Array) -> DesiredFrame:
-    rows = row.reshape(8, 3)
-    return DesiredFrame(rows[0], rows[1:4], *rows[4:])

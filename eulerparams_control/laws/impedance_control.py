@@ -119,6 +119,9 @@ class ImpedanceLaw:
     max_jump_position: float = math.inf
     max_jump_rotation: float = math.inf
 
+    def __post_init__(self) -> None:
+        self.compliance.orientation.laws.displacement.prepare()
+
     def refuse_wrench(self, w: Array) -> None:
         """Raise FollowingError for a contact wrench (6,) that is too large."""
         for part, most, unit, name in (
@@ -168,8 +171,8 @@ class ImpedanceControl(Scheme):
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
-        self._dq: Array | None = None  # of the tick before
         self._x_de: Any = None
+        self._dq: Array | None = None  # of the tick before
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._balance = np.zeros(6)  # the contact at the last restart
         self.reset(np.zeros(self.robot.n))

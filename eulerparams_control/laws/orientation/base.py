@@ -124,6 +124,11 @@ class OrientationOptions:
         """The options as the formulas take them."""
         return Coordinates(self.sequence.axes, self.sign.values)
 
+    @cached_property
+    def row(self) -> Array:
+        """The options as a row."""
+        return to_rows(Coordinates, self.values)
+
 
 class OrientationRepresentation(ABC):
     """One representation of the orientation displacement, as the laws use it.
@@ -179,8 +184,11 @@ class OrientationRepresentation(ABC):
             previous: the displacement of the sample before, or None at the first; what
                 is not unique (a sign, an angle at the pole) follows from it.
         """
-        previous = self._none if previous is None else previous
-        return self.laws.displacement(R_d, R_e, previous, self.options.values)
+        of = self.laws.displacement
+        if np.ndim(R_d) == 2 == np.ndim(R_e):
+            taken = np.concatenate((R_d, R_e, self.options.row), axis=None)
+            return self.rows.unpack(of.rows(taken[None], self.row(previous))[0])
+        return of(R_d, R_e, self._none if previous is None else previous, self.options.values)
 
     def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
         """Return the angular velocity omega (3,) [rad/s] that CLIK asks for.
