@@ -28,11 +28,18 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
-from eulerparams_control.laws.limits import SHORTEST, JointLimits, subtract
+from eulerparams_control.laws.limits import (
+    SHORTEST,
+    UNLIMITED,
+    JointLimits,
+    agree,
+    integrate,
+    subtract,
+)
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates
-from eulerparams_control.laws.rotations import chord, every
+from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     Bounds,
     ErrorBounds,
@@ -344,7 +351,7 @@ class Clik(Scheme):
                 the desired frame.
         """
         q_c = self._integrate(dt, self._dq)
-        if not every(np.isfinite(q_c)):
+        if not math.isfinite(q_c @ q_c):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         self._refuse_deviation(q_c, q)
         if self.feedback == "internal":
@@ -355,7 +362,7 @@ class Clik(Scheme):
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
         dq_c = self._blend.blended(dt, dq_c)
         saturated, excess = False, 1.0
-        if not every(np.isfinite(dq_c)):
+        if not math.isfinite(dq_c @ dq_c):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
             self.max_error.refuse(desired, state)
@@ -382,12 +389,9 @@ class Clik(Scheme):
 
     def _integrate(self, dt: float, dq: Array) -> Array:
         """Return q (n,) after dt [s] of the velocity dq (n,)."""
-        q = self._q + dt * dq
-        if self.limits is None or self.limits.contain(q):
-            return q
-        # where it started outside, only outward motion is cut
-        lower = np.minimum(self.limits.lower, self._q)
-        return np.clip(q, lower, np.maximum(self.limits.upper, self._q))
+        q = np.empty(len(dq))
+        integrate(UNLIMITED if self.limits is None else self.limits.rows, self._q, dq, dt, q)
+        return q
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""
@@ -396,8 +400,8 @@ class Clik(Scheme):
     def _refuse_deviation(self, q_c: Array, q: Array) -> None:
         if self.limits is None:
             return
-        deviation = self.limits.deviation(q_c, q)
-        if not every(deviation <= self.max_deviation):
+        if not agree(self.limits.rows, q_c, q, self.max_deviation):
+            deviation = self.limits.deviation(q_c, q)
             i = int(np.argmax(deviation))
             raise FollowingError(
                 f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "

@@ -31,13 +31,12 @@ from eulerparams_control.laws.inverse_dynamics import (
     CUT,
     INFINITE,
     RAMPED,
-    UNLIMITED,
     InverseDynamics,
     check_model,
     command_effort,
     fitted,
 )
-from eulerparams_control.laws.limits import SHORTEST, JointLimits
+from eulerparams_control.laws.limits import SHORTEST, UNLIMITED, JointLimits
 from eulerparams_control.laws.linear import mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates

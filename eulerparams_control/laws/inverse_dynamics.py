@@ -11,6 +11,7 @@ from eulerparams_control.laws.compiled import Array, Input, Inputs, Row, Rows, e
 from eulerparams_control.laws.friction import JointFriction, friction_effort
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
+    UNLIMITED,
     JointLimits,
     limit_acceleration,
     limit_effort,
@@ -23,7 +24,7 @@ from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, Ro
 # Time constant [s] of the acceleration that disturbances cause.
 _DRIFT_TIME = 0.005
 
-_NONE, UNLIMITED = np.empty(0), np.empty((5, 0))
+_NONE = np.empty(0)
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7

@@ -35,6 +35,9 @@ _TINY = 1e-300
 
 _UNKNOWN = np.empty(0)
 
+UNLIMITED = np.empty((5, 0))
+"""No limits, as formulas take them."""
+
 type Difference = Callable[[Array, Array], Array]
 """Returns q_c - q (n,), modulo a turn where a joint may turn on and on."""
 
@@ -215,6 +218,27 @@ def subtract(limits: Rows, q_c: Input, q: Input, difference: Row) -> None:
         difference[i] = q_c[i] - q[i]
         if math.isinf(limits[_UPPER, i]):
             difference[i] -= 2.0 * math.pi * np.rint(difference[i] / (2.0 * math.pi))
+
+
+@entry
+def agree(limits: Rows, q_c: Input, q: Input, most: float) -> bool:
+    """Return whether no joint deviates by more than ``most`` [rad or m]."""
+    away = np.empty(len(q))
+    subtract(limits, q_c, q, away)
+    for i in range(len(q)):  # noqa: SIM110  a generator is not compiled
+        if not abs(away[i]) <= most:
+            return False
+    return True
+
+
+@entry
+def integrate(limits: Rows, q: Input, dq: Input, dt: float, after: Row) -> None:
+    """Fill ``after`` (n,) with q + dt dq; motion outward beyond limits of positions is cut."""
+    for i in range(len(q)):
+        after[i] = q[i] + dt * dq[i]
+        if limits.shape[1] > 0 and not math.isnan(after[i]):
+            low, high = min(limits[_LOWER, i], q[i]), max(limits[_UPPER, i], q[i])
+            after[i] = _clip(after[i], low, high)
 
 
 @entry
