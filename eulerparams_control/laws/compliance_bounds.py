@@ -26,7 +26,7 @@ class Most(NamedTuple):
     speed: float
 
 
-class Kept(NamedTuple):
+class BoundedVelocity(NamedTuple):
     """A velocity v (3,) within its bounds, and whether it is less than was asked for."""
 
     v: VecLike
@@ -101,7 +101,7 @@ def bounded(
 
 
 @formula
-def kept(x: Vec, v: Vec, v_before: Vec, most: float, speed: float, dt: float) -> Kept:
+def kept(x: Vec, v: Vec, v_before: Vec, most: float, speed: float, dt: float) -> BoundedVelocity:
     """Return the velocity v within the bounds at the displacement x."""
     rate = min(POSITION_RATE, 1.0 / dt)
     slower = rate * speed * dt  # by no more, where a bound was lowered
@@ -116,4 +116,4 @@ def kept(x: Vec, v: Vec, v_before: Vec, most: float, speed: float, dt: float) ->
         excess = v @ away - allowed
         if excess > 0.0:
             v, is_less = v - excess * away, True
-    return Kept(v, is_less)
+    return BoundedVelocity(v, is_less)
