@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -162,3 +163,17 @@ def test_without_a_folder_that_can_be_written_formulas_are_compiled_all_the_same
         [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
     )
     assert "set NUMBA_CACHE_DIR to a folder that can be written" in done.stderr
+
+
+def test_schemes_command_the_same_where_nothing_is_compiled(tmp_path):
+    found = []
+    for plain in ("", "1"):
+        file = tmp_path / f"commands{plain}.npz"
+        environment = {**os.environ, "EULERPARAMS_PLAIN": plain}
+        script = Path(__file__).with_name("plain_run.py")
+        subprocess.run([sys.executable, script, file], env=environment, check=True)
+        found.append(np.load(file))
+    compiled, plain = found
+    for name in compiled.files:
+        scale = np.abs(compiled[name]).max()
+        assert_close(plain[name] / scale, compiled[name] / scale, 1e-12)

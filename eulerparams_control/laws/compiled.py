@@ -31,8 +31,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-IS_COMPILED = not os.environ.get("EULERPARAMS_PLAIN") and bool(importlib.util.find_spec("numba"))
+_IS_PLAIN = bool(os.environ.get("EULERPARAMS_PLAIN"))
+IS_COMPILED = not _IS_PLAIN and bool(importlib.util.find_spec("numba"))
 """Whether formulas are compiled."""
+
+if not (IS_COMPILED or _IS_PLAIN):
+    warnings.warn(
+        "numba is not installed: formulas run as plain Python, 20 to 50 times slower; install it "
+        "(pip install numba), or set EULERPARAMS_PLAIN=1 if that is meant",
+        stacklevel=2,
+    )
 
 # What an entry takes and fills: rows of floats in a row, and what it only reads, however it lies.
 Row = Annotated[Array, "float64", 1, "C", False]
