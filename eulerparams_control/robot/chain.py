@@ -3,7 +3,7 @@
 From base to tip for positions and motions, back for forces (Newton and Euler: Luh, Walker and
 Paul, On-line computational scheme for mechanical manipulators, 1980).  All vectors are in the
 base frame.  The arm is rows of numbers: ``chain`` (n + 1, ...) has a :class:`Link` a joint, and
-the :class:`Tip`; ``work`` (n, WORK) is filled by :func:`place` and read by the others.
+the :class:`ChainTip`; ``work`` (n, WORK) is filled by :func:`place` and read by the others.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class Link(NamedTuple):
     inertia: Mat
 
 
-class Tip(NamedTuple):
+class ChainTip(NamedTuple):
     """Where the tip is in the last joint, R and p [m], and gravity [m/s^2] in the base frame."""
 
     R: Mat
@@ -56,7 +56,7 @@ class Tip(NamedTuple):
     gravity: Vec
 
 
-class Placed(NamedTuple):
+class PlacedJoint(NamedTuple):
     """A joint where it is: R, p [m], its axis z, and r [m] from the joint before it."""
 
     R: Mat
@@ -65,7 +65,7 @@ class Placed(NamedTuple):
     r: Vec
 
 
-class Load(NamedTuple):
+class BodyLoad(NamedTuple):
     """What moves a body: f [N] and mu [Nm] about its centre of mass, c [m] from the joint."""
 
     f: Vec
@@ -82,19 +82,19 @@ class Motion(NamedTuple):
     domega: Vec
 
 
-_link, _tip = layout(Link).read, layout(Tip).read
-_placed, _put_placed = layout(Placed)[1:3]
-_load, _put_load = layout(Load)[1:3]
+_link, _tip = layout(Link).read, layout(ChainTip).read
+_placed, _put_placed = layout(PlacedJoint)[1:3]
+_load, _put_load = layout(BodyLoad)[1:3]
 _put_vec, _put_mat = layout(Vec).put, layout(Mat).put
-_LOAD = layout(Placed).width  # where it begins
-WORK = _LOAD + layout(Load).width
+_LOAD = layout(PlacedJoint).width  # where it begins
+WORK = _LOAD + layout(BodyLoad).width
 
 
 def chain_of(links: Sequence[tuple[Any, ...]], tip: tuple[Any, ...]) -> Array:
-    """Return the chain (n + 1, ...) of what :class:`Link` and :class:`Tip` are made of."""
+    """Return the chain (n + 1, ...) of what :class:`Link` and :class:`ChainTip` are made of."""
     chain = np.zeros((len(links) + 1, layout(Link).width))
     chain[:-1] = [to_rows(Link, link) for link in links]
-    chain[-1, : layout(Tip).width] = to_rows(Tip, tip)
+    chain[-1, : layout(ChainTip).width] = to_rows(ChainTip, tip)
     return chain
 
 
@@ -115,7 +115,7 @@ def place(chain: Rows, q: Input, work: Rows) -> tuple[Mat, Vec]:
         else:
             R = R @ R_angle_axis(q[i] + 0.0 * q[i], link.axis)  # NaN for an infinite q
         p = p + r
-        _put_placed(work[i], 0, Placed(R, p, z, r))
+        _put_placed(work[i], 0, PlacedJoint(R, p, z, r))
     tip = _tip(chain[len(q)], 0)
     return R @ tip.R, p + R @ tip.p
 
@@ -180,7 +180,7 @@ def efforts(
         motion = _moved(_carried(motion, at.r), link.slides, dz, ddq[i] * at.z)
         c, inertia, omega = at.R @ link.com, at.R @ link.inertia @ at.R.T, motion.omega
         mu = inertia @ motion.domega + cross(omega, inertia @ omega)
-        _put_load(work[i], _LOAD, Load(link.mass * _carried(motion, c).a, mu, c))
+        _put_load(work[i], _LOAD, BodyLoad(link.mass * _carried(motion, c).a, mu, c))
     f, mu, r = nothing, nothing, nothing  # on the joint; r to the one after it
     for i in range(n - 1, -1, -1):
         at, load = _placed(work[i], 0), _load(work[i], _LOAD)
