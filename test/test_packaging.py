@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
-    *("analyze", "bag_recorder", "experiment", "failure_map", "teleop", "watchdog"),
+    *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "teleop", "watchdog"),
 }
 PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")
 

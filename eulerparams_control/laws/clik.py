@@ -138,9 +138,8 @@ def _velocity_of(kind: type[OrientationRepresentation]) -> Callable[..., bool]:
     """Return the law of a representation."""
     rows, laws = layout(kind.laws.displacement.result), kind.laws
     slots = {"displacement": laws.displacement, "velocity": laws.velocity}
-    return entry(
-        template(_velocity, f"clik_{kind.name}", read=rows.read, put=rows.put, **slots)
-    )
+    name = f"clik_{kind.identifier()}"
+    return entry(template(_velocity, name, read=rows.read, put=rows.put, **slots))
 
 
 @dataclass(frozen=True)

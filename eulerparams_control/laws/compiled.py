@@ -504,6 +504,13 @@ def _say_once() -> None:
 
 
 @cache
+def fingerprint(*files: str | Path | None) -> str:
+    """Return what changes with the contents of files."""
+    contents = b"".join(Path(file).read_bytes() for file in files if file)
+    return hashlib.sha256(contents).hexdigest()[:12]
+
+
+@cache
 def cache_folder() -> str:
     """Return the folder of what is compiled, for this state of the files that have formulas.
 
@@ -513,7 +520,7 @@ def cache_folder() -> str:
     """
     package = Path(__file__).parents[1]
     files = sorted(file for room in _ROOMS for file in (package / room).rglob("*.py"))
-    state = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    state = fingerprint(*files)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(home, "eulerparams_control"))
     try:

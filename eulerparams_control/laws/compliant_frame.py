@@ -292,7 +292,7 @@ def _step(
 @cache
 def _step_of(kind: type[OrientationRepresentation]) -> Callable[..., int]:
     """Return the step of a representation."""
-    slots, name = kind.compliance._asdict(), kind.name
+    slots, name = kind.compliance._asdict(), kind.identifier()
     y, u = layout(kind.compliance.begin.result), layout(kind.compliance.drive.result)
     slots |= {"read_y": y.read, "put_y": y.put, "read_u": u.read, "put_u": u.put}
     slots |= {"y_width": y.width}

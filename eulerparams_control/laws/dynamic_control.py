@@ -129,9 +129,8 @@ def _acceleration_of(kind: type[OrientationRepresentation]) -> Callable[..., boo
     """Return the law of a representation."""
     rows, laws = layout(kind.laws.displacement.result), kind.laws
     slots = {"displacement": laws.displacement, "acceleration": laws.acceleration}
-    return entry(
-        template(_acceleration, f"resolved_{kind.name}", read=rows.read, put=rows.put, **slots)
-    )
+    name = f"resolved_{kind.identifier()}"
+    return entry(template(_acceleration, name, read=rows.read, put=rows.put, **slots))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the ba
 frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement.
 """
 
+import inspect
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.compiled import (
     Formula,
     RowLayout,
+    fingerprint,
     formula,
     from_rows,
     layout,
@@ -226,6 +228,11 @@ class OrientationRepresentation(ABC):
         """
         acceleration, options = self.laws.acceleration, self.options.values
         return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
+
+    @classmethod
+    def identifier(cls) -> str:
+        """Return a name of its own for what is compiled of it, another one if its file changes."""
+        return f"{cls.__name__}_{fingerprint(inspect.getsourcefile(cls))}"
 
     @cached_property
     def rows(self) -> RowLayout:

@@ -1,39 +1,69 @@
 """E4 (b): CLIK (23) with rates of the desired angles from their differences, through the pole."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import STEP_NS, T1, clik, ur5
+from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
-from eulerparams_control.laws.orientation import OrientationRepresentation, representation
-from eulerparams_control.laws.orientation.euler_angles import (
-    EulerAnglesDisplacement,
-    EulerAnglesRepresentation,
+from eulerparams_control.laws.linear import Mat, Vec, VecLike
+from eulerparams_control.laws.orientation import (
+    OrientationRepresentation,
+    euler_angles,
+    representation,
 )
+from eulerparams_control.laws.orientation.base import Coordinates, Laws
+from eulerparams_control.laws.orientation.euler_angles import EulerAnglesDisplacement
+from eulerparams_control.laws.orientation.euler_angles import displacement as angles_of
+from eulerparams_control.laws.orientation.sequences import T_of
 from eulerparams_control.laws.rotations import Array
 
 _K = 100.0  # [1/s]
+_STEP = STEP_NS / 1e9  # [s]
 _JUMP = 100.0  # times the speed of Euler parameters: no motion of the path
 
 
-class DifferencedAngles(EulerAnglesRepresentation):
+class DifferencedDisplacement(NamedTuple):
+    """Angles as in (22), and phi_d of the sample before: of no use but in this file."""
+
+    angles: EulerAnglesDisplacement
+    before: VecLike
+    is_known: float
+
+    @property
+    def error(self) -> Array:
+        """phi_d - phi_e (3,) [rad]."""
+        return self.angles.dphi_de
+
+
+@formula
+def displacement(
+    R_d: Mat, R_e: Mat, previous: DifferencedDisplacement, options: Coordinates
+) -> DifferencedDisplacement:
+    """Return the angles, and phi_d of the sample before; at the first that of now."""
+    angles = angles_of(R_d, R_e, previous.angles, options)
+    before = previous.angles.phi_d if previous.is_known != 0.0 else angles.phi_d
+    return DifferencedDisplacement(angles, before, 1.0)
+
+
+@formula
+def velocity(
+    x_de: DifferencedDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
+) -> Vec:
+    """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), dphi_d by differences."""
+    dphi_d = (x_de.angles.phi_d - x_de.before) / _STEP
+    return T_of(options.axes, x_de.angles.phi_e) @ (dphi_d + k_Po * x_de.angles.dphi_de)
+
+
+class DifferencedAngles(euler_angles.EulerAnglesRepresentation):
     """Euler angles whose desired rates are differences of phi_d, as a planner of angles has them.
 
     Of no use but to show what it does, so it is not in the registry.
     """
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._before: Array | None = None
-
-    def resolved_velocity(
-        self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float
-    ) -> Array:
-        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), with that dphi_d."""
-        before = x_de.phi_d if self._before is None else self._before
-        dphi_d = (x_de.phi_d - before) / (STEP_NS / 1e9)
-        self._before = x_de.phi_d
-        return self.options.sequence.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.dphi_de)
+    laws = Laws(displacement, velocity, euler_angles.acceleration)
 
 
 def run() -> Result:
