@@ -29,7 +29,7 @@ from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
-from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
+from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
@@ -78,7 +78,11 @@ class NoMotionLoop:
         return JointCommand()
 
     def tick_at(
-        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+        self,
+        dt: float,
+        state: MotionState | DynamicState,
+        desired: DesiredFrame,
+        h: Array | None = None,
     ) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
         self.limits.refuse_error(desired, state.arm)
@@ -323,7 +327,7 @@ class ImpedanceControl(Scheme):
             SingularityError: if a law has no finite answer.
             FollowingError: if the tip is too far from the compliant frame.
         """
-        state = self.robot.dynamic_state(q, dq)
+        state = self.robot.motion_state(q, dq)
         arm, centre = state.arm, self.law.centre
         self._q, self._held = q, None
         self._feel(state, dt)
@@ -355,7 +359,7 @@ class ImpedanceControl(Scheme):
             desired.R_d.T @ mu,
         )
 
-    def _feel(self, state: DynamicState, dt: float) -> None:
+    def _feel(self, state: MotionState | DynamicState, dt: float) -> None:
         """Take the contact wrench for this tick; what is not known any more fades away.
 
         Raises:
