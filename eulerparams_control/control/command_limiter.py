@@ -12,7 +12,7 @@ import numpy as np
 
 from eulerparams_control.control.judge import NONE, difference
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import Input, Rows, entry, kernel
+from eulerparams_control.laws.compiled import Input, Inputs, Rows, entry, kernel
 from eulerparams_control.laws.limits import SHORTEST, JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
@@ -92,12 +92,12 @@ class CommandLimiter:
         )
         given = self._bounds, self._joints, self._safe, elapsed, dt
         code = _bounded(*rows, *self._last, q, *given)
-        if frame is not None and not all(np.isfinite(part).all() for part in frame):
+        if frame is not None and not _is_finite(*frame):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
-        for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
-            if code & bit:
-                raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
         if code:
+            for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
+                if code & bit:
+                    raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
             self.bounded += 1
             safe = [self._safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
             rows = safe[0], safe[1], safe[2]
@@ -105,6 +105,16 @@ class CommandLimiter:
             command = JointCommand(q_c, dq, effort, frame)
         self._last, self.commands_efforts = rows, effort is not None
         return command
+
+
+@entry
+def _is_finite(p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega: Input) -> bool:
+    """Return whether all numbers of a frame are finite."""
+    total = 0.0
+    for i in range(3):
+        total += abs(p[i]) + abs(dp[i]) + abs(omega[i]) + abs(ddp[i]) + abs(domega[i])
+        total += abs(R[i, 0]) + abs(R[i, 1]) + abs(R[i, 2])
+    return math.isfinite(total)
 
 
 @kernel
@@ -144,9 +154,7 @@ def _position(
 
 
 @kernel
-def _velocity(
-    i: int, dq: float, before: float, lag: float, bounds: Array, lasted: float
-) -> float:
+def _velocity(i: int, dq: float, before: float, lag: float, bounds: Array, lasted: float) -> float:
     """Return dq of a joint where the velocity until now, ``before``, can have come to.
 
     It chases what its position lags behind.
