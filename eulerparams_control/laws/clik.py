@@ -34,6 +34,7 @@ from eulerparams_control.laws.limits import (
     JointLimits,
     agree,
     integrate,
+    is_finite,
     subtract,
 )
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, vec
@@ -350,7 +351,7 @@ class Clik(Scheme):
                 the desired frame.
         """
         q_c = self._integrate(dt, self._dq)
-        if not math.isfinite(q_c @ q_c):
+        if not is_finite(q_c):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         self._refuse_deviation(q_c, q)
         if self.feedback == "internal":
@@ -361,7 +362,7 @@ class Clik(Scheme):
         dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
         dq_c = self._blend.blended(dt, dq_c)
         saturated, excess = False, 1.0
-        if not math.isfinite(dq_c @ dq_c):
+        if not is_finite(dq_c):
             raise SingularityError("the law asks for an infinite joint velocity")
         if self.limits is not None:
             self.max_error.refuse(desired, state)

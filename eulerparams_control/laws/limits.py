@@ -221,6 +221,15 @@ def subtract(limits: Rows, q_c: Input, q: Input, difference: Row) -> None:
 
 
 @entry
+def is_finite(values: Input) -> bool:
+    """Return whether all numbers of a row are finite."""
+    for i in range(len(values)):  # noqa: SIM110  a generator is not compiled
+        if not math.isfinite(values[i]):
+            return False
+    return True
+
+
+@entry
 def agree(limits: Rows, q_c: Input, q: Input, most: float) -> bool:
     """Return whether no joint deviates by more than ``most`` [rad or m]."""
     away = np.empty(len(q))
