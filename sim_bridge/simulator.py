@@ -133,7 +133,7 @@ class Simulator:
         self._external = None
         self.clipped: Clipped | None = None
         self.violation = ""
-        self._wild = -1  # the last step after which no brakes could stop the joints
+        self._wild = -2  # the last step after which no brakes could stop the joints
         self._protection.reset()
         self._count = 0
         self.engine.place(q)

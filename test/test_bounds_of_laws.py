@@ -9,7 +9,7 @@ import pytest
 from arms import HOME, STILL, UR5, Plant, pose_of, robot_of
 from samples import generator, rodrigues
 from sensor_msgs.msg import JointState
-from tolerances import ALGEBRAIC, RELATIVE
+from tolerances import ALGEBRAIC, RELATIVE, assert_close
 
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.controller import Controller, ControllerOptions
@@ -23,9 +23,10 @@ from eulerparams_control.laws.dynamic_control import (
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS, representation
-from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand
 from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
@@ -254,3 +255,14 @@ def test_the_length_of_a_ur5_is_a_metre_and_the_schemes_use_that_of_their_arm():
     for scheme in (Clik(small, clik_law()), dynamic(small)):
         law = scheme.law if isinstance(scheme, Clik) else scheme.dynamics
         assert law.inverse.length == small.length
+
+
+@pytest.mark.parametrize(
+    "gains", [(40.0, 0.0, 40.0, 4.0), (0.0, 0.0, 40.0, 4.0), (4.0, 4.0, 40.0, 0.0)]
+)
+def test_a_loop_without_damping_asks_for_what_its_gains_say(gains):
+    law = ResolvedAcceleration(representation("euler_parameters"), *gains)
+    arm = UR5.state(HOME, STILL)
+    desired = DesiredFrame(arm.p_e + [0.1, 0.0, 0.0], exp(np.array([0.0, 0.2, 0.0])) @ arm.R_e)
+    a, dp_de, x_de = law.acceleration(arm, desired, None)
+    assert_close(a, [*(gains[0] * dp_de), *(gains[2] * x_de.eps_de)], 1e-12)

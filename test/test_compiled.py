@@ -6,13 +6,23 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from tolerances import assert_close
 
 from eulerparams_control.laws import rotations
-from eulerparams_control.laws.compiled import IS_COMPILED, Formula, from_rows, layout, sample
+from eulerparams_control.laws.clik import ClikLaw
+from eulerparams_control.laws.compiled import (
+    IS_COMPILED,
+    Formula,
+    cache_folder,
+    formula,
+    from_rows,
+    layout,
+    sample,
+)
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.linear import Mat, Vec
 from eulerparams_control.laws.orientation import (
@@ -22,8 +32,16 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.orientation.euler_parameters import (
+    EulerParametersRepresentation,
+    QuaternionDisplacement,
+)
 from eulerparams_control.laws.orientation.sequences import SEQUENCES
 from eulerparams_control.laws.rotations import Array, EulerParameters, exp, quaternion
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 
 FORMULAS = sorted(name for name, value in vars(rotations).items() if isinstance(value, Formula))
 EXACT = {"rtol": 0, "atol": 4e-15}
@@ -177,3 +195,58 @@ def test_schemes_command_the_same_where_nothing_is_compiled(tmp_path):
     for name in compiled.files:
         scale = np.abs(compiled[name]).max()
         assert_close(plain[name] / scale, compiled[name] / scale, 1e-12)
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
+def test_of_a_folder_for_many_programs_only_what_is_its_own_is_deleted(tmp_path, monkeypatch):
+    mine, other = tmp_path / "eulerparams_control" / ("0" * 12), tmp_path / "other"
+    for folder in (mine, other):
+        (folder / "deep").mkdir(parents=True)
+        os.utime(folder, (0, 0))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folder = Path(cache_folder.__wrapped__())
+    assert folder.parent == mine.parent
+    assert folder.is_dir()
+    assert other.is_dir()
+    assert not mine.exists()
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
+def test_where_there_is_no_home_formulas_are_kept_for_the_process(monkeypatch):
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", Mock(side_effect=RuntimeError("no home")))
+    with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR"):
+        folder = Path(cache_folder.__wrapped__())
+    assert folder.is_dir()
+    folder.rmdir()
+
+
+def times(k):
+    """Return Euler parameters whose law has its gain times k: a representation of one's own."""
+    right = representation("euler_parameters").laws.velocity
+
+    @formula
+    def velocity(
+        x_de: QuaternionDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
+    ) -> Vec:
+        return right(x_de, omega_d, FACTORS[k] * k_Po, options)
+
+    class Own(EulerParametersRepresentation):
+        laws = EulerParametersRepresentation.laws._replace(velocity=velocity)
+
+    return Own()
+
+
+FACTORS = (1.0, -1.0)
+
+
+@pytest.mark.slow
+def test_two_representations_of_one_name_have_laws_of_their_own():
+    ur5 = load_robot("ur5")
+    robot = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame)
+    arm = robot.state(np.array(ur5.home), np.zeros(6))
+    there = DesiredFrame(arm.p_e, exp(np.array([0.0, 0.1, 0.0])) @ arm.R_e)
+    one, other = (ClikLaw(times(k), 0.0, 10.0).velocity(arm, there, None)[0] for k in (0, 1))
+    assert np.abs(one).max() > 0.1
+    assert_close(one, -other)

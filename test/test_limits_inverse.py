@@ -374,3 +374,16 @@ def test_the_smallest_singular_value_is_that_of_the_jacobian():
 def test_negative_damping_is_refused(change):
     with pytest.raises(ConfigurationError, match=f"{next(iter(change.values()))}.*expected >= 0"):
         DampedInverse(**change)
+
+
+def test_what_is_not_a_number_stays_so_within_limits():
+    limits, nan = JointLimits(*np.array([[-1.0, 1.0, 2.0, 9.0]]).T), np.array([math.nan])
+    zero = np.zeros(1)
+    for found in (
+        limits.limit_velocity(nan, zero, 0.01)[0],
+        limits.limit_velocity(zero, nan, 0.01)[0],
+        limits.limit_acceleration(zero, nan, zero, 0.01)[0],
+        limits.limit_effort(nan)[0],
+        limits.excess(nan),
+    ):
+        assert np.isnan(found).all()

@@ -239,10 +239,11 @@ class Admission:
         if receipt is not None:
             acted = min(dt, silence) if dt > 0 else silence
             # by how much more the stamps went on than time, lost and late states apart
-            leapt = min(self._latency.early, dt - max(silence, usual))
+            usual_now = self.period.seconds
+            leapt = min(self._latency.early, dt - max(silence, usual_now))
             if is_set_back:
                 leapt = dt - silence
-            if restart or not (is_set_back or 0 < usual < 2 * leapt):  # less is jitter
+            if restart or not (is_set_back or 0 < usual_now < 2 * leapt):  # less is jitter
                 leapt = 0.0
         if usual:
             longest = _LONGEST_STEP * usual

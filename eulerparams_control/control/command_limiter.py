@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from eulerparams_control.control.judge import NONE, difference
+from eulerparams_control.control.judge import NONE
 from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.compiled import Input, Inputs, Rows, entry, kernel
-from eulerparams_control.laws.limits import SHORTEST, JointLimits
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, clip, difference
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 
@@ -90,10 +90,10 @@ class CommandLimiter:
             NONE if dq is None else dq,
             NONE if effort is None else effort,
         )
-        given = self._bounds, self._joints, self._safe, elapsed, dt
-        code = _bounded(*rows, *self._last, q, *given)
         if frame is not None and not _is_finite(*frame):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
+        given = self._bounds, self._joints, self._safe, elapsed, dt
+        code = _bounded(*rows, *self._last, q, *given)
         if code:
             for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
                 if code & bit:
@@ -118,11 +118,6 @@ def _is_finite(p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega:
 
 
 @kernel
-def _clip(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
-
-
-@kernel
 def _position(
     i: int, q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: float,
     bounds: Array, joints: Array, elapsed: float, lasted: float,
@@ -134,7 +129,7 @@ def _position(
     """
     low, high = min(bounds[_LOWER, i], q), max(bounds[_UPPER, i], q)  # it may come back
     if len(q_0) == 0:
-        return _clip(q_c[i], low, high)
+        return clip(q_c[i], low, high)
     fastest, led, leads = bounds[_VELOCITY, i], 0.0, lasted * dq[i] if len(dq) else 0.0
     if len(dq_0):  # the limit of the speed may have been lowered since
         fastest, led = max(fastest, abs(dq_0[i])), lasted * dq_0[i]
@@ -146,11 +141,11 @@ def _position(
         lags = lags or abs(step - joints[_LED, i]) > bend or abs(step - leads) > bend
     joints[_LAGS, i], joints[_LED, i] = lags, led
     if lags and not math.isinf(bend):
-        step = led if len(dq_0) else _clip(step, -bend, bend)
+        step = led if len(dq_0) else clip(step, -bend, bend)
     elif low <= q_c[i] <= high and not lags and abs(q_0[i] + step - q_c[i]) <= _ROUNDING:
         return q_c[i]
     low, high = max(min(low, q_0[i]), q_0[i] - reach), min(max(high, q_0[i]), q_0[i] + reach)
-    return _clip(q_0[i] + step, low, high)
+    return clip(q_0[i] + step, low, high)
 
 
 @kernel
@@ -166,7 +161,7 @@ def _velocity(i: int, dq: float, before: float, lag: float, bounds: Array, laste
         dq += math.copysign(min(rate * way, math.sqrt(min(a, _STEEP) * way)), lag)
     elif abs(dq) <= most and abs(dq - before) <= change + _ROUNDING:
         return dq
-    return _clip(_clip(dq, before - change, before + change), -most, most)
+    return clip(clip(dq, before - change, before + change), -most, most)
 
 
 @kernel
@@ -179,7 +174,7 @@ def _effort(i: int, effort: float, last: Array, bounds: Array, elapsed: float) -
             return effort
         low = max(min(low, last[i]), last[i] - reach)
         high = min(max(high, last[i]), last[i] + reach)
-    return _clip(effort, low, high)
+    return clip(effort, low, high)
 
 
 @entry

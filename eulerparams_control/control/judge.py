@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from eulerparams_control.laws.compiled import Array, Input, Rows, entry, kernel
+from eulerparams_control.laws.limits import difference
 
 Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
 """Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
@@ -48,15 +49,6 @@ NONE: Array = np.empty(0)
 
 
 @kernel
-def difference(q_c: float, q: float, is_endless: float) -> float:
-    """Return q_c - q [rad or m]; modulo a turn where there is no position limit."""
-    change = q_c - q
-    if is_endless:
-        change -= 2 * math.pi * np.rint(change / (2 * math.pi))
-    return change
-
-
-@kernel
 def runaway(dq: float, most: float, limit: float) -> float:
     """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
     return max(abs(dq) - max(most * limit, _SLOW), 0.0)
@@ -82,7 +74,7 @@ def code_of(
     """
     code, stays = SAME, True
     for i in range(len(q)):
-        way = abs(difference(q[i], before[Q, i], arm[ENDLESS, i]))
+        way = abs(difference(q[i], before[Q, i], arm[ENDLESS, i] != 0.0))
         if abs(dq[i]) > arm[FASTEST, i] and not code & FAST:
             code = code & ((1 << JOINT) - 1) | FAST | i << JOINT
         if is_next and way > _MOST_ASTRAY + dt * arm[FASTEST, i] and not code & (FAST | FAR):
@@ -100,7 +92,7 @@ def code_of(
             now[Q, i] += 2 * math.pi * turns
             code |= WOUND
         stays = stays and now[Q, i] == before[Q, i]
-        if abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i])) > _SAME_ARM:
+        if abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i] != 0.0)) > _SAME_ARM:
             code |= MOVED
         if not (stays and dq[i] == before[DQ, i]):
             code &= ~SAME

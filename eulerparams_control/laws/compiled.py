@@ -21,6 +21,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
 from types import FunctionType
@@ -50,7 +51,7 @@ Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
 
 # Rooms whose files have formulas: where one changes, all is compiled anew.
-_ROOMS = ("laws", "robot", "motion", "control")
+_ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "robot", "motion", "control"))
 _UNKNOWN = np.empty(0)
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
@@ -482,14 +483,27 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     """Return a function compiled for these types now, or for any as they come."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
     try:
-        options = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+        options = {"cache": _is_ours(function), "error_model": "numpy", "no_cfunc_wrapper": True}
         options["no_cpython_wrapper"] = not signatures  # Python calls entries only
         compiled = numba.njit(list(signatures) or None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
-    if signatures and compiled.stats.cache_misses:
+    if signatures and _is_ours(function) and compiled.stats.cache_misses:
         _say_once()
     return compiled
+
+
+@cache
+def _is_ours(function: Callable[..., Any]) -> bool:
+    """Whether a function, with all that it calls, is in the files that the cache is named by.
+
+    What is not, of a representation elsewhere, say, is compiled anew by each process.
+    """
+    code = function.__code__
+    named = (function.__globals__.get(name) for name in code.co_names)
+    return any(Path(code.co_filename).is_relative_to(room) for room in _ROOMS) and all(
+        _is_ours(called.function) for called in named if isinstance(called, Kernel)
+    )
 
 
 @cache
@@ -503,11 +517,10 @@ def _say_once() -> None:
     )
 
 
-@cache
-def fingerprint(*files: str | Path | None) -> str:
-    """Return what changes with the contents of files."""
-    contents = b"".join(Path(file).read_bytes() for file in files if file)
-    return hashlib.sha256(contents).hexdigest()[:12]
+def fingerprint() -> str:
+    """Return what changes with the contents of the files that have formulas."""
+    files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
 @cache
@@ -518,26 +531,25 @@ def cache_folder() -> str:
     folder that lasts as long as this process.  numba alone would not see a change in a file from
     which a formula is called.
     """
-    package = Path(__file__).parents[1]
-    files = sorted(file for room in _ROOMS for file in (package / room).rglob("*.py"))
-    state = fingerprint(*files)
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(home, "eulerparams_control"))
+    root, state = Path("~/.cache"), fingerprint()
     try:
+        home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+        root = Path(home or Path.home() / ".cache", "eulerparams_control")
         folder = root / state
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
         tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
+    except (OSError, RuntimeError) as error:  # the latter: there is no home
         warnings.warn(
             f"compiled formulas cannot be kept in {root} ({error}), so each start compiles them "
             "again, for about a minute; set NUMBA_CACHE_DIR to a folder that can be written",
             stacklevel=2,
         )
         return tempfile.mkdtemp(prefix="eulerparams_control_")
-    for old in root.iterdir():
-        if time.time() - old.stat().st_mtime > _KEPT:
-            shutil.rmtree(old, ignore_errors=True)
+    for old in root.glob("?" * len(state)):
+        with suppress(OSError):  # another process may do the same
+            if time.time() - old.stat().st_mtime > _KEPT:
+                shutil.rmtree(old, ignore_errors=True)
     return str(folder)
 
 

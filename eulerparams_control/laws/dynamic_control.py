@@ -95,8 +95,10 @@ def _braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: 
     An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
     e is 0.  Bounded accelerations would swing else.
     """
-    pull = k_V * approach(e, k_P / max(k_V, _TINY), speed, a) + resisted
-    return k_P if k_P * e <= pull else pull / e
+    v = approach(e, k_P / max(k_V, _TINY), speed, a)
+    if math.isinf(v) or k_P * e <= k_V * v + resisted:
+        return k_P
+    return (k_V * v + resisted) / e
 
 
 def _acceleration(

@@ -157,8 +157,20 @@ class JointLimits:
 
 
 @kernel
-def _clip(value: float, low: float, high: float) -> float:
+def clip(value: float, low: float, high: float) -> float:
+    """Return a value within bounds; NaN if one of the three is."""
+    if math.isnan(low) or math.isnan(high):
+        return math.nan
     return min(max(value, low), high)
+
+
+@kernel
+def difference(q_c: float, q: float, is_endless: bool) -> float:
+    """Return q_c - q [rad or m]; modulo a turn where there is no position limit."""
+    change = q_c - q
+    if is_endless:
+        change -= 2.0 * math.pi * np.rint(change / (2.0 * math.pi))
+    return change
 
 
 @kernel
@@ -212,12 +224,10 @@ _LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION = range(5)
 
 
 @entry
-def subtract(limits: Rows, q_c: Input, q: Input, difference: Row) -> None:
-    """Fill ``difference`` (n,) as :meth:`JointLimits.difference`."""
+def subtract(limits: Rows, q_c: Input, q: Input, away: Row) -> None:
+    """Fill ``away`` (n,) as :meth:`JointLimits.difference`."""
     for i in range(len(q)):
-        difference[i] = q_c[i] - q[i]
-        if math.isinf(limits[_UPPER, i]):
-            difference[i] -= 2.0 * math.pi * np.rint(difference[i] / (2.0 * math.pi))
+        away[i] = difference(q_c[i], q[i], math.isinf(limits[_UPPER, i]))
 
 
 @entry
@@ -247,7 +257,7 @@ def integrate(limits: Rows, q: Input, dq: Input, dt: float, after: Row) -> None:
         after[i] = q[i] + dt * dq[i]
         if limits.shape[1] > 0 and not math.isnan(after[i]):
             low, high = min(limits[_LOWER, i], q[i]), max(limits[_UPPER, i], q[i])
-            after[i] = _clip(after[i], low, high)
+            after[i] = clip(after[i], low, high)
 
 
 @entry
@@ -273,6 +283,8 @@ def excess(limits: Rows, dq: Input) -> float:
     """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
     most = 1.0
     for i in range(len(dq)):
+        if math.isnan(dq[i]):
+            return math.nan
         if abs(dq[i]) > limits[_VELOCITY, i]:
             most = max(most, abs(dq[i]) / limits[_VELOCITY, i])
     return most
@@ -299,14 +311,14 @@ def limit_velocity(
     slowed, shortened, changed = excess(limits, dq), 1.0, False
     for i in range(len(q)):
         low, high = _span(limits, i, q[i], before, dt)
-        limited[i] = _clip(dq[i] / slowed, low, high)
+        limited[i] = clip(dq[i] / slowed, low, high)
         if len(before) > 0:
             change = abs(limited[i] - before[i])
             shortened = max(shortened, change / (limits[_ACCELERATION, i] * dt))
     for i in range(len(q)):
         if shortened > 1.0:
             low, high = _span(limits, i, q[i], before, dt)
-            limited[i] = _clip(before[i] + (limited[i] - before[i]) / shortened, low, high)
+            limited[i] = clip(before[i] + (limited[i] - before[i]) / shortened, low, high)
         changed = changed or limited[i] != dq[i]
     return changed
 
@@ -326,7 +338,7 @@ def limit_acceleration(
         up, down = a - min(drift[i], 0.0), a + max(drift[i], 0.0)
         most = _most(limits[_UPPER, i] - q[i], dq[i], high, a, up, dt)
         least = -_most(q[i] - limits[_LOWER, i], -dq[i], high, a, down, dt)
-        limited[i] = _clip(ddq[i] / shortened, least, most)
+        limited[i] = clip(ddq[i] / shortened, least, most)
         changed = changed or limited[i] != ddq[i]
     return changed
 
@@ -337,6 +349,6 @@ def limit_effort(limits: Rows, effort: Input, limited: Row) -> bool:
     changed = False
     for i in range(len(effort)):
         most = limits[_EFFORT, i]
-        limited[i] = _clip(effort[i], -most, most)
+        limited[i] = clip(effort[i], -most, most)
         changed = changed or limited[i] != effort[i]
     return changed

@@ -266,7 +266,7 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        self._check(q, dq)
+        q, dq = self._checked(q, dq)
         arm = list(map(np.empty, self._shapes[:5]))
         chain.state(self.chain, q, dq, *arm)
         return RobotState(q, dq, *arm)
@@ -289,7 +289,7 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        self._check(q, dq)
+        q, dq = self._checked(q, dq)
         arm = list(map(np.empty, self._shapes[:6]))
         chain.motion_state(self.chain, q, dq, *arm)
         return MotionState(RobotState(q, dq, *arm[:5]), arm[5])
@@ -300,14 +300,16 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        self._check(q, dq)
+        q, dq = self._checked(q, dq)
         terms = list(map(np.empty, self._shapes))
         chain.dynamic_state(self.chain, q, dq, *terms)
         return DynamicState(RobotState(q, dq, *terms[:5]), *terms[5:])
 
-    def _check(self, q: Array, dq: Array) -> None:
+    def _checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
         if q.shape != (self.n,) or dq.shape != (self.n,):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
+        return q, dq
 
     def _chain(self) -> Array:
         """Return the chain of the model, from the base frame on."""

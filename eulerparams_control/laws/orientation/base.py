@@ -8,7 +8,6 @@ Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the ba
 frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement.
 """
 
-import inspect
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -21,7 +20,6 @@ from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.compiled import (
     Formula,
     RowLayout,
-    fingerprint,
     formula,
     from_rows,
     layout,
@@ -231,8 +229,8 @@ class OrientationRepresentation(ABC):
 
     @classmethod
     def identifier(cls) -> str:
-        """Return a name of its own for what is compiled of it, another one if its file changes."""
-        return f"{cls.__name__}_{fingerprint(inspect.getsourcefile(cls))}"
+        """Return a name of its own for what is compiled of it."""
+        return f"{cls.__module__}_{cls.__qualname__}".replace(".", "_")
 
     @cached_property
     def rows(self) -> RowLayout:
