@@ -20,6 +20,7 @@ from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.orientation import representation
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
@@ -147,7 +148,7 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 def test_joints_with_limits_are_never_taken_a_turn_away():
     before, now = np.zeros((2, judge.WRAPS + 1, 2))
     arm, q = np.array([[math.inf] * 2, [1.0, 0.0], [1.0, 0.0]]), np.array([6.2, 6.2])
-    rows = judge.NONE, judge.NONE, arm, before, now
+    rows = NONE, NONE, arm, before, now
     assert judge.code_of(q, np.zeros(2), *rows, 0.0, True, True, False) & judge.WOUND
     np.testing.assert_allclose(now[judge.Q], [6.2 - 2 * np.pi, 6.2])
 

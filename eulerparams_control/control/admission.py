@@ -10,6 +10,7 @@ from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.robot.robot import Robot
@@ -216,7 +217,7 @@ class Admission:
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
-        near, is_first = judge.NONE if goes_on or told is None else told, last is None
+        near, is_first = NONE if goes_on or told is None else told, last is None
         states, times = (self._arm, self._before, self._now), (is_near and not is_first, goes_on)
         code = judge.code_of(q, dq, near, velocity, *states, dt, *times, is_lost) & self._believed
         if code & (judge.FAST | judge.FAR):

@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
-from eulerparams_control.control.judge import NONE
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import Input, Inputs, Rows, entry, kernel
+from eulerparams_control.laws.compiled import NONE, Input, Inputs, Rows, entry, kernel
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, clip, difference
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand

@@ -12,10 +12,21 @@ import numpy as np
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.laws.compiled import IS_COMPILED, cache_folder
-from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws.orientation import ORIENTATIONS
+from eulerparams_control.laws.orientation.sequences import extract, pole_distance
+from eulerparams_control.laws.rotations import (
+    angle_between,
+    exp,
+    matrix,
+    quaternion,
+    rotation_vector,
+)
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
+
+# What recordings are analysed with.
+_MAPPED = (angle_between, exp, matrix, quaternion, rotation_vector, extract, pole_distance)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -25,8 +36,9 @@ def main(args: list[str] | None = None) -> int:
         return 0
     started, arm = time.perf_counter(), load_robot("ur5")
     robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame)
+    for formula in _MAPPED:
+        formula.prepare()
     for orientation in ORIENTATIONS:
-        representation(orientation).laws.displacement.prepare()
         for info in schemes().values():
             scheme = info.parameters(orientation=orientation).make_scheme(robot, robot.limits)
             Controller(scheme, ControllerOptions(), np.array(arm.home))

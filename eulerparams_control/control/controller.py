@@ -13,7 +13,7 @@ from eulerparams_control.control.admission import Accept, Admission
 from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
-from eulerparams_control.control.judge import AGAIN, AT_REST, NONE, SAME
+from eulerparams_control.control.judge import AGAIN, AT_REST, SAME
 from eulerparams_control.control.mode import (
     DEACTIVATED,
     HALTED,
@@ -29,6 +29,7 @@ from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
+from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 from eulerparams_control.motion.frames import DesiredFrame

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, Input, Rows, entry, kernel
+from eulerparams_control.laws.compiled import Input, Rows, entry, kernel
 from eulerparams_control.laws.limits import difference
 
 Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
@@ -43,9 +43,6 @@ _SAME_ARM = 0.03
 # late, or the model is wrong, and only the brakes of the robot can stop it.  So does one that is
 # still so fast when it was to stop, but what is slower than this [rad/s or m/s] does not.
 RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
-
-NONE: Array = np.empty(0)
-"""Stands for a row that is not there."""
 
 
 @kernel

@@ -5,9 +5,8 @@ representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,31 +14,30 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compiled import (
+    NONE,
     Array,
     Input,
     Inputs,
     Row,
     Rows,
-    entry,
     kernel,
     layout,
     slot,
-    template,
     to_rows,
 )
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
     SHORTEST,
-    UNLIMITED,
     JointLimits,
     agree,
     integrate,
     is_finite,
+    rows_of,
     subtract,
 )
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.orientation.base import Coordinates, law_of
 from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     Bounds,
@@ -61,8 +59,6 @@ from eulerparams_control.robot.robot import Robot, RobotState
 
 FEEDBACKS = ("internal", "measured")
 
-
-_NONE = np.empty(0)
 
 displacement = velocity = read = put = slot  # of a representation
 
@@ -134,15 +130,6 @@ def _velocity(
     return not math.isnan(v_o.x)
 
 
-@cache
-def _velocity_of(kind: type[OrientationRepresentation]) -> Callable[..., bool]:
-    """Return the law of a representation."""
-    rows, laws = layout(kind.laws.displacement.result), kind.laws
-    slots = {"displacement": laws.displacement, "velocity": laws.velocity}
-    name = f"clik_{kind.identifier()}"
-    return entry(template(_velocity, name, read=rows.read, put=rows.put, **slots))
-
-
 @dataclass(frozen=True)
 class ClikLaw:
     """The law (23), (28): the joint velocity for a state and a desired frame.
@@ -167,7 +154,7 @@ class ClikLaw:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
-        _velocity_of(type(self.orientation))  # not while an arm moves
+        law_of(_velocity, type(self.orientation))  # not while an arm moves
 
     @cached_property
     def numbers(self) -> Array:
@@ -204,7 +191,7 @@ class ClikLaw:
         """
         q, orientation, posture = state.q, self.orientation, self.posture
         dq, dp_de, x_de = np.empty(len(q)), np.empty(3), np.empty(orientation.rows.width)
-        is_finite = _velocity_of(type(orientation))(
+        is_finite = law_of(_velocity, type(orientation))(
             q,
             state.p_e,
             state.R_e,
@@ -214,8 +201,8 @@ class ClikLaw:
             self.numbers,
             NO_LIMITS.row if motion is None else motion.row,
             dt,
-            _NONE if posture is None else posture,
-            np.zeros((5, len(q))) if self.joints is None else self.joints.rows,
+            NONE if posture is None else posture,
+            rows_of(self.joints),
             dq,
             dp_de,
             x_de,
@@ -390,7 +377,7 @@ class Clik(Scheme):
     def _integrate(self, dt: float, dq: Array) -> Array:
         """Return q (n,) after dt [s] of the velocity dq (n,)."""
         q = np.empty(len(dq))
-        integrate(UNLIMITED if self.limits is None else self.limits.rows, self._q, dq, dt, q)
+        integrate(rows_of(self.limits), self._q, dq, dt, q)
         return q
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:

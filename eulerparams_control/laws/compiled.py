@@ -50,9 +50,11 @@ Blocks = Annotated[Array, "float64", 3, "C", False]
 Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
 
+NONE: Array = np.empty(0)
+"""Stands for a row that is not there."""
+
 # Rooms whose files have formulas: where one changes, all is compiled anew.
 _ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "robot", "motion", "control"))
-_UNKNOWN = np.empty(0)
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
 if IS_COMPILED:
@@ -258,7 +260,7 @@ class Formula(Kernel):
         """
         return self.rows(np.concatenate(parts, axis=None)[None])[0]
 
-    def rows(self, samples: Array, previous: Array = _UNKNOWN) -> Array:
+    def rows(self, samples: Array, previous: Array = NONE) -> Array:
         """Return the values (N, ...) of N samples, in each row of which lies what it takes."""
         out = np.empty((len(samples), self._width))
         self._series(samples, previous, out)
@@ -284,7 +286,7 @@ class Formula(Kernel):
         if not any(_is_stack(kind, arg) for kind, arg in pairs):
             return _arrays(self.function(*(_value(kind, arg) for kind, arg in pairs)))
         rows = dict(zip(kinds, (to_rows(kind, arg) for kind, arg in pairs), strict=True))
-        first = rows.pop("previous", _UNKNOWN)
+        first = rows.pop("previous", NONE)
         samples = np.ascontiguousarray(_side_by_side(list(rows.values())))
         return from_rows(result, self.rows(samples, first))
 
@@ -510,8 +512,8 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 def _say_once() -> None:
     """Say what takes so long."""
     print(
-        "eulerparams_control: its formulas are being compiled, once for this version and machine, "
-        f"for up to a minute; kept in {cache_folder()}",
+        "eulerparams_control: compiling the formulas, once for this version and this machine; it "
+        f"takes up to a minute (kept in {cache_folder()})",
         file=sys.stderr,
         flush=True,
     )

@@ -6,9 +6,8 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,15 +15,14 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compiled import (
+    NONE,
     Array,
     Input,
     Inputs,
     Row,
-    entry,
     kernel,
     layout,
     slot,
-    template,
     to_rows,
 )
 from eulerparams_control.laws.inverse_dynamics import (
@@ -36,10 +34,10 @@ from eulerparams_control.laws.inverse_dynamics import (
     command_effort,
     fitted,
 )
-from eulerparams_control.laws.limits import SHORTEST, UNLIMITED, JointLimits
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, rows_of
 from eulerparams_control.laws.linear import mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates
+from eulerparams_control.laws.orientation.base import Coordinates, law_of
 from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     Bounds,
@@ -65,7 +63,7 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 # Joints that brake slower than this [rad/s or m/s] are all but at rest.
 _SLOW = 0.05
 
-_NO_DRIFT, _NONE = np.zeros(6), np.empty(0)
+_NO_DRIFT = np.zeros(6)
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
@@ -126,15 +124,6 @@ def _acceleration(
     return not math.isnan(a_o.x)
 
 
-@cache
-def _acceleration_of(kind: type[OrientationRepresentation]) -> Callable[..., bool]:
-    """Return the law of a representation."""
-    rows, laws = layout(kind.laws.displacement.result), kind.laws
-    slots = {"displacement": laws.displacement, "acceleration": laws.acceleration}
-    name = f"resolved_{kind.identifier()}"
-    return entry(template(_acceleration, name, read=rows.read, put=rows.put, **slots))
-
-
 @dataclass(frozen=True)
 class ResolvedAcceleration:
     """The laws (36), (38), (40): the acceleration of the tip that the loop asks for.
@@ -153,7 +142,7 @@ class ResolvedAcceleration:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
-        _acceleration_of(type(self.orientation))  # not while an arm moves
+        law_of(_acceleration, type(self.orientation))  # not while an arm moves
 
     def acceleration(
         self,
@@ -181,7 +170,7 @@ class ResolvedAcceleration:
         """
         orientation = self.orientation
         a, dp_de, x_de = np.empty(6), np.empty(3), np.empty(orientation.rows.width)
-        is_finite = _acceleration_of(type(orientation))(
+        is_finite = law_of(_acceleration, type(orientation))(
             *arm[2:6],
             *desired,
             orientation.row(previous),
@@ -413,7 +402,7 @@ class DynamicControl(Scheme):
         dt: float,
         state: MotionState | DynamicState,
         desired: DesiredFrame,
-        h: Array = _NONE,
+        h: Array = NONE,
     ) -> Tick:
         """Return the efforts for this instant, also against a contact, eq. (48).
 
@@ -456,7 +445,7 @@ class DynamicControl(Scheme):
         ddq: Array,
         dt: float,
         dynamics: InverseDynamics,
-        h: Array = _NONE,
+        h: Array = NONE,
     ) -> tuple[Array, bool]:
         """Return the efforts for ddq (n,) within the limits, and whether one changed them.
 
@@ -476,14 +465,14 @@ class DynamicControl(Scheme):
             dynamics.friction_rows,
             dynamics.gravity,
             dynamics.coriolis,
-            UNLIMITED if limits.joints is None else limits.joints.rows,
+            rows_of(limits.joints),
             dt,
-            _NONE if self._dq is None else self._dq,
+            NONE if self._dq is None else self._dq,
             self._ddq,
             self._drift,
             limits.rates(n),
             dt if self._tau is not None else max(dt, SHORTEST),
-            _NONE if before is None else before,
+            NONE if before is None else before,
             wanted,
             tau,
         )

@@ -124,7 +124,7 @@ class ImpedanceLaw:
     max_jump_rotation: float = math.inf
 
     def __post_init__(self) -> None:
-        self.compliance.orientation.laws.displacement.prepare()
+        self.compliance.orientation.prepare()
 
     def refuse_wrench(self, w: Array) -> None:
         """Raise FollowingError for a contact wrench (6,) that is too large."""

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.compiled import Array, Input, Inputs, Row, Rows, entry
+from eulerparams_control.laws.compiled import NONE, Array, Input, Inputs, Row, Rows, entry
 from eulerparams_control.laws.friction import JointFriction, friction_effort
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
@@ -15,6 +15,7 @@ from eulerparams_control.laws.limits import (
     JointLimits,
     limit_acceleration,
     limit_effort,
+    rows_of,
     subtract,
 )
 from eulerparams_control.laws.scheme import check_gains
@@ -24,7 +25,6 @@ from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, Ro
 # Time constant [s] of the acceleration that disturbances cause.
 _DRIFT_TIME = 0.005
 
-_NONE = np.empty(0)
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
@@ -63,14 +63,13 @@ class InverseDynamics:
         ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
         """
         arm, ddq = state.arm, np.empty(len(state.arm.q))
-        posture = _NONE if self.posture is None else self.posture
-        joints = np.zeros((5, len(ddq))) if self.joints is None else self.joints.rows
+        posture = NONE if self.posture is None else self.posture
         resolve_acceleration(
-            arm.q, arm.dq, arm.J, state.dJ_dq, a, self.numbers, posture, joints, ddq
+            arm.q, arm.dq, arm.J, state.dJ_dq, a, self.numbers, posture, rows_of(self.joints), ddq
         )
         return ddq
 
-    def effort(self, robot: Robot, arm: RobotState, ddq: Array, h: Array = _NONE) -> Array:
+    def effort(self, robot: Robot, arm: RobotState, ddq: Array, h: Array = NONE) -> Array:
         """Return tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48), without limits.
 
         Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
@@ -78,7 +77,7 @@ class InverseDynamics:
         """
         n, given = len(ddq), (self.friction_rows, self.gravity, self.coriolis, UNLIMITED)
         wanted, tau = np.empty(n), np.empty(n)
-        past = 0.0, _NONE, ddq, np.zeros(n), _NONE, 0.0, _NONE
+        past = 0.0, NONE, ddq, np.zeros(n), NONE, 0.0, NONE
         command_effort(robot.chain, arm.q, arm.dq, arm.J, ddq, h, *given, *past, wanted, tau)
         return tau
 

@@ -33,6 +33,6 @@ def inverse_kinematics(robot: Robot, frame: DesiredFrame, q_start: Array) -> Arr
             f"no joint positions found for the tip at {frame.p_d.tolist()} m, turned by "
             f"{frame.R_d.tolist()}; is it within reach?"
         )
-    if np.any(q < robot.limits.lower) or np.any(q > robot.limits.upper):
+    if not robot.limits.contain(q):
         raise RobotError(f"the pose is reached only outside the joint limits, at {q.tolist()}")
     return q

@@ -10,13 +10,12 @@ joined smoothly at v = a / r, so that no more than a is ever needed to keep to b
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, Input, Row, Rows, entry, kernel
+from eulerparams_control.laws.compiled import NONE, Array, Input, Row, Rows, entry, kernel
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without
@@ -33,13 +32,8 @@ _PLANNED = 0.8
 
 _TINY = 1e-300
 
-_UNKNOWN = np.empty(0)
-
 UNLIMITED = np.empty((5, 0))
 """No limits, as formulas take them."""
-
-type Difference = Callable[[Array, Array], Array]
-"""Returns q_c - q (n,), modulo a turn where a joint may turn on and on."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +87,7 @@ class JointLimits:
 
     def contain(self, q: Array) -> bool:
         """Return whether the positions q (n,) are within the limits."""
-        return contain(self.rows, q)
+        return bool(((self.lower <= q) & (q <= self.upper)).all())
 
     def excess(self, dq: Array) -> float:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
@@ -120,7 +114,7 @@ class JointLimits:
             before: (n,) velocities until now; None does not bound their change.
         """
         limited = np.empty(len(dq))
-        before = _UNKNOWN if before is None else before
+        before = NONE if before is None else before
         changed = limit_velocity(self.rows, q, dq, dt, before, limited)
         return (limited, True) if changed else (dq, False)
 
@@ -151,6 +145,11 @@ class JointLimits:
         limited = np.empty(len(effort))
         changed = limit_effort(self.rows, effort, limited)
         return (limited, True) if changed else (effort, False)
+
+
+def rows_of(limits: JointLimits | None) -> Array:
+    """Return the rows of limits; UNLIMITED where there are none."""
+    return UNLIMITED if limits is None else limits.rows
 
 
 # --- of one joint ---------------------------------------------------------------------------
@@ -227,7 +226,8 @@ _LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION = range(5)
 def subtract(limits: Rows, q_c: Input, q: Input, away: Row) -> None:
     """Fill ``away`` (n,) as :meth:`JointLimits.difference`."""
     for i in range(len(q)):
-        away[i] = difference(q_c[i], q[i], math.isinf(limits[_UPPER, i]))
+        is_endless = limits.shape[1] > 0 and math.isinf(limits[_UPPER, i])
+        away[i] = difference(q_c[i], q[i], is_endless)
 
 
 @entry
@@ -267,15 +267,6 @@ def stop_time(limits: Rows, dq: Input) -> float:
     for i in range(len(dq)):
         longest = max(longest, abs(dq[i]) / (_PLANNED * limits[_ACCELERATION, i]))
     return longest
-
-
-@entry
-def contain(limits: Rows, q: Input) -> bool:
-    """Return whether the positions q (n,) are within the limits."""
-    for i in range(len(q)):  # noqa: SIM110  a generator is not compiled
-        if not limits[_LOWER, i] <= q[i] <= limits[_UPPER, i]:
-            return False
-    return True
 
 
 @entry

@@ -1,4 +1,4 @@
-"""Vectors and matrices of three as values, and what makes formulas of them fast.
+"""Vectors and matrices of three, as values of formulas.
 
 Formulas are written once, for one sample, in plain Python on :class:`Vec` and :class:`Mat`::
 
@@ -154,7 +154,6 @@ register(
 # --- values and arrays ---------------------------------------------------------------------
 
 read_vec, put_vec = layout(Vec)[1:3]
-read_mat, put_mat = layout(Mat)[1:3]
 
 
 @kernel

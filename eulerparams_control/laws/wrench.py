@@ -18,6 +18,7 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.compiled import (
+    NONE,
     Array,
     Input,
     Inputs,
@@ -49,8 +50,6 @@ _REPEATS, _MOVED = 0.1, 0.02
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
 
-
-_UNKNOWN = np.empty(0)
 
 
 class _Numbers(NamedTuple):
@@ -241,7 +240,7 @@ class WrenchChain:
         dt: float,
         state: Array,
     ) -> Array:
-        found, a = np.empty(14), _UNKNOWN if acceleration is None else acceleration
+        found, a = np.empty(14), NONE if acceleration is None else acceleration
         w, (R_s, p_s), numbers = sensed.w, sensed.sensor, self.options.numbers
         _feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
         return found

@@ -10,8 +10,9 @@ frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacem
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,9 +21,11 @@ from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.compiled import (
     Formula,
     RowLayout,
+    entry,
     formula,
     from_rows,
     layout,
+    template,
     to_rows,
 )
 from eulerparams_control.laws.impedance_matrices import Impedance
@@ -130,6 +133,17 @@ class OrientationOptions:
         return to_rows(Coordinates, self.values)
 
 
+@cache
+def law_of(
+    law: Callable[..., bool], kind: type["OrientationRepresentation"]
+) -> Callable[..., bool]:
+    """Return a law in which the names of formulas are those of a representation, compiled."""
+    rows = layout(kind.laws.displacement.result)
+    slots = {**kind.laws._asdict(), "read": rows.read, "put": rows.put}
+    name = f"{law.__module__}_{law.__name__}_{kind.identifier()}".replace(".", "_")
+    return entry(template(law, name, **slots))
+
+
 class OrientationRepresentation(ABC):
     """One representation of the orientation displacement, as the laws use it.
 
@@ -226,6 +240,10 @@ class OrientationRepresentation(ABC):
         """
         acceleration, options = self.laws.acceleration, self.options.values
         return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
+
+    def prepare(self) -> None:
+        """Compile what maps its formulas over N samples, now."""
+        self.laws.displacement.prepare()
 
     @classmethod
     def identifier(cls) -> str:

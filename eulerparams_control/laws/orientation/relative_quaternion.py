@@ -122,6 +122,11 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
     elastic: ClassVar[Elastic]
 
+    def prepare(self) -> None:
+        """Compile what maps its formulas over N samples, now."""
+        super().prepare()
+        self.elastic.energy.prepare()
+
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
         """Return mu_E (3,) [Nm]: see :class:`Elastic`."""
         return self.elastic.moment(Q_cd, K_o)

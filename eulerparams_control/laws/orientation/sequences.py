@@ -199,14 +199,6 @@ class EulerSequence:
         """
         return self._finite(rates(self.axes, phi, omega))
 
-    def accelerations(self, phi: Array, dphi: Array, domega: Array) -> Array:
-        """Return ddphi = T^-1 (domega - dT dphi) (3,) [rad/s^2], the derivative of (3).
-
-        Raises:
-            SingularityError: if T is exactly singular.
-        """
-        return self._finite(accelerations(self.axes, phi, dphi, domega))
-
     @property
     def singularity(self) -> str:
         """What is singular where there are no rates, and what helps."""
