@@ -204,9 +204,9 @@ def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(ar
     for q, dq, desired, w in situations(arm):
         state = robot.dynamic_state(q, dq)
         motion.reset(q)
-        free = motion.tick_at(DT, state, desired).command.effort
+        free = motion.tick(DT, q, dq, desired).command.effort
         motion.reset(q)
-        touched = motion.tick_at(DT, state, desired, -w).command.effort
+        touched = motion.tick_at(DT, motion.row_at(q, dq), desired, -w).command.effort
         expected = plant.acceleration(q, dq, free, NO_WRENCH)
         assert_close(plant.acceleration(q, dq, touched, w), expected, ERROR_EQUATION)
         tau = motion.dynamics.effort(robot, state.arm, expected, w)
@@ -424,14 +424,14 @@ def test_a_wrench_fades_when_it_is_lost_and_comes_back_as_slowly(lost):
     scheme, w, q = impedance_control(), np.array([10.0, 0, 5.0, 0, 1.0, 0]), at_the_middle()
     lead(scheme, w, 0.1, dt=0.01)
     fade, steps = math.exp(-DT / BLEND_TIME), round(lost / DT)
-    state, reference = UR5.dynamic_state(q, STILL), impedance_control()
+    J, reference = UR5.state(q, STILL).J, impedance_control()
 
     def known():
         """Return the wrench that the efforts of the last tick compensate."""
         frame = tick.command.frame
         reference.motion.reset(q)
-        without = reference.motion.tick_at(DT, state, frame).command.effort
-        return np.linalg.solve(state.arm.J.T, without - tick.command.effort)
+        without = reference.motion.tick(DT, q, STILL, frame).command.effort
+        return np.linalg.solve(J.T, without - tick.command.effort)
 
     for k in range(steps):
         tick = lose(scheme)

@@ -166,7 +166,9 @@ class Guidance:
             tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
             raise LawError(error) from error
-        self.pace.update(dt, scale.now, tick.state.q, tick.state.dq, tick.state.J)
+        if self.pace.is_due(dt):
+            arm = tick.state
+            self.pace.update(scale.now, arm.q, arm.dq, arm.J)
         if self.is_braking:
             if scale.now == 0 or motion.is_at_rest:
                 motion.hold(motion.last)

@@ -93,22 +93,24 @@ class SpeedScaling:
         self._left = math.inf  # [s] until sigma is 0, as it falls now
         self._since = _LOOK
 
-    def update(self, dt: float, now: float, q: Array, dq: Array, J: Array) -> None:
-        """Choose the pace for the next step.
+    def is_due(self, dt: float) -> bool:
+        """Return whether the arm is to be looked at again, dt [s] after the last step."""
+        self._since += dt
+        return self._since >= _LOOK
+
+    def update(self, now: float, q: Array, dq: Array, J: Array) -> None:
+        """Choose the pace for the steps until it is due again.
 
         Args:
-            dt: [s] of the step.
             now: s.
             q, dq: (n,) positions and velocities at which the loop is closed.
             J: (6, n) there.
         """
-        self._since += dt
-        if self._since >= _LOOK:
-            self._look_at_singularity(J)
-            self._since = 0.0
-            self.wanted = min(
-                self._by_singularity(), self._by_braking(now, J, dq), self._by_limits(now, q, dq)
-            )
+        self._look_at_singularity(J)
+        self._since = 0.0
+        self.wanted = min(
+            self._by_singularity(), self._by_braking(now, J, dq), self._by_limits(now, q, dq)
+        )
 
     def _look_at_singularity(self, J: Array) -> None:
         """Say how near the singularity is, and whether it comes nearer."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.compiled import NONE, Array, Input, Row, kernel
 
 # Smallest step that is blended [rad/s or rad/s^2].
 _NOTHING = 1e-12
@@ -29,29 +29,47 @@ class Blend:
 
     def reset(self) -> None:
         """Forget the step."""
-        self._offset: Array | None = None
-        self._last: Array | None = None
+        self._left = self._last = NONE
 
     def replace(self, last: Array) -> None:
         """Begin at the command ``last`` (n,): the next one is of a new law."""
         self._last = last
 
-    def blended(self, dt: float, command: Array) -> Array:
-        """Return the command (n,) of the law, dt [s] after the last, with what is left."""
-        offset = self.offset(dt, command)
-        return command + offset if isinstance(offset, np.ndarray) else command
+    def step(self, dt: float) -> tuple[Array, Array, float]:
+        """Return what :func:`add_left` takes, dt [s] after the last command."""
+        last, left = self._last, self._left
+        if last is left is NONE:
+            return NONE, NONE, 1.0
+        share = 1.0
+        if left is NONE:  # it begins: without a jump
+            self._left = left = np.zeros_like(last)
+        else:  # it decays through further changes: laws replaced at each tick must act in the end
+            share = math.exp(-dt / self.time)
+        if last is NONE and not np.any(np.abs(share * left) > _NOTHING):
+            self._left = left = NONE
+        self._last = NONE
+        return last, left, share
 
     def offset(self, dt: float, command: Array) -> Array | float:
         """Return what is to be added (n,) to the command of the law, dt [s] after the last."""
-        decays = self._offset is not None  # else it begins: without a jump
-        if self._last is not None:
-            # it decays through further changes: laws replaced at each tick must act in the end
-            self._offset, self._last = self._last - command, None
-        if self._offset is None:
+        last, left, share = self.step(dt)
+        if left is NONE:
             return 0.0
-        if decays:
-            self._offset = self._offset * math.exp(-dt / self.time)
-        if not np.any(np.abs(self._offset) > _NOTHING):
-            self._offset = None
-            return 0.0
-        return self._offset
+        sum_ = command.copy()
+        add_left(last, left, share, sum_)
+        return left.copy()
+
+
+@kernel
+def add_left(last: Input, left: Row, share: float, command: Row) -> None:
+    """Add to a command (n,) of a law what is left of its step; ``left`` (0,) is nothing.
+
+    Args:
+        last: (n,) of the law before, where this is the first command of its follower; else (0,).
+        left: (n,) of the step, which moves on.
+        share: of it that stays.
+        command: (n,) of the law.
+    """
+    for i in range(len(left)):
+        left[i] = share * (last[i] - command[i] if len(last) > 0 else left[i])
+        command[i] += left[i]

@@ -6,13 +6,13 @@ representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
-from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.blend import Blend, add_left
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
@@ -30,16 +30,20 @@ from eulerparams_control.laws.limits import (
     SHORTEST,
     JointLimits,
     agree,
+    excess,
     integrate,
     is_finite,
+    limit_velocity,
     rows_of,
     subtract,
 )
-from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, vec
+from eulerparams_control.laws.linear import Mat, Vec, mat, norm, put_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates, law_of
 from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
+    FAR,
+    TURNED,
     Bounds,
     ErrorBounds,
     JointCommand,
@@ -47,20 +51,33 @@ from eulerparams_control.laws.scheme import (
     Scheme,
     Tick,
     check_gains,
+    seen_in,
+    too_far,
 )
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import (
     NO_LIMITS,
+    UNBOUNDED,
     MotionLimits,
+    TipLimits,
     approach,
     read_limits,
+)
+from eulerparams_control.robot.chain import (
+    WORK,
+    arm_width,
+    jacobian_in,
+    place,
+    put_arm,
+    tip_motion,
 )
 from eulerparams_control.robot.robot import Robot, RobotState
 
 FEEDBACKS = ("internal", "measured")
 
 
-displacement = velocity = read = put = slot  # of a representation
+displacement = velocity = slot  # of a representation
+law = read = put = slot  # that follow from these
 
 
 class _Numbers(NamedTuple):
@@ -90,44 +107,55 @@ def over(k: float, dt: float) -> float:
     return -math.expm1(-k * dt) / dt if dt > 0.0 else k
 
 
-def _velocity(
-    q: Input, p_e: Input, R_e: Inputs, J: Inputs,
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    previous: Input, numbers: Input, motion: Input, dt: float, posture: Input, joints: Rows,
-    dq: Row, dp_de: Row, x_de: Row,
-) -> bool:  # fmt: skip
-    """Fill dq (n,), dp_de (3,) and x_de: see ClikLaw; return whether they are finite.
+def _law(
+    q: Input, p_e: Vec, R_e: Mat, J: Inputs, desired: DesiredFrame, previous: Any,
+    numbers: _Numbers, most: TipLimits, dt: float, posture: Input, joints: Rows, dq: Row,
+) -> tuple[Any, bool]:  # fmt: skip
+    """Fill dq (n,): see ClikLaw; return x_de, and whether the representation has an answer.
 
     What acts for dt has the gains ``over`` dt, and the means of dp_d and omega_d at constant
     acceleration: what is held for dt then leads to where the desired frame will be.  An error e
     asks for the speed k e: no more than that from which the tip stops where e is 0.
     """
-    law, most = read_numbers(numbers, 0), read_limits(motion, 0)
-    R, away = mat(R_d), vec(p_d) - vec(p_e)  # eq. (21)
-    x = displacement(R, mat(R_e), read(previous, 0), law.options)  # eqs. (22), (27)
-    k_Pp, k_Po = over(law.k_Pp, dt), over(law.k_Po, law.slope * dt)
-    distance, angle = norm(away), chord(R, mat(R_e))
+    away = desired.p_d - p_e  # eq. (21)
+    x = displacement(desired.R_d, R_e, previous, numbers.options)  # eqs. (22), (27)
+    k_Pp, k_Po = over(numbers.k_Pp, dt), over(numbers.k_Po, numbers.slope * dt)
+    distance, angle = norm(away), chord(desired.R_d, R_e)
     v = approach(distance, k_Pp, most.linear_speed, most.linear_acceleration)
     if k_Pp * distance > v:
         k_Pp = v / distance
-    w = approach(angle, law.slope * k_Po, most.angular_speed, most.angular_acceleration)
-    if 2.0 * k_Po * law.slope * angle > w:  # where x_de is large it is not slope times the angle
-        k_Po *= w / max(norm(velocity(x, Vec(0.0, 0.0, 0.0), k_Po, law.options)), w)
-    v_p = vec(dp_d) + (dt / 2.0) * vec(ddp_d) + k_Pp * away
-    v_o = velocity(x, vec(omega_d) + (dt / 2.0) * vec(domega_d), k_Po, law.options)
-    put_vec(dp_de, 0, away)
-    put(x_de, 0, x)
+    w = approach(angle, numbers.slope * k_Po, most.angular_speed, most.angular_acceleration)
+    if 2.0 * k_Po * numbers.slope * angle > w:  # where x_de is large: not slope times the angle
+        k_Po *= w / max(norm(velocity(x, Vec(0.0, 0.0, 0.0), k_Po, numbers.options)), w)
+    v_p = desired.dp_d + (dt / 2.0) * desired.ddp_d + k_Pp * away
+    v_o = velocity(x, desired.omega_d + (dt / 2.0) * desired.domega_d, k_Po, numbers.options)
     inverse = np.empty((len(q), 6))
-    invert(J, law.eps, law.lambda_max, law.length, inverse)
+    invert(J, numbers.eps, numbers.lambda_max, numbers.length, inverse)
     bracket, dq_0 = np.empty(6), np.zeros(len(q))
     put_vec(bracket, 0, v_p)
     put_vec(bracket, 3, v_o)
     if len(posture) > 0:
         subtract(joints, posture, q, dq_0)
         for i in range(len(q)):
-            dq_0[i] *= over(law.k_posture, dt)
+            dq_0[i] *= over(numbers.k_posture, dt)
     resolve(inverse, J, bracket, dq_0, dq)  # eqs. (23), (28)
-    return not math.isnan(v_o.x)
+    return x, not math.isnan(v_o.x)
+
+
+def _velocity(
+    q: Input, p_e: Input, R_e: Inputs, J: Inputs,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    previous: Input, numbers: Input, motion: Input, dt: float, posture: Input, joints: Rows,
+    dq: Row, x_de: Row,
+) -> int:  # fmt: skip
+    """Fill dq (n,) and x_de; return whether the representation has an answer."""
+    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    given, most, before = read_numbers(numbers, 0), read_limits(motion, 0), read(previous, 0)
+    x, is_found = law(
+        q, vec(p_e), mat(R_e), J, desired, before, given, most, dt, posture, joints, dq
+    )
+    put(x_de, 0, x)
+    return is_found
 
 
 @dataclass(frozen=True)
@@ -154,7 +182,6 @@ class ClikLaw:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
-        law_of(_velocity, type(self.orientation))  # not while an arm moves
 
     @cached_property
     def numbers(self) -> Array:
@@ -190,8 +217,8 @@ class ClikLaw:
             SingularityError: if the representation has no finite answer.
         """
         q, orientation, posture = state.q, self.orientation, self.posture
-        dq, dp_de, x_de = np.empty(len(q)), np.empty(3), np.empty(orientation.rows.width)
-        is_finite = law_of(_velocity, type(orientation))(
+        dq, x_de = np.empty(len(q)), np.empty(orientation.rows.width)
+        is_found = law_of(_velocity, _law, type(orientation))(
             q,
             state.p_e,
             state.R_e,
@@ -204,12 +231,11 @@ class ClikLaw:
             NONE if posture is None else posture,
             rows_of(self.joints),
             dq,
-            dp_de,
             x_de,
         )
-        if not is_finite:
+        if not is_found:
             raise SingularityError(orientation.singularity)
-        return dq, dp_de, orientation.rows.unpack(x_de)
+        return dq, desired.p_d - state.p_e, orientation.rows.unpack(x_de)
 
     @cached_property
     def fastest_gain(self) -> LoopGain:
@@ -223,6 +249,109 @@ class ClikLaw:
     def lyapunov(self, x_de: Any, _omega_de: Array) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""
         return self.orientation.lyapunov_1(x_de, self.k_Po)
+
+
+# What a tick finds: a limit changed the command; or one of these, and FAR or TURNED.
+_SATURATED = 1
+_SINGULAR, _LOST, _AWAY, _INFINITE = -3, -4, -5, -6
+
+
+class _Bounds(NamedTuple):
+    """How the loop is closed, and the bounds of its errors and of the tip."""
+
+    is_internal: bool
+    deviation: float
+    position: float
+    rotation: float
+    most: TipLimits
+
+
+_read_bounds = layout(_Bounds).read
+
+# A row of a tick: the arm, dp_de (3,), the excess, q and dq (n,) that are commanded, and x_de.
+@kernel
+def _places(n: int) -> tuple[int, int, int, int]:
+    """Return where dp_de, q, dq and x_de begin in the row of a tick."""
+    at = arm_width(n)
+    return at, at + 4, at + 4 + n, at + 4 + 2 * n
+
+
+@kernel
+def _beyond(
+    chain: Rows, q: Input, dq: Input, work: Rows, v_d: float, w_d: float, most: TipLimits
+) -> float:
+    """Return by how much the tip, at q, dq (n,), is beyond its speeds or v_d, w_d; else 1."""
+    _, p_e = place(chain, q, work)
+    tip = tip_motion(chain, p_e, dq, work)
+    v, w = max(most.linear_speed, v_d), max(most.angular_speed, w_d)
+    return max(1.0, max(norm(tip.v) / v, norm(tip.omega) / w))
+
+
+def _tick(
+    chain: Rows, q: Input, dq: Input,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    before: Input, dt: float, numbers: Input, posture: Input, turns: Rows,
+    bounds: Input, limits: Rows, last: Input, left: Row, share: float, row: Row,
+) -> int:  # fmt: skip
+    """Fill the row of a tick, see :class:`Clik`, and return what is found.
+
+    Args:
+        chain: of the arm.
+        q, dq: (n,) measured.
+        p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
+        before: the row of the tick before.
+        dt: [s] since then.
+        numbers, posture, turns: of the law.
+        bounds, limits: of the loop, and of the joints; there may be none of these.
+        last, left, share: see :func:`add_left`.
+        row: is filled.
+    """
+    n, is_limited = len(q), limits.shape[1] > 0
+    given, loop, work = read_numbers(numbers, 0), _read_bounds(bounds, 0), np.empty((n, WORK))
+    at, at_q, at_dq, at_x = _places(n)
+    q_c, dq_c, dq_0 = row[at_q:at_dq], row[at_dq:at_x], before[at_dq:at_x]
+    integrate(limits, before[at_q:at_dq], dq_0, dt, q_c)
+    if not is_finite(q_c):
+        return _LOST
+    if is_limited and not agree(limits, q_c, q, loop.deviation):
+        return _AWAY
+    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    if loop.is_internal:
+        tip = put_arm(chain, q_c, dq_0, work, row)
+    else:
+        tip = put_arm(chain, q, dq, work, row)
+    most, J, wanted = loop.most, jacobian_in(row, n), np.empty(n)
+    if not is_limited:
+        most = UNBOUNDED
+    x, is_found = law(
+        row[:n], tip.p_e, tip.R_e, J, desired, read(before, at_x), given, most, dt, posture, turns,
+        wanted,
+    )  # fmt: skip
+    put_vec(row, at, desired.p_d - tip.p_e)
+    put(row, at_x, x)
+    row[at + 3] = 1.0
+    if not is_found:
+        return _SINGULAR
+    add_left(last, left, share, wanted)
+    if not is_finite(wanted):
+        return _INFINITE
+    if not is_limited:
+        for i in range(n):
+            dq_c[i] = wanted[i]
+        return 0
+    found = too_far(desired.p_d, desired.R_d, tip.p_e, tip.R_e, loop.position, loop.rotation)
+    if found:
+        return found
+    if not loop.is_internal:
+        there, v_d, w_d = np.empty(n), norm(desired.dp_d), norm(desired.omega_d)
+        for i in range(n):
+            there[i] = q_c[i] + dt / 2.0 * wanted[i]
+        slowed = _beyond(chain, there, wanted, work, v_d, w_d, most)
+        for i in range(n):
+            wanted[i] /= slowed
+    row[at + 3] = excess(limits, wanted)
+    lasts = dt if dt > 0.0 else SHORTEST
+    return _SATURATED if limit_velocity(limits, q_c, wanted, lasts, dq_0, dq_c) else 0
 
 
 class Clik(Scheme):
@@ -262,13 +391,27 @@ class Clik(Scheme):
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
         self.robot = robot
         self.feedback = feedback
-        self.limits = limits
         self._blend = Blend(blend_time)
-        self.max_deviation, self.max_error = max_deviation, max_error
-        self.motion = motion
-        self._x_de: Any = None
-        self.law = _checked(law, robot)
+        self.max_deviation = max_deviation
+        self._places = _places(robot.n)
+        self.keep_to(limits, max_error, motion)
+        self._take(_checked(law, robot))
         self.reset(np.zeros(robot.n))
+
+    def keep_to(
+        self, limits: JointLimits | None, max_error: ErrorBounds, motion: MotionLimits | None
+    ) -> None:
+        """Keep to these limits and errors from the next tick on."""
+        self.limits, self.max_error = limits, max_error
+        errors = self.max_deviation, max_error.position, max_error.rotation
+        most = NO_LIMITS.row if motion is None else motion.row
+        self._bounds = np.array([self.feedback == FEEDBACKS[0], *errors, *most])
+
+    def _take(self, law: ClikLaw) -> None:
+        self.law = law
+        self._step = law_of(_tick, _law, type(law.orientation))  # not while an arm moves
+        posture = NONE if law.posture is None else law.posture
+        self._given = law.numbers, posture, rows_of(law.joints)
 
     def replace_law(self, law: ClikLaw) -> None:
         """Go over to another law, without a jump of the command.
@@ -279,10 +422,11 @@ class Clik(Scheme):
         law = _checked(law, self.robot)
         if law == self.law and np.array_equal(law.posture, self.law.posture):  # type: ignore[arg-type]
             return
-        if law.orientation != self.law.orientation:
-            self._x_de = None  # means nothing to another representation
-        self.law = law
-        self._blend.replace(self._dq)
+        is_same, q, dq = law.orientation == self.law.orientation, self._q, self._dq
+        self._take(law)
+        if not is_same:
+            self._begin(q, dq)  # x_de means nothing to another representation
+        self._blend.replace(dq)
 
     @property
     def bounds(self) -> Bounds:
@@ -300,10 +444,18 @@ class Clik(Scheme):
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
-        self._q = q.copy()
-        self._dq = np.zeros_like(q)
-        self._x_de = None
+        self._begin(q, np.zeros_like(q))
         self._blend.reset()
+
+    def _begin(self, q: Array, dq: Array) -> None:
+        """Go on from the commands q, dq (n,), without an x_de."""
+        self._keep(np.zeros(self._places[3] + self.law.orientation.rows.width))
+        self._q[:], self._dq[:] = q, dq
+
+    def _keep(self, row: Array) -> None:
+        """Take the row of a tick for that of the last one."""
+        _, at_q, at_dq, at_x = self._places
+        self._row, self._q, self._dq = row, row[at_q:at_dq], row[at_dq:at_x]
 
     def resume(self, q: Array) -> None:
         """Restart at the measured q (n,), by the turns of the joints that were commanded."""
@@ -311,15 +463,14 @@ class Clik(Scheme):
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command that holds still: it brakes as fast as the limits allow."""
-        before, self._dq = self._dq, np.zeros_like(self._q)
-        if self.limits is not None:
-            self._q = self._integrate(dt, before)
-            self._dq, _ = self.limits.limit_velocity(
-                self._q, self._dq, dt if dt > 0 else SHORTEST, before
-            )
-        self._x_de = None
+        before, limits, lasts = self._dq, self.limits, dt if dt > 0 else SHORTEST
+        q_c, dq_c = self._q.copy(), np.zeros_like(before)
+        if limits is not None:
+            integrate(limits.rows, self._q, before, dt, q_c)
+            dq_c, _ = limits.limit_velocity(q_c, dq_c, lasts, before)
+        self._begin(q_c, dq_c)
         self._blend.reset()
-        return JointCommand(self._q, self._dq)
+        return JointCommand(q_c, dq_c)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the integrated q, no velocity."""
@@ -337,64 +488,43 @@ class Clik(Scheme):
             FollowingError: if the measured q is too far from the integrated one, or the tip from
                 the desired frame.
         """
-        q_c = self._integrate(dt, self._dq)
-        if not is_finite(q_c):
-            raise SingularityError("the joint velocities lead to infinite joint positions")
-        self._refuse_deviation(q_c, q)
-        if self.feedback == "internal":
-            state = self.robot.state(q_c, self._dq)
-        else:
-            state = self.robot.state(q, dq)
-        motion = None if self.limits is None else self.motion
-        dq_c, dp_de, x_de = self.law.velocity(state, desired, self._x_de, dt, motion)
-        dq_c = self._blend.blended(dt, dq_c)
-        saturated, excess = False, 1.0
-        if not is_finite(dq_c):
-            raise SingularityError("the law asks for an infinite joint velocity")
-        if self.limits is not None:
-            self.max_error.refuse(desired, state)
-            if self.feedback != "internal" and motion is not None:
-                dq_c = dq_c / self._too_fast(q_c + dt / 2 * dq_c, dq_c, desired, motion)
-            excess = self.limits.excess(dq_c)
-            lasts = dt if dt > 0 else SHORTEST
-            dq_c, saturated = self.limits.limit_velocity(q_c, dq_c, lasts, self._dq)
-        self._q, self._dq, self._x_de = q_c, dq_c, x_de
-        command = JointCommand(q_c, dq_c)
-        return Tick(command, state, desired, dp_de, x_de, saturated, excess=excess)
+        row, bounds = np.empty(len(self._row)), (self._bounds, rows_of(self.limits))
+        arm, blend = (self.robot.chain, q, dq), self._blend.step(dt)
+        found = self._step(*arm, *desired, self._row, dt, *self._given, *bounds, *blend, row)
+        if found < 0:
+            raise self._error(found, row, q, desired)
+        self._keep(row)
+        command, excess = JointCommand(self._q, self._dq), row.item(self._places[0] + 3)
+        look = partial(seen_in, row, self.robot.n, self.law.orientation.rows)
+        return Tick(command, desired, look, found > 0, excess)
 
-    def _too_fast(self, q: Array, dq: Array, desired: DesiredFrame, motion: MotionLimits) -> float:
-        """Return by how much the tip, at q, dq (n,), is beyond its speeds; 1 if it is not."""
-        tip = self.robot.state(q, dq)
-        pairs = (tip.dp_e, desired.dp_d), (tip.omega_e, desired.omega_d)
-        return max(
-            1.0,
-            *(
-                math.sqrt(v @ v) / max(most, math.sqrt(v_d @ v_d))
-                for (v, v_d), most in zip(pairs, motion.speeds, strict=True)
-            ),
-        )
-
-    def _integrate(self, dt: float, dq: Array) -> Array:
-        """Return q (n,) after dt [s] of the velocity dq (n,)."""
-        q = np.empty(len(dq))
-        integrate(rows_of(self.limits), self._q, dq, dt, q)
-        return q
+    def _error(
+        self, found: int, row: Array, q: Array, desired: DesiredFrame
+    ) -> FollowingError | SingularityError:
+        """Return what to say of what was found at the measured q (n,)."""
+        if found == _AWAY:
+            return self._deviation(row, q)
+        if found in (FAR, TURNED):
+            return self.max_error.error(found, desired, RobotState.of(row, len(q)))
+        if found == _SINGULAR:
+            return SingularityError(self.law.orientation.singularity)
+        if found == _LOST:
+            return SingularityError("the joint velocities lead to infinite joint positions")
+        return SingularityError("the law asks for an infinite joint velocity")
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""
         return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
-    def _refuse_deviation(self, q_c: Array, q: Array) -> None:
-        if self.limits is None:
-            return
-        if not agree(self.limits.rows, q_c, q, self.max_deviation):
-            deviation = self.limits.deviation(q_c, q)
-            i = int(np.argmax(deviation))
-            raise FollowingError(
-                f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "
-                f"{self.max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
-                "then send the reference again, else raise max_deviation"
-            )
+    def _deviation(self, row: Array, q: Array) -> FollowingError:
+        _, at_q, at_dq, _ = self._places
+        deviation = self.robot.limits.deviation(row[at_q:at_dq], q)
+        i = int(np.argmax(deviation))
+        return FollowingError(
+            f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "
+            f"{self.max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
+            "then send the reference again, else raise max_deviation"
+        )
 
 
 def _checked(law: ClikLaw, robot: Robot) -> ClikLaw:

@@ -46,7 +46,6 @@ if not (IS_COMPILED or _IS_PLAIN):
 # What an entry takes and fills: rows of floats in a row, and what it only reads, however it lies.
 Row = Annotated[Array, "float64", 1, "C", False]
 Rows = Annotated[Array, "float64", 2, "C", False]
-Blocks = Annotated[Array, "float64", 3, "C", False]
 Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
 

@@ -7,19 +7,20 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, SingularityError
-from eulerparams_control.laws.blend import Blend
+from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.laws.blend import Blend, add_left
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
     Input,
     Inputs,
     Row,
+    Rows,
     kernel,
     layout,
     slot,
@@ -32,14 +33,18 @@ from eulerparams_control.laws.inverse_dynamics import (
     InverseDynamics,
     check_model,
     command_effort,
+    commanded,
     fitted,
+    resolve_acceleration,
 )
-from eulerparams_control.laws.limits import SHORTEST, JointLimits, rows_of
-from eulerparams_control.laws.linear import mat, norm, put_vec, read_vec, vec
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, excess_after, rows_of
+from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates, law_of
 from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
+    FAR,
+    TURNED,
     Bounds,
     ErrorBounds,
     JointCommand,
@@ -47,15 +52,28 @@ from eulerparams_control.laws.scheme import (
     Scheme,
     Tick,
     check_gains,
+    seen_in,
+    too_far,
 )
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import (
     NO_LIMITS,
+    UNBOUNDED,
     MotionLimits,
+    TipLimits,
     approach,
-    read_limits,
 )
-from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
+from eulerparams_control.robot.chain import (
+    WORK,
+    Motion,
+    TipState,
+    arm_width,
+    dJ_dq,
+    jacobian_in,
+    read_tip,
+    state,
+)
+from eulerparams_control.robot.robot import Robot, RobotState
 
 # Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
 _HOLD_K, _HOLD_D = 400.0, 40.0
@@ -63,13 +81,16 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 # Joints that brake slower than this [rad/s or m/s] are all but at rest.
 _SLOW = 0.05
 
-_NO_DRIFT = np.zeros(6)
+_NO_J = np.empty((6, 0))
+
+_AT_INFINITY = "the joints are measured at a state of infinite efforts"
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
 
 
-displacement = acceleration = read = put = slot  # of a representation
+displacement = acceleration = slot  # of a representation
+law = read = put = slot  # that follow from these
 
 
 class _Numbers(NamedTuple):
@@ -99,29 +120,126 @@ def _braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: 
     return (k_V * v + resisted) / e
 
 
-def _acceleration(
-    p_e: Input, R_e: Inputs, dp_e: Input, omega_e: Input,
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    previous: Input, numbers: Input, motion: Input, drift: Input,
-    a: Row, dp_de: Row, x_de: Row,
-) -> bool:  # fmt: skip
-    """Fill a (6,), dp_de (3,), x_de: see ResolvedAcceleration; return whether they are finite."""
-    law, most = _numbers(numbers, 0), read_limits(motion, 0)
-    R, away = mat(R_d), vec(p_d) - vec(p_e)  # eq. (21)
-    x = displacement(R, mat(R_e), read(previous, 0), law.options)  # eqs. (22), (27)
-    put_vec(dp_de, 0, away)
-    put(x_de, 0, x)
+def _law(
+    tip: TipState, desired: DesiredFrame, previous: Any, numbers: _Numbers, most: TipLimits,
+    drift: Input, a: Row,
+) -> tuple[Any, bool]:  # fmt: skip
+    """Fill a (6,): see ResolvedAcceleration; return x_de, and whether there is an answer."""
+    away, motion = desired.p_d - tip.p_e, tip.motion  # eq. (21)
+    x = displacement(desired.R_d, tip.R_e, previous, numbers.options)  # eqs. (22), (27)
     v, linear = most.linear_speed, most.linear_acceleration
-    k_Pp = _braked(law.k_Pp, law.k_Vp, norm(away), v, linear, norm(read_vec(drift, 0)))
-    w, angular, k_Po = most.angular_speed, most.angular_acceleration, law.slope * law.k_Po
-    k_Po = _braked(k_Po, law.k_Vo, chord(R, mat(R_e)), w, angular, norm(read_vec(drift, 3)))
-    a_p = vec(ddp_d) + law.k_Vp * (vec(dp_d) - vec(dp_e)) + k_Pp * away  # (36)
+    k_Pp, k_Vp, k_Vo = numbers.k_Pp, numbers.k_Vp, numbers.k_Vo
+    k_Pp = _braked(k_Pp, k_Vp, norm(away), v, linear, norm(read_vec(drift, 0)))
+    w, angular, k_Po = most.angular_speed, most.angular_acceleration, numbers.slope * numbers.k_Po
+    k_Po = _braked(k_Po, k_Vo, chord(desired.R_d, tip.R_e), w, angular, norm(read_vec(drift, 3)))
+    a_p = desired.ddp_d + k_Vp * (desired.dp_d - motion.v) + k_Pp * away  # (36)
+    k_Po /= numbers.slope
     a_o = acceleration(  # eqs. (38), (40)
-        x, vec(omega_d), vec(domega_d), vec(omega_e), k_Po / law.slope, law.k_Vo, law.options
+        x, desired.omega_d, desired.domega_d, motion.omega, k_Po, k_Vo, numbers.options
     )
     put_vec(a, 0, a_p)
     put_vec(a, 3, a_o)
-    return not math.isnan(a_o.x)
+    return x, not math.isnan(a_o.x)
+
+
+def _acceleration(
+    p_e: Input, R_e: Inputs, dp_e: Input, omega_e: Input,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    previous: Input, numbers: Input, a: Row, x_de: Row,
+) -> int:  # fmt: skip
+    """Fill a (6,) and x_de; return whether the representation has an answer."""
+    still, drift = Vec(0.0, 0.0, 0.0), np.zeros(6)
+    tip = TipState(vec(p_e), mat(R_e), Motion(vec(dp_e), vec(omega_e), still, still))
+    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    before, given, most = read(previous, 0), _numbers(numbers, 0), UNBOUNDED
+    x, is_found = law(tip, desired, before, given, most, drift, a)
+    put(x_de, 0, x)
+    return is_found
+
+
+# What a tick finds beside what changed an effort: one of these, FAR or TURNED.
+_SINGULAR, _STEEP, _STEEP_JOINT, _INFINITE = -3, -4, -5, -6
+
+
+class _Bounds(NamedTuple):
+    """Errors at which the motion is stopped, and limits of the tip."""
+
+    position: float
+    rotation: float
+    tip: TipLimits
+
+
+_read_bounds = layout(_Bounds).read
+
+
+@kernel
+def _places(n: int) -> tuple[int, int, int, int]:
+    """Return where dp_de, ddq, tau and x_de begin in the row of a tick, behind that of the arm."""
+    at = arm_width(n)
+    return at, at + 4, at + 4 + n, at + 4 + 2 * n
+
+
+@kernel
+def _is_bounded(values: Row) -> bool:
+    """Return whether the square of a vector is finite."""
+    square = 0.0
+    for i in range(len(values)):
+        square += values[i] * values[i]
+    return math.isfinite(square)
+
+
+def _tick(
+    chain: Rows, work: Rows, row: Row,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    h: Input, previous: Input, numbers: Input, bounds: Input,
+    resolution: Input, posture: Input, turns: Rows, last: Input, left: Row, share: float,
+    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
+    ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
+) -> int:  # fmt: skip
+    """Fill the row of a tick, of which that of the arm is known; return what is found.
+
+    Args:
+        chain, work: of the arm; ``work`` has where its joints are.
+        row: is filled: the arm, dp_de (3,), the excess, ddq and tau (n,), x_de.
+        p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
+        h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
+        previous: x_de of the tick before.
+        numbers, bounds: of the law, and of its errors.
+        resolution, posture, turns: see :func:`resolve_acceleration`.
+        last, left, share: see :func:`add_left`.
+        friction, gravity, coriolis, limits, dt, dq_before, ddq_before, drift, rate, lasts, before:
+            see :func:`commanded`.
+    """
+    n = len(work)
+    at, at_ddq, at_tau, at_x = _places(n)
+    q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
+    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    given, most, drifts, a = _numbers(numbers, 0), _read_bounds(bounds, 0), np.zeros(6), np.empty(6)
+    for i in range(6):
+        for k in range(n):
+            drifts[i] += J[i, k] * drift[k]
+    x, is_found = law(tip, desired, read(previous, 0), given, most.tip, drifts, a)
+    put_vec(row, at, desired.p_d - tip.p_e)
+    put(row, at_x, x)
+    if not is_found:
+        return _SINGULAR
+    if limits.shape[1] > 0:
+        found = too_far(desired.p_d, desired.R_d, tip.p_e, tip.R_e, most.position, most.rotation)
+        if found:
+            return found
+    if not _is_bounded(a):
+        return _STEEP
+    ddq = np.empty(n)
+    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
+    add_left(last, left, share, ddq)
+    if not _is_bounded(ddq):
+        return _STEEP_JOINT
+    row[at + 3] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
+    changed = commanded(
+        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt, dq_before,
+        ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
+    )  # fmt: skip
+    return _INFINITE if changed & INFINITE else changed
 
 
 @dataclass(frozen=True)
@@ -142,15 +260,9 @@ class ResolvedAcceleration:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
-        law_of(_acceleration, type(self.orientation))  # not while an arm moves
 
     def acceleration(
-        self,
-        arm: RobotState,
-        desired: DesiredFrame,
-        previous: Any,
-        motion: MotionLimits | None = None,
-        drift: Array = _NO_DRIFT,
+        self, arm: RobotState, desired: DesiredFrame, previous: Any
     ) -> tuple[Any, ...]:
         """Return a (6,), dp_de (3,) [m] and x_de.
 
@@ -162,28 +274,17 @@ class ResolvedAcceleration:
             arm: kinematics of the arm.
             desired: the desired frame.
             previous: x_de of the tick before, or None.
-            motion: limits of the tip; errors are corrected by no more than what it can brake.
-            drift: (6,) by which the tip accelerates more than asked for: that is resisted, too.
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        orientation = self.orientation
-        a, dp_de, x_de = np.empty(6), np.empty(3), np.empty(orientation.rows.width)
-        is_finite = law_of(_acceleration, type(orientation))(
-            *arm[2:6],
-            *desired,
-            orientation.row(previous),
-            self.numbers,
-            NO_LIMITS.row if motion is None else motion.row,
-            drift,
-            a,
-            dp_de,
-            x_de,
-        )
-        if not is_finite:
+        orientation, a = self.orientation, np.empty(6)
+        x_de = np.empty(orientation.rows.width)
+        given = orientation.row(previous), self.numbers
+        of_arrays = law_of(_acceleration, _law, type(orientation))
+        if not of_arrays(*arm[2:6], *desired, *given, a, x_de):
             raise SingularityError(orientation.singularity)
-        return a, dp_de, orientation.rows.unpack(x_de)
+        return a, desired.p_d - arm.p_e, orientation.rows.unpack(x_de)
 
     @cached_property
     def numbers(self) -> Array:
@@ -233,18 +334,26 @@ class EffortLimits:
     def __post_init__(self) -> None:
         if not np.all(np.asarray(self.rate) > 0):
             raise ConfigurationError(f"rate is {self.rate}; expected > 0")
-        object.__setattr__(self, "_errors", ErrorBounds(self.error_position, self.error_rotation))
 
-    def rates(self, n: int) -> Array:
-        """Return the rates (n,) [Nm/s] of the efforts."""
-        return self.rate if isinstance(self.rate, np.ndarray) else np.full(n, self.rate)
+        object.__setattr__(self, "errors", ErrorBounds(self.error_position, self.error_rotation))
+
+    @cached_property
+    def rates(self) -> Array:
+        """The rates (n,) [Nm/s] of the efforts; (0,): there are no limits."""
+        return NONE if self.joints is None else np.full_like(self.joints.effort, self.rate)
+
+    @cached_property
+    def bounds(self) -> Array:
+        """Bounds of errors and tip as a row."""
+        most = NO_LIMITS.row if self.motion is None else self.motion.row
+        return np.array([self.error_position, self.error_rotation, *most])
 
     def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
         if self.joints is not None:
-            self._errors.refuse(desired, arm)
+            self.errors.refuse(desired, arm)
 
-    _errors: ErrorBounds = field(default=ErrorBounds(), init=False)
+    errors: ErrorBounds = field(default=ErrorBounds(), init=False)
 
 
 class DynamicControl(Scheme):
@@ -272,11 +381,10 @@ class DynamicControl(Scheme):
         blend_time: float = 0.1,
     ) -> None:
         self.robot = robot
-        self.limits = limits
         self._blend = Blend(blend_time)
-        self._x_de: Any = None
         self._start: Array | None = None
-        self.law, self.dynamics = law, fitted(dynamics, robot)
+        self._places, self._work = _places(robot.n), np.empty((robot.n, WORK))
+        self._take(law, fitted(dynamics, robot), limits)
         check_model(robot)
         self.reset(np.zeros(robot.n))
 
@@ -288,12 +396,23 @@ class DynamicControl(Scheme):
         Raises:
             ConfigurationError: if the posture or the friction has the wrong size.
         """
-        dynamics = fitted(dynamics, self.robot)
-        if law.orientation != self.law.orientation:
-            self._x_de = None  # means nothing to another representation
-        self.law, self.dynamics, self.limits = law, dynamics, limits
+        is_same = law.orientation == self.law.orientation
+        self._take(law, fitted(dynamics, self.robot), limits)
+        if not is_same:
+            self._forget_x()  # it means nothing to another representation
         if not self._saturated:  # of a law that failed nothing is to go on
             self._blend.replace(self._ddq)
+
+    def _take(
+        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
+    ) -> None:
+        self.law, self.dynamics, self.limits = law, dynamics, limits
+        self._step = law_of(_tick, _law, type(law.orientation))  # not while an arm moves
+        posture = NONE if dynamics.posture is None else dynamics.posture
+        self._resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
+
+    def _forget_x(self) -> None:
+        self._x_de = np.zeros(self.law.orientation.rows.width)
 
     @property
     def fastest_gain(self) -> LoopGain:
@@ -329,16 +448,16 @@ class DynamicControl(Scheme):
         self._q = q.copy()
         self._ddq = np.zeros_like(q)
         self._drift = np.zeros(len(q))
-        self._dq: Array | None = None
+        self._dq = NONE  # of the tick before, whose efforts were as wanted
         self._saturated = False
         self._tau: Array | None = None
-        self._x_de = None
+        self._forget_x()
         self._braked: tuple[Array, Array] | None = None  # q, dq (n,) of joints that are to stop
         self._blend.reset()
 
     def skip(self) -> None:
         """Forget the speeds of the tick before, which tell how the joints drift."""
-        self._dq = None
+        self._dq = NONE
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
@@ -352,20 +471,20 @@ class DynamicControl(Scheme):
         tau = B (ddq_b + d (dq_b - dq) + k (q_b - q)) + C dq + g, b for braked: it needs neither J
         nor the orientation.  Friction, which helps to stop, is not compensated.
         """
-        state = self.robot.motion_state(q, dq)
         since, (q_b, dq_b) = dt, self._braked or (q, dq)
         speed = dq_b @ dq_b
         if self._braked is None or (speed > _SLOW**2 and dq @ dq_b < speed / 2):
             since, q_b, dq_b = 0.0, q, dq  # it begins; or the arm is slower: others brake it
         q_b, dq_b, ddq_b = self._brake(since, q_b, dq_b)
         self._braked = q_b, dq_b
-        self._q, self._x_de = q, None
+        self._q = q
+        self._forget_x()
         self._blend.reset()
         ddq = ddq_b + _HOLD_D * (dq_b - dq) + _HOLD_K * self.robot.limits.difference(q_b, q)
         dynamics = replace(self.dynamics, friction=None)
         try:
-            return JointCommand(effort=self._command(state, ddq, dt, dynamics)[0])
-        except SingularityError:  # the measured state gives no finite frame
+            return JointCommand(effort=self._command(q, dq, ddq, dt, dynamics))
+        except SingularityError:  # the measured state gives no finite efforts
             return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
 
     def _brake(self, dt: float, q: Array, dq: Array) -> tuple[Array, Array, Array]:
@@ -395,20 +514,20 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        return self.tick_at(dt, self.robot.motion_state(q, dq), desired)
+        return self.tick_at(dt, self.row_at(q, dq), desired)
 
-    def tick_at(
-        self,
-        dt: float,
-        state: MotionState | DynamicState,
-        desired: DesiredFrame,
-        h: Array = NONE,
-    ) -> Tick:
+    def row_at(self, q: Array, dq: Array) -> Array:
+        """Return the row of a tick at q, dq (n,), of which that of the arm is filled in."""
+        row = np.empty(self._places[3] + self.law.orientation.rows.width)
+        state(self.robot.chain, q, dq, self._work, row)
+        return row
+
+    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, also against a contact, eq. (48).
 
         Args:
             dt: [s] after the tick before.
-            state: of the arm.
+            row: from :meth:`row_at`.
             desired: the desired frame.
             h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
 
@@ -416,68 +535,67 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        self._q, self._braked = state.arm.q, None
-        drift = state.arm.J @ self._drift
-        a, dp_de, x_de = self.law.acceleration(
-            state.arm, desired, self._x_de, self.limits.motion, drift
+        n, limits = self.robot.n, self.limits
+        at, at_ddq, at_tau, at_x = self._places
+        self._q, self._braked = row[:n], None
+        law = self._x_de, self.law.numbers, limits.bounds, *self._resolution
+        past = self._past(dt, self.dynamics)
+        found = self._step(
+            self.robot.chain, self._work, row, *desired, h, *law, *self._blend.step(dt), *past
         )
-        self.limits.refuse_error(desired, state.arm)
-        if not math.isfinite(a @ a):
-            raise SingularityError("the law asks for an infinite acceleration of the tip")
-        ddq = self.dynamics.acceleration(state, a)
-        ddq = self._blend.blended(dt, ddq)
-        if not math.isfinite(ddq @ ddq):
-            raise SingularityError("the law asks for an infinite joint acceleration")
-        tau, self._saturated = self._command(state, ddq, dt, self.dynamics, h)
-        self._x_de = x_de
-        joints = self.limits.joints
-        excess = 1.0 if joints is None else joints.excess_of_acceleration(state.arm.dq, ddq)
-        command = JointCommand(effort=tau)
-        return Tick(command, state.arm, desired, dp_de, x_de, self._saturated, excess=excess)
+        if found < 0:
+            raise self._error(found, row, desired)
+        self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
+        self._x_de = row[at_x:]
+        look = partial(seen_in, row, n, self.law.orientation.rows)
+        command = JointCommand(effort=row[at_tau:at_x])
+        return Tick(command, desired, look, self._saturated, row.item(at + 3))
+
+    def _error(
+        self, found: int, row: Array, desired: DesiredFrame
+    ) -> FollowingError | SingularityError:
+        """Return what to say of what was found."""
+        if found in (FAR, TURNED):
+            return self.limits.errors.error(found, desired, RobotState.of(row, self.robot.n))
+        if found == _SINGULAR:
+            return SingularityError(self.law.orientation.singularity)
+        if found == _STEEP:
+            return SingularityError("the law asks for an infinite acceleration of the tip")
+        if found == _STEEP_JOINT:
+            return SingularityError("the law asks for an infinite joint acceleration")
+        return SingularityError(_AT_INFINITY)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
         return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
+    def _past(self, dt: float, dynamics: InverseDynamics) -> tuple[Any, ...]:
+        """Return what is compensated and kept, and what is known of the command before."""
+        limits, start = self.limits, self._start
+        before, lasts = NONE if start is None else start, max(dt, SHORTEST)
+        if self._tau is not None:
+            before, lasts = self._tau, dt
+        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis, rows_of(limits.joints)
+        return *given, dt, self._dq, self._ddq, self._drift, limits.rates, lasts, before
+
     def _command(
-        self,
-        state: MotionState | DynamicState,
-        ddq: Array,
-        dt: float,
-        dynamics: InverseDynamics,
-        h: Array = NONE,
-    ) -> tuple[Array, bool]:
-        """Return the efforts for ddq (n,) within the limits, and whether one changed them.
+        self, q: Array, dq: Array, ddq: Array, dt: float, dynamics: InverseDynamics
+    ) -> Array:
+        """Return the efforts for ddq (n,) at q, dq (n,) within the limits.
 
         Raises:
             SingularityError: if they are not finite; nothing is kept then.
         """
-        arm, limits, n = state.arm, self.limits, len(ddq)
-        before = self._start if self._tau is None else self._tau
-        wanted, tau = np.empty(n), np.empty(n)
-        found = command_effort(
-            self.robot.chain,
-            arm.q,
-            arm.dq,
-            arm.J,
-            ddq,
-            h,
-            dynamics.friction_rows,
-            dynamics.gravity,
-            dynamics.coriolis,
-            rows_of(limits.joints),
-            dt,
-            NONE if self._dq is None else self._dq,
-            self._ddq,
-            self._drift,
-            limits.rates(n),
-            dt if self._tau is not None else max(dt, SHORTEST),
-            NONE if before is None else before,
-            wanted,
-            tau,
-        )
+        wanted, tau = np.empty_like(q), np.empty_like(q)
+        arm, past = (self.robot.chain, q, dq, _NO_J), self._past(dt, dynamics)
+        found = command_effort(*arm, ddq, NONE, *past, wanted, tau)
         if found & INFINITE:
-            raise SingularityError("the joints are measured at a state of infinite efforts")
-        self._ddq, self._tau, self._start = wanted, tau, None
-        self._dq = None if found & (CUT | RAMPED) else arm.dq
-        return tau, found != 0
+            raise SingularityError(_AT_INFINITY)
+        self._keep(found, dq, wanted, tau)
+        return tau
+
+    def _keep(self, changed: int, dq: Array, ddq: Array, tau: Array) -> None:
+        """Remember a command for the next one: what changed it, and dq, ddq, tau (n,)."""
+        self._ddq, self._tau, self._start = ddq, tau, None
+        self._dq = NONE if changed & (CUT | RAMPED) else dq
+        self._saturated = changed != 0

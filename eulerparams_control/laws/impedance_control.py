@@ -10,6 +10,7 @@ wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,13 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.orientation import Lyapunov
+from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, angle_between, exp
-from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
+from eulerparams_control.laws.scheme import Bounds, JointCommand, Look, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
-from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
+from eulerparams_control.robot.chain import WORK, arm_width, dJ_dq, state
+from eulerparams_control.robot.robot import Robot, RobotState
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
@@ -77,16 +79,19 @@ class NoMotionLoop:
         """Return no command."""
         return JointCommand()
 
+    def row_at(self, q: Array, dq: Array) -> Array:
+        """Return the row of the arm at q, dq (n,)."""
+        row, work = np.empty(arm_width(self.robot.n)), np.empty((self.robot.n, WORK))
+        state(self.robot.chain, q, dq, work, row)
+        return row
+
     def tick_at(
-        self,
-        dt: float,
-        state: MotionState | DynamicState,
-        desired: DesiredFrame,
-        h: Array | None = None,
+        self, dt: float, row: Array, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
-        self.limits.refuse_error(desired, state.arm)
-        return Tick(JointCommand(), state.arm, desired, desired.p_d - state.arm.p_e, None, False)
+        arm = RobotState.of(row, self.robot.n)
+        self.limits.refuse_error(desired, arm)
+        return Tick(JointCommand(), desired, lambda: Look(arm, desired.p_d - arm.p_e, None), False)
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -175,7 +180,6 @@ class ImpedanceControl(Scheme):
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
-        self._x_de: Any = None
         self._dq: Array | None = None  # of the tick before
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._balance = np.zeros(6)  # the contact at the last restart
@@ -209,8 +213,6 @@ class ImpedanceControl(Scheme):
             ConfigurationError: if the posture or the friction has the wrong size.
         """
         self.motion.replace_law(motion, dynamics, limits)
-        if law.compliance.orientation != self.law.compliance.orientation:
-            self._x_de = None  # means nothing to another representation
         moved = self.law.centre.inverse, law.centre
         self._compliant.replace_law(law.compliance, moved)
         self.chain.replace_options(law.wrench)
@@ -280,7 +282,8 @@ class ImpedanceControl(Scheme):
         self._blend.reset()
         self._fade.reset()
         self._w, self._h = np.zeros(6), np.zeros(6)
-        self._dq, self._x_de = None, None
+        self._dq = None
+        self._displaced: tuple[Any, Any] = None, None  # x_de that was seen last, and of what
         self._was_frozen = False
         self._held: DesiredFrame | None = None
 
@@ -327,23 +330,26 @@ class ImpedanceControl(Scheme):
             SingularityError: if a law has no finite answer.
             FollowingError: if the tip is too far from the compliant frame.
         """
-        state = self.robot.motion_state(q, dq)
-        arm, centre = state.arm, self.law.centre
+        row, centre = self.motion.row_at(q, dq), self.law.centre
+        arm = RobotState.of(row, self.robot.n)
         self._q, self._held = q, None
-        self._feel(state, dt)
+        self._feel(arm, row, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
-        tick = self.motion.tick_at(dt, state, compliant, self._h)  # eq. (48)
-        self._x_de = self.law.compliance.orientation.displacement(desired.R_d, arm.R_e, self._x_de)
-        return Tick(
-            tick.command._replace(frame=compliant),
-            arm,
-            desired,
-            desired.p_d - arm.p_e,
-            self._x_de,
-            tick.saturated,
-            None if self.is_frozen else self._w,
-            tick.excess,
-        )
+        tick = self.motion.tick_at(dt, row, compliant, self._h)  # eq. (48)
+        command = JointCommand(effort=tick.command.effort, frame=compliant)
+        look = partial(self._look, arm, desired, self.law.compliance.orientation)
+        w = None if self.is_frozen else self._w
+        return Tick(command, desired, look, tick.saturated, tick.excess, w)
+
+    def _look(
+        self, arm: RobotState, desired: DesiredFrame, orientation: OrientationRepresentation
+    ) -> Look:
+        """Return what a tick has seen: the tip against the desired frame, not the compliant one."""
+        of, before = self._displaced
+        before = before if of == orientation else None  # else it means nothing
+        x_de = orientation.displacement(desired.R_d, arm.R_e, before)
+        self._displaced = orientation, x_de
+        return Look(arm, desired.p_d - arm.p_e, x_de)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
@@ -359,20 +365,25 @@ class ImpedanceControl(Scheme):
             desired.R_d.T @ mu,
         )
 
-    def _feel(self, state: MotionState | DynamicState, dt: float) -> None:
+    def _feel(self, arm: RobotState, row: Array, dt: float) -> None:
         """Take the contact wrench for this tick; what is not known any more fades away.
+
+        Args:
+            arm: its kinematics.
+            row: the same.
+            dt: [s] after the tick before.
 
         Raises:
             FollowingError: if it is too large.
         """
-        w, before, self._dq = _NO_WRENCH, self._dq, state.arm.dq
+        w, before, self._dq = _NO_WRENCH, self._dq, arm.dq
         if self._sensed is None:
             self.chain.reset()
         else:
             acceleration, law = None, self.law
             if law.wrench.takes_inertia and before is not None and dt > 0:  # J ddq + dJ dq
-                acceleration = state.arm.J @ ((state.arm.dq - before) / dt) + state.dJ_dq
-            w = self.chain.contact(self._sensed, state.arm, acceleration, dt)
+                acceleration = arm.J @ ((arm.dq - before) / dt) + dJ_dq(row, len(before))
+            w = self.chain.contact(self._sensed, arm, acceleration, dt)
             if not (self.chain.force <= law.max_force and self.chain.moment <= law.max_moment):
                 law.refuse_wrench(w)
         self._w = w + self._blend.offset(dt, w)
@@ -381,17 +392,22 @@ class ImpedanceControl(Scheme):
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
-        actual = DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
+        law, frame, w = self.law, self._compliant, self._w
+        is_new, centre = frame.now is None, law.centre
         if self.is_frozen:
-            self._was_frozen = self._compliant.now is not None
-            return self._compliant.freeze(dt, actual, self.stop_time)
-        if self._was_frozen and self._compliant.now is not None:
-            self.law.refuse_return(desired, self._compliant.now)
+            self._was_frozen = not is_new
+            return frame.freeze(dt, _actual(arm, centre), self.stop_time)
+        if self._was_frozen and frame.now is not None:
+            law.refuse_return(desired, frame.now)
         self._was_frozen = False
-        w = self._w
-        if self.law.centre is not AT_ORIGIN:
-            w = at_point(w, actual.p_d - arm.p_e)
-        if self._compliant.now is None or not self.law.inner_loop:
-            self._compliant.begin(desired, actual)
-            return self._compliant.step(0.0, desired, w)
-        return self._compliant.step(dt, desired, w)
+        if centre is not AT_ORIGIN:
+            w = at_point(w, arm.R_e @ centre.p)
+        if is_new or not law.inner_loop:
+            frame.begin(desired, _actual(arm, centre))
+            return frame.step(0.0, desired, w)
+        return frame.step(dt, desired, w)
+
+
+def _actual(arm: RobotState, centre: Placement) -> DesiredFrame:
+    """Return the frame of the centre of compliance as it is."""
+    return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(centre)

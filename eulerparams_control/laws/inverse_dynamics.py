@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.compiled import NONE, Array, Input, Inputs, Row, Rows, entry
+from eulerparams_control.laws.compiled import NONE, Array, Input, Inputs, Row, Rows, entry, kernel
 from eulerparams_control.laws.friction import JointFriction, friction_effort
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
@@ -20,7 +20,7 @@ from eulerparams_control.laws.limits import (
 )
 from eulerparams_control.laws.scheme import check_gains
 from eulerparams_control.robot.chain import WORK, efforts, place
-from eulerparams_control.robot.robot import DynamicState, MotionState, Robot, RobotState
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Time constant [s] of the acceleration that disturbances cause.
 _DRIFT_TIME = 0.005
@@ -56,7 +56,7 @@ class InverseDynamics:
     def __post_init__(self) -> None:
         check_gains(self, "k_posture", "k_null")
 
-    def acceleration(self, state: MotionState | DynamicState, a: Array) -> Array:
+    def acceleration(self, state: DynamicState, a: Array) -> Array:
         """Return ddq (n,) = J^-1 (a - dJ dq), eq. (33), refs. [16], [17].
 
         With damping and posture where J* leaves a choice:
@@ -118,9 +118,9 @@ def resolve_acceleration(
     resolve(inverse, J, bracket, ddq_0, ddq)  # eq. (33)
 
 
-@entry
-def command_effort(
-    chain: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
+@kernel
+def commanded(
+    chain: Rows, work: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
     friction: Rows, gravity: bool, coriolis: bool,
     limits: Rows, dt: float, dq_before: Input, ddq_before: Input, drift: Row,
     rate: Input, lasts: float, before: Input, wanted: Row, tau: Row,
@@ -130,7 +130,7 @@ def command_effort(
     Of the terms that are compensated here.  Return what was changed.
 
     Args:
-        chain: of the arm.
+        chain: of the arm; ``work`` has where its joints are.
         q, dq, J: (n,), (n,), (6, n) of the arm.
         ddq: (n,) wanted.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
@@ -146,8 +146,6 @@ def command_effort(
         tau: (n,) is filled.
     """
     n, found = len(q), 0
-    work = np.empty((n, WORK))
-    place(chain, q, work)
     is_limited = limits.shape[1] > 0
     for i in range(n):
         wanted[i] = ddq[i]
@@ -190,6 +188,22 @@ def command_effort(
             found |= RAMPED
             tau[i] = last + min(max(tau[i] - last, -step), step)
     return found
+
+
+@entry
+def command_effort(
+    chain: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
+    friction: Rows, gravity: bool, coriolis: bool,
+    limits: Rows, dt: float, dq_before: Input, ddq_before: Input, drift: Row,
+    rate: Input, lasts: float, before: Input, wanted: Row, tau: Row,
+) -> int:  # fmt: skip
+    """Fill tau (n,) as ``commanded``, for an arm whose joints have to be placed."""
+    work = np.empty((len(q), WORK))
+    place(chain, q, work)
+    return commanded(
+        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt,
+        dq_before, ddq_before, drift, rate, lasts, before, wanted, tau,
+    )  # fmt: skip
 
 
 def fitted(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:

@@ -93,10 +93,6 @@ class JointLimits:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
         return excess(self.rows, dq)
 
-    def excess_of_acceleration(self, dq: Array, ddq: Array) -> float:
-        """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
-        return excess(self.rows, dq + ddq / _SPEED_RATE)
-
     def limit_velocity(
         self, q: Array, dq: Array, dt: float, before: Array | None = None
     ) -> tuple[Array, bool]:
@@ -279,6 +275,15 @@ def excess(limits: Rows, dq: Input) -> float:
         if abs(dq[i]) > limits[_VELOCITY, i]:
             most = max(most, abs(dq[i]) / limits[_VELOCITY, i])
     return most
+
+
+@kernel
+def excess_after(limits: Rows, dq: Input, ddq: Row) -> float:
+    """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
+    after = np.empty(len(dq))
+    for i in range(len(dq)):
+        after[i] = dq[i] + ddq[i] / _SPEED_RATE
+    return excess(limits, after)
 
 
 @kernel

@@ -2,18 +2,20 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compiled import Input, Inputs, entry
+from eulerparams_control.laws.compiled import Input, Inputs, RowLayout, entry, kernel
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.linear import mat, norm, vec
+from eulerparams_control.laws.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array, angle_between, chord
+from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.chain import arm_width
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -64,19 +66,18 @@ class ErrorBounds:
         for name in ("position", "rotation"):
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"max_error_{name} is {getattr(self, name)}; expected > 0")
-        small = 2 * math.sin(self.rotation / 2) if self.rotation < math.pi else math.inf
-        object.__setattr__(self, "_small", small * (1 - 1e-6))
-
-    _small: float = field(init=False, repr=False, compare=False)
 
     def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
-        if is_near(desired.p_d, desired.R_d, arm.p_e, arm.R_e, self.position, self._small):
-            return
-        dp_de = desired.p_d - arm.p_e
-        distance = math.sqrt(dp_de @ dp_de)
-        if distance > self.position:
-            raise FollowingError(
+        frames = desired.p_d, desired.R_d, arm.p_e, arm.R_e
+        if found := _too_far(*frames, self.position, self.rotation):
+            raise self.error(found, desired, arm)
+
+    def error(self, found: int, desired: DesiredFrame, arm: RobotState) -> FollowingError:
+        """Return what to say where the tip was found FAR from the desired frame, or TURNED."""
+        if found == FAR:
+            distance = np.linalg.norm(desired.p_d - arm.p_e)
+            return FollowingError(
                 f"the tip is {distance:.3f} m from the desired frame; at most {self.position} m is "
                 "allowed: is the pose out of reach, or across a singularity? then send a nearer "
                 "one; is the arm braked or blocked, or at a limit of its joints? then send the "
@@ -84,46 +85,86 @@ class ErrorBounds:
                 "raise max_error_position"
             )
         angle = angle_between(desired.R_d, arm.R_e)
-        if angle > self.rotation:
-            raise FollowingError(
-                f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
-                f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
-                "blocked, or the orientation singular? then send the reference again, else "
-                "raise max_error_rotation"
-            )
+        return FollowingError(
+            f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+            f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
+            "blocked, or the orientation singular? then send the reference again, else "
+            "raise max_error_rotation"
+        )
+
+
+FAR, TURNED = -1, -2
+"""What is found where the tip is beyond the bounds of its errors."""
+
+
+@kernel
+def too_far(p_d: Vec, R_d: Mat, p_e: Vec, R_e: Mat, position: float, rotation: float) -> int:
+    """Return FAR, TURNED, or 0 where the tip is within these errors of the desired frame."""
+    if norm(p_d - p_e) > position:
+        return FAR
+    return TURNED if angle_between(R_d, R_e) > rotation else 0
 
 
 @entry
-def is_near(
-    p_d: Input, R_d: Inputs, p_e: Input, R_e: Inputs, most: float, most_chord: float
-) -> bool:
-    """Return whether the tip is clearly within these errors of the desired frame."""
-    near = norm(vec(p_d) - vec(p_e)) <= most
-    return near and chord(mat(R_d), mat(R_e)) <= most_chord
+def _too_far(
+    p_d: Input, R_d: Inputs, p_e: Input, R_e: Inputs, position: float, rotation: float
+) -> int:
+    return too_far(vec(p_d), mat(R_d), vec(p_e), mat(R_e), position, rotation)
+
+
+class Look(NamedTuple):
+    """What a tick has seen.
+
+    Attributes:
+        state: kinematics on which the loop was closed.
+        dp_de: (3,) [m] position error, eq. (21).
+        x_de: orientation displacement of the representation, eqs. (22), (27).
+    """
+
+    state: RobotState
+    dp_de: Array
+    x_de: Any
+
+
+def seen_in(row: Array, n: int, rows: RowLayout) -> Look:
+    """Return what a row has: that of an arm of n joints, then dp_de, and at its end x_de."""
+    at = arm_width(n)
+    return Look(RobotState.of(row, n), row[at : at + 3], rows.unpack(row[-rows.width :]))
 
 
 class Tick(NamedTuple):
-    """One tick of a scheme.
+    """One tick of a scheme; what it has seen is made of its numbers where that is asked for.
 
     Attributes:
         command: for the joints.
-        state: kinematics on which the loop was closed.
         desired: the desired frame.
-        dp_de: (3,) [m] position error, eq. (21).
-        x_de: orientation displacement of the representation, eqs. (22), (27).
+        look: returns what it has seen.
         saturated: whether a limit changed the command.
-        wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
         excess: by how much the joint speeds asked for by the law are beyond their limits; >= 1.
+        wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
     """
 
     command: JointCommand
-    state: RobotState
     desired: DesiredFrame
-    dp_de: Array
-    x_de: Any
+    look: Callable[[], Look]
     saturated: bool
-    wrench: Array | None = None
     excess: float = 1.0
+    wrench: Array | None = None
+
+    @property
+    def state(self) -> RobotState:
+        """Kinematics on which the loop was closed."""
+        return self.look().state
+
+    @property
+    def dp_de(self) -> Array:
+        """Position error (3,) [m], eq. (21)."""
+        return self.look().dp_de
+
+    @property
+    def x_de(self) -> Any:
+        """Orientation displacement of the representation, eqs. (22), (27)."""
+        return self.look().x_de
 
 
 class LoopGain(NamedTuple):

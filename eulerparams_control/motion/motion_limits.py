@@ -103,6 +103,8 @@ class TipLimits(NamedTuple):
 
 read_limits = layout(TipLimits).read
 
+UNBOUNDED = TipLimits(*NO_LIMITS.row.tolist())
+
 
 @kernel
 def approach(e: float, k: float, speed: float, a: float) -> float:

@@ -54,5 +54,4 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     def change_scheme(self, scheme: Clik, limits: JointLimits | None) -> None:
         """Let a running CLIK go over to these parameters."""
         scheme.replace_law(self.law())
-        scheme.limits, scheme.max_error = limits, self.max_error()
-        scheme.motion = self.motion_limits()
+        scheme.keep_to(limits, self.max_error(), self.motion_limits())

@@ -13,7 +13,6 @@ import numpy as np
 
 from eulerparams_control.laws.compiled import (
     Array,
-    Blocks,
     Input,
     Inputs,
     Row,
@@ -82,10 +81,24 @@ class Motion(NamedTuple):
     domega: Vec
 
 
+class TipState(NamedTuple):
+    """The tip in the base frame, eqs. (18)-(20): its pose, and its motion at ddq = 0.
+
+    Of that a and domega are the parts of dJ dq.
+    """
+
+    p_e: Vec
+    R_e: Mat
+    motion: Motion
+
+
+TIP = layout(TipState).width
+"""Width of a tip in a row."""
+
+read_tip, _put_tip = layout(TipState)[1:3]
 _link, _tip = layout(Link).read, layout(ChainTip).read
 _placed, _put_placed = layout(PlacedJoint)[1:3]
 _load, _put_load = layout(BodyLoad)[1:3]
-_put_vec, _put_mat = layout(Vec).put, layout(Mat).put
 _LOAD = layout(PlacedJoint).width  # where it begins
 WORK = _LOAD + layout(BodyLoad).width
 
@@ -203,66 +216,63 @@ def joint_inertia(chain: Rows, work: Rows, B: Rows) -> None:
 
 
 # --- what Python calls ----------------------------------------------------------------------
+#
+# An arm is a row of 8 n + TIP: q, dq (n,), the tip, and J (6, n).
 
 
 @kernel
-def _kinematics(
-    chain: Rows, q: Input, dq: Input, work: Rows,
-    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows,
-) -> Motion:  # fmt: skip
-    """Fill in eqs. (18)-(20); return the motion of the tip."""
+def arm_width(n: int) -> int:
+    """Return how many floats the row of an arm of n joints has."""
+    return 8 * n + TIP
+
+
+@kernel
+def jacobian_in(arm: Row, n: int) -> Rows:
+    """Return J (6, n) of the row of an arm."""
+    return arm[2 * n + TIP : 8 * n + TIP].reshape(6, n)
+
+
+@kernel
+def dJ_dq(arm: Row, n: int) -> Row:
+    """Return dJ dq (6,) of the row of an arm, the acceleration of the tip at ddq = 0."""
+    return arm[2 * n + TIP - 6 : 2 * n + TIP]
+
+
+@kernel
+def put_arm(chain: Rows, q: Input, dq: Input, work: Rows, arm: Row) -> TipState:
+    """Fill in the row of an arm, eqs. (18)-(20), and ``work``; return the tip."""
+    n, J = len(q), jacobian_in(arm, len(q))
     R, p = place(chain, q, work)
     jacobian(chain, p, work, J)
-    motion = tip_motion(chain, p, dq, work)
-    _put_vec(p_e, 0, p)
-    _put_mat(R_e.reshape(9), 0, R)
-    _put_vec(dp_e, 0, motion.v)
-    _put_vec(omega_e, 0, motion.omega)
-    return motion
+    tip = TipState(p, R, tip_motion(chain, p, dq, work))
+    for i in range(n):
+        arm[i], arm[n + i] = q[i], dq[i]
+    _put_tip(arm, 2 * n, tip)
+    return tip
 
 
 @entry
-def state(
-    chain: Rows, q: Input, dq: Input, p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows
-) -> None:
-    """Fill in eqs. (18)-(20)."""
-    _kinematics(chain, q, dq, np.empty((len(q), WORK)), p_e, R_e, dp_e, omega_e, J)
+def state(chain: Rows, q: Input, dq: Input, work: Rows, arm: Row) -> None:
+    """Fill in the row of an arm, and ``work``."""
+    put_arm(chain, q, dq, work, arm)
 
 
 @entry
-def motion_state(
-    chain: Rows, q: Input, dq: Input,
-    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows, dJ_dq: Row,
-) -> None:  # fmt: skip
-    """Fill in eqs. (18)-(20), and dJ dq."""
-    motion = _kinematics(chain, q, dq, np.empty((len(q), WORK)), p_e, R_e, dp_e, omega_e, J)
-    _put_vec(dJ_dq, 0, motion.a)
-    _put_vec(dJ_dq, 3, motion.domega)
-
-
-@entry
-def states(
-    chain: Rows, q: Inputs, dq: Inputs,
-    p_e: Rows, R_e: Blocks, dp_e: Rows, omega_e: Rows, J: Blocks,
-) -> None:  # fmt: skip
-    """Fill in eqs. (18)-(20) for N samples."""
+def states(chain: Rows, q: Inputs, dq: Inputs, arms: Rows) -> None:
+    """Fill in the rows of arms, for N samples."""
     work = np.empty((q.shape[1], WORK))
     for k in range(len(q)):
-        _kinematics(chain, q[k], dq[k], work, p_e[k], R_e[k], dp_e[k], omega_e[k], J[k])
+        put_arm(chain, q[k], dq[k], work, arms[k])
 
 
 @entry
 def dynamic_state(
-    chain: Rows, q: Input, dq: Input,
-    p_e: Row, R_e: Rows, dp_e: Row, omega_e: Row, J: Rows,
-    dJ_dq: Row, B: Rows, C_dq: Row, g: Row,
-) -> None:  # fmt: skip
-    """Fill in eqs. (18)-(20), and the terms of eq. (32)."""
+    chain: Rows, q: Input, dq: Input, arm: Row, B: Rows, C_dq: Row, g: Row
+) -> None:
+    """Fill in the row of an arm, and the terms of eq. (32)."""
     n = len(q)
     work, still = np.empty((n, WORK)), np.zeros(n)
-    motion = _kinematics(chain, q, dq, work, p_e, R_e, dp_e, omega_e, J)
-    _put_vec(dJ_dq, 0, motion.a)
-    _put_vec(dJ_dq, 3, motion.domega)
+    put_arm(chain, q, dq, work, arm)
     joint_inertia(chain, work, B)
     efforts(chain, dq, still, work, False, True, C_dq)
     efforts(chain, still, still, work, True, False, g)

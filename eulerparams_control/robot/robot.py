@@ -51,17 +51,19 @@ class RobotState(NamedTuple):
     omega_e: Array
     J: Array
 
-
-class MotionState(NamedTuple):
-    """Kinematics of the arm at one instant, with what (33) needs of its velocities.
-
-    Attributes:
-        arm: its kinematics.
-        dJ_dq: (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0, base frame.
-    """
-
-    arm: RobotState
-    dJ_dq: Array
+    @classmethod
+    def of(cls, arm: Array, n: int) -> "RobotState":
+        """Return the state whose parts are views of the row of an arm of n joints, or of rows."""
+        tip, many = arm[..., 2 * n :], arm.shape[:-1]
+        return cls(
+            arm[..., :n],
+            arm[..., n : 2 * n],
+            tip[..., :3],
+            tip[..., 3:12].reshape(*many, 3, 3),
+            tip[..., 12:15],
+            tip[..., 15:18],
+            tip[..., chain.TIP : chain.TIP + 6 * n].reshape(*many, 6, n),
+        )
 
 
 class DynamicState(NamedTuple):
@@ -170,9 +172,7 @@ class Robot:
         self._data = self._model.createData()
         self._zero, self._base = np.zeros(self.n), self._base_placement()
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
-        self.chain, n = self._chain(), self.n
-        kinematics = (3,), (3, 3), (3,), (3,), (6, n)  # p_e, R_e, dp_e, omega_e, J
-        self._shapes = *kinematics, (6,), (n, n), (n,), (n,)  # dJ dq, B, C dq, g
+        self.chain = self._chain()
         self._refuse_other_model()
 
     def refuse_locked(self) -> None:
@@ -266,10 +266,9 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        q, dq = self._checked(q, dq)
-        arm = list(map(np.empty, self._shapes[:5]))
-        chain.state(self.chain, q, dq, *arm)
-        return RobotState(q, dq, *arm)
+        arm, n = np.empty(chain.arm_width(self.n)), self.n
+        chain.state(self.chain, *self._checked(q, dq), np.empty((n, chain.WORK)), arm)
+        return RobotState.of(arm, n)
 
     def states(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked.
@@ -279,20 +278,9 @@ class Robot:
         """
         if q.shape != dq.shape or q.shape != (len(q), self.n):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
-        arm = [np.empty((len(q), *shape)) for shape in self._shapes[:5]]
-        chain.states(self.chain, q, dq, *arm)
-        return RobotState(q, dq, *arm)
-
-    def motion_state(self, q: Array, dq: Array) -> MotionState:
-        """Return the kinematics for q, dq (n,), and dJ dq.
-
-        Raises:
-            RobotError: if q or dq has not n elements.
-        """
-        q, dq = self._checked(q, dq)
-        arm = list(map(np.empty, self._shapes[:6]))
-        chain.motion_state(self.chain, q, dq, *arm)
-        return MotionState(RobotState(q, dq, *arm[:5]), arm[5])
+        arms = np.empty((len(q), chain.arm_width(self.n)))
+        chain.states(self.chain, q, dq, arms)
+        return RobotState.of(arms, self.n)
 
     def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
         """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).
@@ -300,10 +288,10 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        q, dq = self._checked(q, dq)
-        terms = list(map(np.empty, self._shapes))
-        chain.dynamic_state(self.chain, q, dq, *terms)
-        return DynamicState(RobotState(q, dq, *terms[:5]), *terms[5:])
+        arm, n = np.empty(chain.arm_width(self.n)), self.n
+        terms = np.empty((n, n)), np.empty(n), np.empty(n)
+        chain.dynamic_state(self.chain, *self._checked(q, dq), arm, *terms)
+        return DynamicState(RobotState.of(arm, n), chain.dJ_dq(arm, n), *terms)
 
     def _checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)

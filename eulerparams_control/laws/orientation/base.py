@@ -24,6 +24,7 @@ from eulerparams_control.laws.compiled import (
     entry,
     formula,
     from_rows,
+    kernel,
     layout,
     template,
     to_rows,
@@ -135,13 +136,24 @@ class OrientationOptions:
 
 @cache
 def law_of(
-    law: Callable[..., bool], kind: type["OrientationRepresentation"]
-) -> Callable[..., bool]:
-    """Return a law in which the names of formulas are those of a representation, compiled."""
-    rows = layout(kind.laws.displacement.result)
-    slots = {**kind.laws._asdict(), "read": rows.read, "put": rows.put}
+    call: Callable[..., int], law: Callable[..., Any], kind: type["OrientationRepresentation"]
+) -> Callable[..., int]:
+    """Return what Python calls of a law in which formulas are those of a representation, compiled.
+
+    There ``law`` is its name.
+    """
+    made, rows = _of_representation(law, kind), layout(kind.laws.displacement.result)
+    name = f"{call.__module__}_{call.__name__}_{kind.identifier()}".replace(".", "_")
+    return entry(template(call, name, law=made, read=rows.read, put=rows.put))
+
+
+@cache
+def _of_representation(
+    law: Callable[..., Any], kind: type["OrientationRepresentation"]
+) -> Callable[..., Any]:
+    """Return a law in which the names of formulas are those of a representation."""
     name = f"{law.__module__}_{law.__name__}_{kind.identifier()}".replace(".", "_")
-    return entry(template(law, name, **slots))
+    return kernel(template(law, name, **kind.laws._asdict()))
 
 
 class OrientationRepresentation(ABC):
