@@ -37,7 +37,7 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.rotations import log
-from eulerparams_control.laws.scheme import JointCommand, Look, Scheme, Tick
+from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
@@ -545,7 +545,7 @@ class Failing(Scheme):
         if not self.works:
             raise SingularityError("no answer")
         command = JointCommand(self.q, self.q)
-        return Tick(command, desired, lambda: Look(UR5.state(q, dq), STILL[:3], None), False)
+        return Tick(command, desired, lambda: UR5.state(q, dq), lambda: None, False)
 
     def lyapunov(self, tick):
         return None

@@ -238,16 +238,17 @@ class Admission:
             restart, dt = self._restart(at, dt, silence, usual, code), 0.0
         acted, lost, leapt = dt, 0.0, 0.0
         if receipt is not None:
-            acted = min(dt, silence) if dt > 0 else silence
+            acted = dt if 0 < dt < silence else silence
             # by how much more the stamps went on than time, lost and late states apart
-            usual_now = self.period.seconds
-            leapt = min(self._latency.early, dt - max(silence, usual_now))
+            early, usual_now = self._latency.early, self.period.seconds
             if is_set_back:
                 leapt = dt - silence
-            if restart or not (is_set_back or 0 < usual_now < 2 * leapt):  # less is jitter
+            elif 0 < usual_now < 2 * early:
+                leapt = min(early, dt - max(silence, usual_now))
+            if restart or not (is_set_back or usual_now < 2 * leapt):  # less is jitter
                 leapt = 0.0
-        if usual:
-            longest = _LONGEST_STEP * usual
+        longest = _LONGEST_STEP * usual
+        if usual and (dt > longest or acted > longest):
             lost, acted = max(dt - longest, 0.0), min(acted, longest)
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
                 lost = dt - min(longest, max(silence, usual))

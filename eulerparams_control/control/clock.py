@@ -132,10 +132,11 @@ class NominalPeriod:
                 self.least = min(self._first) / _JITTER
             return
         usual = self.seconds
-        if step < _LONGEST_LOSS:
-            self.missed += max(round(step / usual) - 1, 0)
-        self.seconds += _SMOOTHING * (min(max(step, usual / 2), 2 * usual) - usual)
-        self.least = self.seconds
+        if 1.5 * usual <= step < _LONGEST_LOSS:
+            self.missed += round(step / usual) - 1
+        if not usual / 2 <= step <= 2 * usual:
+            step = min(max(step, usual / 2), 2 * usual)
+        self.seconds = self.least = usual + _SMOOTHING * (step - usual)
 
 
 class Latency:
@@ -178,8 +179,8 @@ class Latency:
             self._least, self._at = behind, now
         pause = now - self._at
         best = self._least + _DRIFT * pause
-        self._least, self._at, self.early = min(behind, best), now, max(best - behind, 0.0)
-        late = behind - self._least
+        self._least, self.early = (behind, best - behind) if behind < best else (best, 0.0)
+        self._at, late = now, behind - self._least
         if late <= self.most or pause > _PAUSE:
             self._late_since, self._low, self._high = now, math.inf, -math.inf
             return late

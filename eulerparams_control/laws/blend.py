@@ -50,14 +50,13 @@ class Blend:
         self._last = NONE
         return last, left, share
 
-    def offset(self, dt: float, command: Array) -> Array | float:
-        """Return what is to be added (n,) to the command of the law, dt [s] after the last."""
+    def blended(self, dt: float, command: Array) -> Array:
+        """Return the command (n,) of the law, dt [s] after the last, with what is left."""
         last, left, share = self.step(dt)
-        if left is NONE:
-            return 0.0
-        sum_ = command.copy()
-        add_left(last, left, share, sum_)
-        return left.copy()
+        if left is not NONE:
+            command = command.copy()
+            add_left(last, left, share, command)
+        return command
 
 
 @kernel

@@ -51,7 +51,6 @@ from eulerparams_control.laws.scheme import (
     Scheme,
     Tick,
     check_gains,
-    seen_in,
     too_far,
 )
 from eulerparams_control.motion.frames import DesiredFrame
@@ -268,12 +267,11 @@ class _Bounds(NamedTuple):
 
 _read_bounds = layout(_Bounds).read
 
-# A row of a tick: the arm, dp_de (3,), the excess, q and dq (n,) that are commanded, and x_de.
 @kernel
 def _places(n: int) -> tuple[int, int, int, int]:
-    """Return where dp_de, q, dq and x_de begin in the row of a tick."""
+    """Return where the excess, q, dq and x_de are in the row of a tick, behind the arm."""
     at = arm_width(n)
-    return at, at + 4, at + 4 + n, at + 4 + 2 * n
+    return at, at + 1, at + 1 + n, at + 1 + 2 * n
 
 
 @kernel
@@ -327,9 +325,8 @@ def _tick(
         row[:n], tip.p_e, tip.R_e, J, desired, read(before, at_x), given, most, dt, posture, turns,
         wanted,
     )  # fmt: skip
-    put_vec(row, at, desired.p_d - tip.p_e)
     put(row, at_x, x)
-    row[at + 3] = 1.0
+    row[at] = 1.0
     if not is_found:
         return _SINGULAR
     add_left(last, left, share, wanted)
@@ -349,7 +346,7 @@ def _tick(
         slowed = _beyond(chain, there, wanted, work, v_d, w_d, most)
         for i in range(n):
             wanted[i] /= slowed
-    row[at + 3] = excess(limits, wanted)
+    row[at] = excess(limits, wanted)
     lasts = dt if dt > 0.0 else SHORTEST
     return _SATURATED if limit_velocity(limits, q_c, wanted, lasts, dq_0, dq_c) else 0
 
@@ -494,9 +491,11 @@ class Clik(Scheme):
         if found < 0:
             raise self._error(found, row, q, desired)
         self._keep(row)
-        command, excess = JointCommand(self._q, self._dq), row.item(self._places[0] + 3)
-        look = partial(seen_in, row, self.robot.n, self.law.orientation.rows)
-        return Tick(command, desired, look, found > 0, excess)
+        at, *_, at_x = self._places
+        look = partial(RobotState.of, row, self.robot.n)
+        displacement = partial(self.law.orientation.rows.unpack, row[at_x:])
+        command = JointCommand(self._q, self._dq)
+        return Tick(command, desired, look, displacement, found > 0, row.item(at))
 
     def _error(
         self, found: int, row: Array, q: Array, desired: DesiredFrame

@@ -52,7 +52,6 @@ from eulerparams_control.laws.scheme import (
     Scheme,
     Tick,
     check_gains,
-    seen_in,
     too_far,
 )
 from eulerparams_control.motion.frames import DesiredFrame
@@ -174,9 +173,9 @@ _read_bounds = layout(_Bounds).read
 
 @kernel
 def _places(n: int) -> tuple[int, int, int, int]:
-    """Return where dp_de, ddq, tau and x_de begin in the row of a tick, behind that of the arm."""
+    """Return where the excess, ddq, tau and x_de are in the row of a tick, behind the arm."""
     at = arm_width(n)
-    return at, at + 4, at + 4 + n, at + 4 + 2 * n
+    return at, at + 1, at + 1 + n, at + 1 + 2 * n
 
 
 @kernel
@@ -200,7 +199,7 @@ def _tick(
 
     Args:
         chain, work: of the arm; ``work`` has where its joints are.
-        row: is filled: the arm, dp_de (3,), the excess, ddq and tau (n,), x_de.
+        row: is filled: the arm, the excess, ddq and tau (n,), x_de.
         p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         previous: x_de of the tick before.
@@ -219,7 +218,6 @@ def _tick(
         for k in range(n):
             drifts[i] += J[i, k] * drift[k]
     x, is_found = law(tip, desired, read(previous, 0), given, most.tip, drifts, a)
-    put_vec(row, at, desired.p_d - tip.p_e)
     put(row, at_x, x)
     if not is_found:
         return _SINGULAR
@@ -234,7 +232,7 @@ def _tick(
     add_left(last, left, share, ddq)
     if not _is_bounded(ddq):
         return _STEEP_JOINT
-    row[at + 3] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
+    row[at] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
     changed = commanded(
         chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt, dq_before,
         ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
@@ -547,9 +545,10 @@ class DynamicControl(Scheme):
             raise self._error(found, row, desired)
         self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
         self._x_de = row[at_x:]
-        look = partial(seen_in, row, n, self.law.orientation.rows)
-        command = JointCommand(effort=row[at_tau:at_x])
-        return Tick(command, desired, look, self._saturated, row.item(at + 3))
+        look = partial(RobotState.of, row, n)
+        displacement = partial(self.law.orientation.rows.unpack, self._x_de)
+        command = JointCommand(effort=self._tau)
+        return Tick(command, desired, look, displacement, self._saturated, row.item(at))
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame

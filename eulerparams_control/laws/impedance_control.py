@@ -27,7 +27,7 @@ from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, angle_between, exp
-from eulerparams_control.laws.scheme import Bounds, JointCommand, Look, LoopGain, Scheme, Tick
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.robot.chain import WORK, arm_width, dJ_dq, state
@@ -91,7 +91,7 @@ class NoMotionLoop:
         """Return no command; raises FollowingError if the arm does not follow."""
         arm = RobotState.of(row, self.robot.n)
         self.limits.refuse_error(desired, arm)
-        return Tick(JointCommand(), desired, lambda: Look(arm, desired.p_d - arm.p_e, None), False)
+        return Tick(JointCommand(), desired, lambda: arm, lambda: None, False)
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -337,19 +337,19 @@ class ImpedanceControl(Scheme):
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, row, compliant, self._h)  # eq. (48)
         command = JointCommand(effort=tick.command.effort, frame=compliant)
-        look = partial(self._look, arm, desired, self.law.compliance.orientation)
-        w = None if self.is_frozen else self._w
-        return Tick(command, desired, look, tick.saturated, tick.excess, w)
+        orientation, w = self.law.compliance.orientation, None if self.is_frozen else self._w
+        displacement = partial(self._displacement, orientation, desired.R_d, arm.R_e)
+        return Tick(command, desired, tick.look, displacement, tick.saturated, tick.excess, w)
 
-    def _look(
-        self, arm: RobotState, desired: DesiredFrame, orientation: OrientationRepresentation
-    ) -> Look:
-        """Return what a tick has seen: the tip against the desired frame, not the compliant one."""
+    def _displacement(
+        self, orientation: OrientationRepresentation, R_d: Array, R_e: Array
+    ) -> Any:
+        """Return x_de of the tip from the desired frame, not from the compliant one."""
         of, before = self._displaced
         before = before if of == orientation else None  # else it means nothing
-        x_de = orientation.displacement(desired.R_d, arm.R_e, before)
+        x_de = orientation.displacement(R_d, R_e, before)
         self._displaced = orientation, x_de
-        return Look(arm, desired.p_d - arm.p_e, x_de)
+        return x_de
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
@@ -386,9 +386,9 @@ class ImpedanceControl(Scheme):
             w = self.chain.contact(self._sensed, arm, acceleration, dt)
             if not (self.chain.force <= law.max_force and self.chain.moment <= law.max_moment):
                 law.refuse_wrench(w)
-        self._w = w + self._blend.offset(dt, w)
+        self._w = w = self._blend.blended(dt, w)
         # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
-        self._h = -(self._w + self._fade.offset(dt, self._w))
+        self._h = -self._fade.blended(dt, w)
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""

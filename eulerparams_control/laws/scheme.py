@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compiled import Input, Inputs, RowLayout, entry, kernel
+from eulerparams_control.laws.compiled import Input, Inputs, entry, kernel
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.robot.chain import arm_width
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -112,33 +111,14 @@ def _too_far(
     return too_far(vec(p_d), mat(R_d), vec(p_e), mat(R_e), position, rotation)
 
 
-class Look(NamedTuple):
-    """What a tick has seen.
-
-    Attributes:
-        state: kinematics on which the loop was closed.
-        dp_de: (3,) [m] position error, eq. (21).
-        x_de: orientation displacement of the representation, eqs. (22), (27).
-    """
-
-    state: RobotState
-    dp_de: Array
-    x_de: Any
-
-
-def seen_in(row: Array, n: int, rows: RowLayout) -> Look:
-    """Return what a row has: that of an arm of n joints, then dp_de, and at its end x_de."""
-    at = arm_width(n)
-    return Look(RobotState.of(row, n), row[at : at + 3], rows.unpack(row[-rows.width :]))
-
-
 class Tick(NamedTuple):
     """One tick of a scheme; what it has seen is made of its numbers where that is asked for.
 
     Attributes:
         command: for the joints.
         desired: the desired frame.
-        look: returns what it has seen.
+        look: returns the kinematics on which the loop was closed.
+        displacement: returns x_de.
         saturated: whether a limit changed the command.
         excess: by how much the joint speeds asked for by the law are beyond their limits; >= 1.
         wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
@@ -146,7 +126,8 @@ class Tick(NamedTuple):
 
     command: JointCommand
     desired: DesiredFrame
-    look: Callable[[], Look]
+    look: Callable[[], RobotState]
+    displacement: Callable[[], Any]
     saturated: bool
     excess: float = 1.0
     wrench: Array | None = None
@@ -154,17 +135,18 @@ class Tick(NamedTuple):
     @property
     def state(self) -> RobotState:
         """Kinematics on which the loop was closed."""
-        return self.look().state
+        return self.look()
 
     @property
     def dp_de(self) -> Array:
         """Position error (3,) [m], eq. (21)."""
-        return self.look().dp_de
+        error: Array = self.desired.p_d - self.look().p_e
+        return error
 
     @property
     def x_de(self) -> Any:
         """Orientation displacement of the representation, eqs. (22), (27)."""
-        return self.look().x_de
+        return self.displacement()
 
 
 class LoopGain(NamedTuple):

@@ -67,8 +67,8 @@ class DesiredFrame(NamedTuple):
         """
         if math.isnan(row[3]):
             raise SingularityError("the rotation of the desired frame is not finite")
-        rows = row.reshape(8, 3)
-        return cls(rows[0], rows[1:4], rows[4], rows[5], rows[6], rows[7])
+        R_d = row[3:12].reshape(3, 3)
+        return cls(row[:3], R_d, row[12:15], row[15:18], row[18:21], row[21:])
 
     @property
     def _is_still(self) -> bool:

@@ -115,7 +115,12 @@ def sampled(times: Array, frames: Array, t: float) -> DesiredFrame:
 
 
 @entry
-def _sample(times: Row, frames: Rows, t: Input, rows: Rows) -> None:
+def _sample(times: Row, frames: Rows, t: float, row: Row) -> None:
+    put_frame(row, 0, sampled(times, frames, t))
+
+
+@entry
+def _samples(times: Row, frames: Rows, t: Input, rows: Rows) -> None:
     for n in range(len(t)):
         put_frame(rows[n], 0, sampled(times, frames, t[n]))
 
@@ -150,14 +155,14 @@ class Trajectory:
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]; at rest before the first and after the last."""
-        row = np.empty((1, 24))
-        _sample(*self.rows, np.array([t]), row)
-        return DesiredFrame.of(row[0])
+        row = np.empty(24)
+        _sample(*self.rows, t, row)
+        return DesiredFrame.of(row)
 
     def samples(self, t: Array) -> DesiredFrame:
         """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
         rows = np.empty((len(t), 24))
-        _sample(*self.rows, t, rows)
+        _samples(*self.rows, t, rows)
         return from_rows(DesiredFrame, rows)
 
     @cached_property

@@ -53,17 +53,10 @@ class RobotState(NamedTuple):
 
     @classmethod
     def of(cls, arm: Array, n: int) -> "RobotState":
-        """Return the state whose parts are views of the row of an arm of n joints, or of rows."""
-        tip, many = arm[..., 2 * n :], arm.shape[:-1]
-        return cls(
-            arm[..., :n],
-            arm[..., n : 2 * n],
-            tip[..., :3],
-            tip[..., 3:12].reshape(*many, 3, 3),
-            tip[..., 12:15],
-            tip[..., 15:18],
-            tip[..., chain.TIP : chain.TIP + 6 * n].reshape(*many, 6, n),
-        )
+        """Return the state whose parts are views of the row of an arm of n joints."""
+        tip = arm[2 * n :]
+        R_e, J = tip[3:12].reshape(3, 3), tip[chain.TIP : chain.TIP + 6 * n].reshape(6, n)
+        return cls(arm[:n], arm[n : 2 * n], tip[:3], R_e, tip[12:15], tip[15:18], J)
 
 
 class DynamicState(NamedTuple):
@@ -278,9 +271,12 @@ class Robot:
         """
         if q.shape != dq.shape or q.shape != (len(q), self.n):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
-        arms = np.empty((len(q), chain.arm_width(self.n)))
+        N, n = q.shape
+        arms = np.empty((N, chain.arm_width(n)))
         chain.states(self.chain, q, dq, arms)
-        return RobotState.of(arms, self.n)
+        tip = arms[:, 2 * n :]
+        R_e, J = tip[:, 3:12].reshape(N, 3, 3), tip[:, chain.TIP :].reshape(N, 6, n)
+        return RobotState(q, dq, tip[:, :3], R_e, tip[:, 12:15], tip[:, 15:18], J)
 
     def dynamic_state(self, q: Array, dq: Array) -> DynamicState:
         """Return kinematics and dynamics for q, dq (n,); the terms of eq. (32).

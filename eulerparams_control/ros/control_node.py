@@ -54,7 +54,7 @@ class ControlNode(ManagedNode):
         self._is_heard = False
         rate = self._params.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
-        self._health.check = self._once_a_second
+        self._health.check, self._health.gather = self._once_a_second, self._gather
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
@@ -167,8 +167,9 @@ class ControlNode(ManagedNode):
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
         period = self._period if command is not None else 0
-        if self._report.answered(controller, t, period, self._params.orientation):
-            self._report_tick(controller)
+        is_due = self._report.answered(controller, t, period, self._params.orientation)
+        if is_due and (tick := self._tick) is not None:
+            self._report.tick(controller, tick, self._stamp)
         self._ending.review()
 
     def _see_rivals(self, controller: Controller) -> None:
@@ -245,13 +246,19 @@ class ControlNode(ManagedNode):
         answer.success, answer.message = True, self._health.message
         return answer
 
-    def _report_tick(self, controller: Controller) -> None:
-        """Report the last tick, unless the arm is held."""
-        tick = controller.guidance.tick_now
-        if tick is None or controller.fault:
-            return
-        self._report.tick(controller, self._params, self._stamp)
-        self._health.values.update(self.values_of(tick))
+    @property
+    def _tick(self) -> Tick | None:
+        """The last tick, unless the arm is held."""
+        if self._controller is None or self._controller.fault:
+            return None
+        return self._controller.guidance.tick_now
+
+    def _gather(self) -> None:
+        """Gather what /diagnostics shows of the last tick."""
+        tick, controller = self._tick, self._controller
+        if tick is not None and controller is not None:
+            self._report.gather(controller, tick, self._params)
+            self._health.values.update(self.values_of(tick))
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

@@ -121,14 +121,13 @@ class ControlReport:
         self._next = t + period
         return True
 
-    def tick(self, controller: Controller, parameters: ControlParameters, stamp: Any) -> None:
+    def tick(self, controller: Controller, tick: Tick, stamp: Any) -> None:
         """Publish pose, desired frame, error and Lyapunov function of the last tick, if heard."""
-        tick, robot = controller.guidance.tick_now, controller.scheme.robot
-        assert tick is not None
-        stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-        frame, p_e, R_e = robot.base_frame, tick.state.p_e, tick.state.R_e
+        robot, stamp = controller.scheme.robot, Time(sec=stamp.sec, nanosec=stamp.nanosec)
+        frame = robot.base_frame
         if self._pose.get_subscription_count():
-            self._pose.publish(pose_to_ros(p_e, R_e, stamp, frame))
+            arm = tick.state
+            self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
         if self._desired.get_subscription_count():
             desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)
             desired.header.stamp = stamp
@@ -139,6 +138,9 @@ class ControlReport:
             lyapunov = controller.guidance.lyapunov()
             if lyapunov is not None:
                 self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
+
+    def gather(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
+        """Gather what /diagnostics shows of the last tick."""
         self._health.values.update(_values(controller, tick, parameters))
         if controller.scheme.lyapunov(tick) is None:
             self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
@@ -218,10 +220,10 @@ def _nearness(controller: Controller) -> str:
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
     """Return what /diagnostics shows of a tick of any scheme."""
-    distance = parameters.representation().singularity_distance(tick.desired.R_d, tick.state.R_e)
+    motion, arm = controller.guidance.motion, tick.state
+    distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
     pace, length = controller.guidance.pace, controller.scheme.robot.length
-    motion = controller.guidance.motion
-    sigma_min = smallest_singular_value(tick.state.J, length)
+    sigma_min = smallest_singular_value(arm.J, length)
     return {
         "orientation": parameters.orientation,
         "distance to representation singularity [rad]": distance,

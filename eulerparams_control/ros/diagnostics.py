@@ -45,6 +45,7 @@ class Health:
     Attributes:
         values: counters and values shown with the state.
         check: called once a second, before the state is published.
+        gather: called each time before the state is published with its values.
     """
 
     def __init__(self, node: Node) -> None:
@@ -58,6 +59,7 @@ class Health:
         self._logged: dict[str, float] = {}
         self.values: Values = {}
         self.check: Callable[[], None] = lambda: None
+        self.gather: Callable[[], None] = lambda: None
         node.create_timer(1.0, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_timer(self) -> None:
@@ -162,6 +164,7 @@ class Health:
 
     def publish(self) -> None:
         """Publish the state now."""
+        self.gather()
         level, message = self._level, self._message
         passing = sorted(text for text, until in self._passing.items() if steady() < until)
         if level == OK and passing:
