@@ -269,13 +269,14 @@ class StuckSensor:
     def __init__(self, limits: JointLimits) -> None:
         self._limits = limits
         self._is_stuck = False
-        self._w: Array | None = None  # measured last, since when [s], and where the arm was (n,)
+        self._w = b""  # measured last, since when [s], and where the arm was (n,)
         self._since, self._q = 0.0, np.zeros(len(limits.upper))
 
     def update(self, w: Array, q: Array, now: float) -> bool:
         """Take a new measurement w (6,) at the positions q (n,) and the time now [s]."""
-        if self._w is None or not np.array_equal(w, self._w):
-            self._w, self._q, self._since, self._is_stuck = w, q, now, False
+        said = w.tobytes()
+        if said != self._w:
+            self._w, self._q, self._since, self._is_stuck = said, q, now, False
         elif w.any() and now - self._since > _REPEATS:
             self._is_stuck |= bool((self._limits.deviation(q, self._q) > _MOVED).any())
         return self._is_stuck

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
-from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
 from eulerparams_control.messages.wire import Template
@@ -127,6 +127,7 @@ class ComplianceCommands:
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
+        quaternion.prepare()  # not while an arm moves
         self._template: Template | None = None
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
@@ -140,8 +141,8 @@ class ComplianceCommands:
             if self._template is None:
                 msg = motion_to_ros(Trajectory([0.0], [frame]), *self._frames)
                 self._template = Template(type(msg).__name__, serialize_message(msg), _OF_A_FRAME)
-            eta, eps = EulerParameters.from_R(frame.R_d)
-            numbers = frame.p_d, eps, eta, *frame[2:]
+            Q = quaternion.row(frame.R_d)
+            numbers = frame.p_d, Q[1:], Q[0], *frame[2:]
             self._publisher.publish(self._template.filled(stamp, numbers))
 
     @property
