@@ -23,7 +23,6 @@ from eulerparams_control.laws.compiled import (
     RowLayout,
     entry,
     formula,
-    from_rows,
     kernel,
     layout,
     template,
@@ -305,60 +304,6 @@ class OrientationRepresentation(ABC):
             ConfigurationError: if it has none in them.
         """
         return Z
-
-    def compliance_begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
-        """Return the state y of the rotational impedance for two frames, as a row.
-
-        Args:
-            R_d, R_c: (3, 3) desired and compliant orientation, base frame.
-            omega_d, omega_c: (3,) [rad/s] their angular velocities, base frame.
-
-        Raises:
-            SingularityError: if the representation has no finite rate there.
-        """
-        begin = self.compliance.begin
-        y = begin(R_d, omega_d, R_c, omega_c, self.options.values)
-        return self._finite(to_rows(begin.result, y))
-
-    def compliance_input(self, R_d: Array, mu: Array, previous: Array | None) -> Array:
-        """Return what the rotational impedance is driven by, as a row.
-
-        Args:
-            R_d: (3, 3) desired orientation, base frame.
-            mu: (3,) [Nm] contact moment on the end effector, base frame.
-            previous: what was returned for the sample before, or None.
-        """
-        drive = self.compliance.drive
-        before = np.zeros(layout(drive.result).width) if previous is None else previous
-        u = drive(R_d, mu, from_rows(drive.result, before), self.options.values)
-        return to_rows(drive.result, u)
-
-    def compliance_rate(self, y: Array, u: Array, Z: Impedance) -> Array:
-        """Return dy of the rotational impedance, eqs. (55), (59).
-
-        Args:
-            y: state, from :meth:`compliance_begin`.
-            u: from :meth:`compliance_input`.
-            Z: from :meth:`impedance`.
-        """
-        begin, drive, rate, *_ = self.compliance
-        state, given = from_rows(begin.result, y), from_rows(drive.result, u)
-        return to_rows(begin.result, rate(state, given, Z.values, self.options.values))
-
-    def compliance_end(
-        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
-        """Return the compliant rotation in the base frame: the inverse of the beginning.
-
-        Args:
-            y, dy: state and its rate.
-            u: from :meth:`compliance_input`.
-            R_d: (3, 3), omega_d, domega_d: (3,) the desired frame now, base frame.
-        """
-        begin, drive, _, _, end = self.compliance
-        states = (from_rows(begin.result, row) for row in (y, dy))
-        given, options = from_rows(drive.result, u), self.options.values
-        return end(*states, given, R_d, omega_d, domega_d, options)
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
         """Return V_3 of the impedance, eqs. (68), (69); None if it has none.

@@ -18,8 +18,10 @@ from eulerparams_control.lab.experiments.library._samples import (
 )
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import EulerSequence, representation
+from eulerparams_control.laws.orientation.euler_angles import AnglesInput
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
+    RelativeTurn,
 )
 from eulerparams_control.laws.orientation.sequences import wrap
 from eulerparams_control.laws.rotations import Array, EulerParameters, exp
@@ -122,20 +124,21 @@ def _compliant() -> Residuals:
     frame differenced, and the law gets what follows from them, R_c, omega_c and domega_c.
     """
     law = representation("euler_angles")
+    (begin, drive, rate, _, end_of), options = law.compliance, law.options.values
     frames = zip(*(_clear_of_poles(key) for key in (33, 34, 35)), strict=True)
     motions = zip(*(vectors(_SAMPLES, key) for key in range(36, 41)), strict=True)
     for (R_d, R_c, R_e), (omega_d, domega_d, omega_c, mu, omega_e) in zip(
         frames, motions, strict=True
     ):
-        u = law.compliance_input(R_d, mu, None)
-        y = law.compliance_begin(R_d, omega_d, R_c, omega_c)
-        dy = law.compliance_rate(y, u, _Z)
-        end = law.compliance_end(y, dy, u, R_d, omega_d, domega_d)
+        u = drive(R_d, mu, AnglesInput(np.zeros(3), mu), options)
+        y = begin(R_d, omega_d, R_c, omega_c, options)
+        dy = rate(y, u, _Z.values, options)
+        end = end_of(y, dy, u, R_d, omega_d, domega_d, options)
         x_ce = law.displacement(end.R_c, R_e)
         a_o = law.resolved_acceleration(x_ce, end.omega_c, end.domega_c, omega_e, _k_P, _k_V)
         dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
-        aims = dphi_d + y[3:], ddphi_d + dy[3:]
-        error = wrap(_XYZ.extract(R_d) + y[:3] - x_ce.phi_e)
+        aims = dphi_d + y.dphi_cd, ddphi_d + dy.dphi_cd
+        error = wrap(_XYZ.extract(R_d) + y.phi_cd - x_ce.phi_e)
         T, dphi_e = _XYZ.T(x_ce.phi_e), _XYZ.rates(x_ce.phi_e, omega_e)
         printed = a_o - _XYZ.dT(x_ce.phi_e, dphi_e) @ dphi_e + T @ dphi_e
         for name, domega_e in (("(50)", a_o), ("(50) as printed", printed)):
@@ -145,12 +148,13 @@ def _compliant() -> Residuals:
 def _turning_frame() -> Residuals:
     """Yield those of (59): the acceleration of the compliant frame while the desired one turns."""
     law = representation("euler_parameters")
+    end, options = law.compliance.end, law.options.values
     moving = zip(vectors(_SAMPLES, 26), vectors(_SAMPLES, 27), vectors(_SAMPLES, 28), strict=True)
     for R_d, (omega_d, x, dx) in zip(rotations(_SAMPLES, 29), moving, strict=True):
-        y = np.concatenate(([1.0, 0.0, 0.0, 0.0], x))
-        dy = np.concatenate((np.zeros(4), dx))
         zero = np.zeros(3)
-        found = law.compliance_end(y, dy, zero, R_d, omega_d, zero).domega_c
+        y = RelativeTurn(EulerParameters(1.0, zero), x)
+        dy = RelativeTurn(EulerParameters(0.0, zero), dx)
+        found = end(y, dy, zero, R_d, omega_d, zero, options).domega_c
         rate = derivative(partial(_omega_c, R_d, omega_d, x, dx))
         yield "(59)", size(found - rate)
         yield "(59) as printed", size(R_d @ dx - rate)
