@@ -586,6 +586,40 @@ def test_a_law_that_is_replaced_at_each_tick_acts_in_the_end():
     assert left < 1e-2
 
 
+def test_a_blend_that_begins_with_no_step_begins_again_with_a_whole_one():
+    (q, dq), goal = states(UR5, HOME)[0], displaced()
+    scheme = dynamic(blend_time=0.1)
+    before = scheme.tick(0.05, q, dq, goal).command.effort
+    scheme.replace_law(law(), InverseDynamics(), EffortLimits())  # the same
+    assert_close(scheme.tick(0.05, q, dq, goal).command.effort, before, NULL_SPACE)
+    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
+    assert_close(scheme.tick(0.05, q, dq, goal).command.effort, before, NULL_SPACE)
+
+
+def test_after_efforts_that_held_it_and_were_ramped_a_law_begins_without_a_jump():
+    scheme = dynamic(limits_of(rate=1.0))
+    scheme.tick(DT, HOME, STILL, pose_of(UR5, HOME))
+    scheme.hold(DT, HOME, np.full(6, 0.5))
+    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
+    tick = scheme.tick(DT, HOME, STILL, displaced())
+    assert np.abs(tick.command.effort - unlimited_effort(scheme, tick)).max() > 1
+
+
+def test_a_tick_that_is_refused_leaves_the_step_to_another_law_to_the_next_one():
+    goal, limits = displaced(0.01, 0.05), limits_of(rate=math.inf, position=1.0)
+    scheme = dynamic(limits)
+    before = scheme.tick(DT, HOME, STILL, goal).command.effort
+    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), limits)
+    with pytest.raises(FollowingError):
+        scheme.tick(DT, HOME, STILL, displaced(2.0))
+    assert_close(scheme.tick(DT, HOME, STILL, goal).command.effort, before, NULL_SPACE)
+
+
+def test_joints_of_another_number_are_refused():
+    with pytest.raises(RobotError, match=r"expected \(6,\)"):
+        dynamic().tick(DT, HOME[:5], STILL[:5], displaced())
+
+
 def test_a_law_that_is_refused_is_not_taken():
     scheme = dynamic()
     kept = scheme.law, scheme.dynamics, scheme.limits

@@ -318,6 +318,15 @@ def test_where_the_paper_has_no_lyapunov_function_none_is_published_and_that_is_
     assert functions == []
 
 
+def test_a_representation_that_is_changed_between_two_states_is_shown_by_its_first_tick(node):
+    node.change(orientation="rotation_vector")
+    node.arm.ticks(50)
+    node.change(orientation="euler_parameters")
+    node.graph.advance(1.5)  # what is shown meanwhile is none of the tick of the other one
+    node.arm.ticks(50)
+    assert "internal error" not in node.status().message + node.graph.logs()
+
+
 # --- lifecycle -------------------------------------------------------------------------------
 
 

@@ -127,7 +127,7 @@ def jacobian(sigma):
 
 def update(pace, now, q, dq, J):
     """Let a pace look at an arm."""
-    assert pace.is_due(0.01)
+    assert pace.advance(0.01)
     pace.update(now, q, dq, J)
 
 

@@ -46,6 +46,7 @@ class Guidance:
         pace: how fast the arm bears it.
         is_braking: whether it brakes along its path, to hold what it comes to.
         tick_now: the last tick of the scheme; None before the first.
+        of_law: the same; None until the law in force has made one.
         saturated: how many ticks a limit has changed.
         dt: [s] of the last tick.
     """
@@ -59,6 +60,7 @@ class Guidance:
         )
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
+        self.of_law: Tick | None = None
         self.saturated, self.dt = 0, 0.0
         self.is_braking, self._jump = False, 0  # [ns] that the stamps are ahead of the motion
         self._options = options
@@ -84,6 +86,7 @@ class Guidance:
         self.pace.limits, self.pace.motion, self._options = joints, options.motion, options
         self.scale.limits = options.motion
         self.motion.change(options.motion, options.max_jump)
+        self.of_law = None
         self.forget()
 
     def forget(self) -> None:
@@ -166,7 +169,7 @@ class Guidance:
             tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
             raise LawError(error) from error
-        if self.pace.is_due(dt):
+        if self.pace.advance(dt):
             arm = tick.state
             self.pace.update(scale.now, arm.q, arm.dq, arm.J)
         if self.is_braking:
@@ -177,7 +180,7 @@ class Guidance:
             # the arm is behind already: time waits for it at once
             scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
         self._ticks, self.dt = (tick, self._ticks[0]), dt
-        self.tick_now = tick
+        self.tick_now = self.of_law = tick
         self.saturated += tick.saturated
         return tick.command
 

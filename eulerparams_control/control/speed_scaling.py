@@ -93,8 +93,8 @@ class SpeedScaling:
         self._left = math.inf  # [s] until sigma is 0, as it falls now
         self._since = _LOOK
 
-    def is_due(self, dt: float) -> bool:
-        """Return whether the arm is to be looked at again, dt [s] after the last step."""
+    def advance(self, dt: float) -> bool:
+        """Let dt [s] go by; return whether the arm is to be looked at again."""
         self._since += dt
         return self._since >= _LOOK
 

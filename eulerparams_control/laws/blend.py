@@ -38,17 +38,19 @@ class Blend:
     def step(self, dt: float) -> tuple[Array, Array, float]:
         """Return what :func:`add_left` takes, dt [s] after the last command."""
         last, left = self._last, self._left
+        if left is not NONE and not np.any(np.abs(left) > _NOTHING):
+            self._left = left = NONE
         if last is left is NONE:
             return NONE, NONE, 1.0
-        share = 1.0
         if left is NONE:  # it begins: without a jump
             self._left = left = np.zeros_like(last)
-        else:  # it decays through further changes: laws replaced at each tick must act in the end
-            share = math.exp(-dt / self.time)
-        if last is NONE and not np.any(np.abs(share * left) > _NOTHING):
-            self._left = left = NONE
+            return last, left, 1.0
+        # it decays through further changes: laws replaced at each tick must act in the end
+        return last, left, math.exp(-dt / self.time)
+
+    def kept(self) -> None:
+        """Take the last command for one of the new law."""
         self._last = NONE
-        return last, left, share
 
     def blended(self, dt: float, command: Array) -> Array:
         """Return the command (n,) of the law, dt [s] after the last, with what is left."""
@@ -56,6 +58,7 @@ class Blend:
         if left is not NONE:
             command = command.copy()
             add_left(last, left, share, command)
+        self.kept()
         return command
 
 

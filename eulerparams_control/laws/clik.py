@@ -267,6 +267,7 @@ class _Bounds(NamedTuple):
 
 _read_bounds = layout(_Bounds).read
 
+
 @kernel
 def _places(n: int) -> tuple[int, int, int, int]:
     """Return where the excess, q, dq and x_de are in the row of a tick, behind the arm."""
@@ -389,7 +390,7 @@ class Clik(Scheme):
         self.robot = robot
         self.feedback = feedback
         self._blend = Blend(blend_time)
-        self.max_deviation = max_deviation
+        self._max_deviation = max_deviation
         self._places = _places(robot.n)
         self.keep_to(limits, max_error, motion)
         self._take(_checked(law, robot))
@@ -399,14 +400,14 @@ class Clik(Scheme):
         self, limits: JointLimits | None, max_error: ErrorBounds, motion: MotionLimits | None
     ) -> None:
         """Keep to these limits and errors from the next tick on."""
-        self.limits, self.max_error = limits, max_error
-        errors = self.max_deviation, max_error.position, max_error.rotation
+        self.limits, self._max_error = limits, max_error
+        errors = self._max_deviation, max_error.position, max_error.rotation
         most = NO_LIMITS.row if motion is None else motion.row
         self._bounds = np.array([self.feedback == FEEDBACKS[0], *errors, *most])
 
     def _take(self, law: ClikLaw) -> None:
         self.law = law
-        self._step = law_of(_tick, _law, type(law.orientation))  # not while an arm moves
+        self._step = law_of(_tick, _law, type(law.orientation))  # before it is ticked
         posture = NONE if law.posture is None else law.posture
         self._given = law.numbers, posture, rows_of(law.joints)
 
@@ -486,10 +487,11 @@ class Clik(Scheme):
                 the desired frame.
         """
         row, bounds = np.empty(len(self._row)), (self._bounds, rows_of(self.limits))
-        arm, blend = (self.robot.chain, q, dq), self._blend.step(dt)
+        arm, blend = (self.robot.chain, *self.robot.checked(q, dq)), self._blend.step(dt)
         found = self._step(*arm, *desired, self._row, dt, *self._given, *bounds, *blend, row)
         if found < 0:
             raise self._error(found, row, q, desired)
+        self._blend.kept()
         self._keep(row)
         at, *_, at_x = self._places
         look = partial(RobotState.of, row, self.robot.n)
@@ -504,7 +506,7 @@ class Clik(Scheme):
         if found == _AWAY:
             return self._deviation(row, q)
         if found in (FAR, TURNED):
-            return self.max_error.error(found, desired, RobotState.of(row, len(q)))
+            return self._max_error.error(found, desired, RobotState.of(row, len(q)))
         if found == _SINGULAR:
             return SingularityError(self.law.orientation.singularity)
         if found == _LOST:
@@ -521,7 +523,7 @@ class Clik(Scheme):
         i = int(np.argmax(deviation))
         return FollowingError(
             f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at most "
-            f"{self.max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
+            f"{self._max_deviation} is allowed: is the arm braked or blocked, or its servo off? "
             "then send the reference again, else raise max_deviation"
         )
 

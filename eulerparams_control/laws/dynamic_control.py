@@ -332,13 +332,14 @@ class EffortLimits:
     def __post_init__(self) -> None:
         if not np.all(np.asarray(self.rate) > 0):
             raise ConfigurationError(f"rate is {self.rate}; expected > 0")
-
         object.__setattr__(self, "errors", ErrorBounds(self.error_position, self.error_rotation))
 
     @cached_property
     def rates(self) -> Array:
         """The rates (n,) [Nm/s] of the efforts; (0,): there are no limits."""
-        return NONE if self.joints is None else np.full_like(self.joints.effort, self.rate)
+        if self.joints is None:
+            return NONE
+        return np.full(len(self.joints.effort), self.rate, dtype=float)
 
     @cached_property
     def bounds(self) -> Array:
@@ -405,7 +406,7 @@ class DynamicControl(Scheme):
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
     ) -> None:
         self.law, self.dynamics, self.limits = law, dynamics, limits
-        self._step = law_of(_tick, _law, type(law.orientation))  # not while an arm moves
+        self._step = law_of(_tick, _law, type(law.orientation))  # before it is ticked
         posture = NONE if dynamics.posture is None else dynamics.posture
         self._resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
 
@@ -515,9 +516,13 @@ class DynamicControl(Scheme):
         return self.tick_at(dt, self.row_at(q, dq), desired)
 
     def row_at(self, q: Array, dq: Array) -> Array:
-        """Return the row of a tick at q, dq (n,), of which that of the arm is filled in."""
+        """Return the row of a tick at q, dq (n,), of which that of the arm is filled in.
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
         row = np.empty(self._places[3] + self.law.orientation.rows.width)
-        state(self.robot.chain, q, dq, self._work, row)
+        state(self.robot.chain, *self.robot.checked(q, dq), self._work, row)
         return row
 
     def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
@@ -525,7 +530,7 @@ class DynamicControl(Scheme):
 
         Args:
             dt: [s] after the tick before.
-            row: from :meth:`row_at`.
+            row: from the last :meth:`row_at`; it becomes that of the command, and serves once.
             desired: the desired frame.
             h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
 
@@ -543,6 +548,8 @@ class DynamicControl(Scheme):
         )
         if found < 0:
             raise self._error(found, row, desired)
+        self._blend.kept()
+        self._saturated = found != 0
         self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
         self._x_de = row[at_x:]
         look = partial(RobotState.of, row, n)
@@ -597,4 +604,3 @@ class DynamicControl(Scheme):
         """Remember a command for the next one: what changed it, and dq, ddq, tau (n,)."""
         self._ddq, self._tau, self._start = ddq, tau, None
         self._dq = NONE if changed & (CUT | RAMPED) else dq
-        self._saturated = changed != 0

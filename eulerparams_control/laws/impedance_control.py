@@ -11,12 +11,12 @@ wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about
 import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
@@ -25,7 +25,7 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
+from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
@@ -82,11 +82,11 @@ class NoMotionLoop:
     def row_at(self, q: Array, dq: Array) -> Array:
         """Return the row of the arm at q, dq (n,)."""
         row, work = np.empty(arm_width(self.robot.n)), np.empty((self.robot.n, WORK))
-        state(self.robot.chain, q, dq, work, row)
+        state(self.robot.chain, *self.robot.checked(q, dq), work, row)
         return row
 
     def tick_at(
-        self, dt: float, row: Array, desired: DesiredFrame, h: Array | None = None
+        self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE
     ) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
         arm = RobotState.of(row, self.robot.n)
@@ -215,6 +215,8 @@ class ImpedanceControl(Scheme):
         self.motion.replace_law(motion, dynamics, limits)
         moved = self.law.centre.inverse, law.centre
         self._compliant.replace_law(law.compliance, moved)
+        if law.compliance.orientation != self.law.compliance.orientation:
+            self._x_de = law.compliance.orientation.row(None)  # else it means nothing
         self.chain.replace_options(law.wrench)
         self._blend.replace(self._w)
         self.law = law
@@ -283,7 +285,7 @@ class ImpedanceControl(Scheme):
         self._fade.reset()
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._dq = None
-        self._displaced: tuple[Any, Any] = None, None  # x_de that was seen last, and of what
+        self._x_de = self.law.compliance.orientation.row(None)
         self._was_frozen = False
         self._held: DesiredFrame | None = None
 
@@ -338,18 +340,10 @@ class ImpedanceControl(Scheme):
         tick = self.motion.tick_at(dt, row, compliant, self._h)  # eq. (48)
         command = JointCommand(effort=tick.command.effort, frame=compliant)
         orientation, w = self.law.compliance.orientation, None if self.is_frozen else self._w
-        displacement = partial(self._displacement, orientation, desired.R_d, arm.R_e)
+        # of the tip from the desired frame, not from the compliant one
+        self._x_de = orientation.displaced(desired.R_d, arm.R_e, self._x_de)
+        displacement = partial(orientation.rows.unpack, self._x_de)
         return Tick(command, desired, tick.look, displacement, tick.saturated, tick.excess, w)
-
-    def _displacement(
-        self, orientation: OrientationRepresentation, R_d: Array, R_e: Array
-    ) -> Any:
-        """Return x_de of the tip from the desired frame, not from the compliant one."""
-        of, before = self._displaced
-        before = before if of == orientation else None  # else it means nothing
-        x_de = orientation.displacement(R_d, R_e, before)
-        self._displaced = orientation, x_de
-        return x_de
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
@@ -370,7 +364,7 @@ class ImpedanceControl(Scheme):
 
         Args:
             arm: its kinematics.
-            row: the same.
+            row: of which these are; it has dJ dq, too.
             dt: [s] after the tick before.
 
         Raises:

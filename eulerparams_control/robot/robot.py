@@ -260,7 +260,7 @@ class Robot:
             RobotError: if q or dq has not n elements.
         """
         arm, n = np.empty(chain.arm_width(self.n)), self.n
-        chain.state(self.chain, *self._checked(q, dq), np.empty((n, chain.WORK)), arm)
+        chain.state(self.chain, *self.checked(q, dq), np.empty((n, chain.WORK)), arm)
         return RobotState.of(arm, n)
 
     def states(self, q: Array, dq: Array) -> RobotState:
@@ -286,10 +286,15 @@ class Robot:
         """
         arm, n = np.empty(chain.arm_width(self.n)), self.n
         terms = np.empty((n, n)), np.empty(n), np.empty(n)
-        chain.dynamic_state(self.chain, *self._checked(q, dq), arm, *terms)
+        chain.dynamic_state(self.chain, *self.checked(q, dq), arm, *terms)
         return DynamicState(RobotState.of(arm, n), chain.dJ_dq(arm, n), *terms)
 
-    def _checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
+    def checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Return q, dq (n,) as formulas take them.
+
+        Raises:
+            RobotError: if one has not n elements.
+        """
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
         if q.shape != (self.n,) or dq.shape != (self.n,):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")

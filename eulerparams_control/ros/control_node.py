@@ -55,6 +55,7 @@ class ControlNode(ManagedNode):
         rate = self._params.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
+        self._shown: Tick | None = None
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
@@ -168,7 +169,8 @@ class ControlNode(ManagedNode):
         self._see_rivals(controller)
         period = self._period if command is not None else 0
         is_due = self._report.answered(controller, t, period, self._params.orientation)
-        if is_due and (tick := self._tick) is not None:
+        tick = None if controller.fault else controller.guidance.of_law
+        if is_due and tick is not None:
             self._report.tick(controller, tick, self._stamp)
         self._ending.review()
 
@@ -246,19 +248,17 @@ class ControlNode(ManagedNode):
         answer.success, answer.message = True, self._health.message
         return answer
 
-    @property
-    def _tick(self) -> Tick | None:
-        """The last tick, unless the arm is held."""
-        if self._controller is None or self._controller.fault:
-            return None
-        return self._controller.guidance.tick_now
-
     def _gather(self) -> None:
-        """Gather what /diagnostics shows of the last tick."""
-        tick, controller = self._tick, self._controller
-        if tick is not None and controller is not None:
-            self._report.gather(controller, tick, self._params)
-            self._health.values.update(self.values_of(tick))
+        """Gather what /diagnostics shows of the controller, and of a tick that it did not show."""
+        controller, values = self._controller, self._health.values
+        if controller is None:
+            return
+        values.update(self._report.counts(controller))
+        tick = controller.guidance.of_law
+        if tick is not None and tick is not self._shown:
+            self._shown = tick
+            self._report.show(controller, tick, self._params)
+            values.update(self.values_of(tick))
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

@@ -139,8 +139,21 @@ class ControlReport:
             if lyapunov is not None:
                 self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
 
-    def gather(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
-        """Gather what /diagnostics shows of the last tick."""
+    def counts(self, controller: Controller) -> Values:
+        """Return what a controller has counted, whether or not it moves."""
+        motion = controller.guidance.motion
+        return {
+            PACE: controller.guidance.scale.now,
+            SLOWED: motion.slowed,
+            "references ahead of joint_states [s]": motion.ahead,
+            "references that never began": motion.lost,
+            SATURATED: controller.guidance.saturated,
+            "commands bounded by the guard": controller.limiter.bounded,
+            "restarts after a gap of joint_states": controller.resets,
+        }
+
+    def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
+        """Show the values of a tick in /diagnostics."""
         self._health.values.update(_values(controller, tick, parameters))
         if controller.scheme.lyapunov(tick) is None:
             self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
@@ -220,7 +233,7 @@ def _nearness(controller: Controller) -> str:
 
 def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
     """Return what /diagnostics shows of a tick of any scheme."""
-    motion, arm = controller.guidance.motion, tick.state
+    arm = tick.state
     distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
     pace, length = controller.guidance.pace, controller.scheme.robot.length
     sigma_min = smallest_singular_value(arm.J, length)
@@ -231,12 +244,5 @@ def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -
         "inverse of J": "damped" if sigma_min < parameters.damping_eps else "exact",
         "kinematic singularity": pace.singularity.name.lower(),
         "limit of a joint": pace.limit.name.lower(),
-        PACE: controller.guidance.scale.now,
         "saturated": int(tick.saturated),
-        SLOWED: motion.slowed,
-        "references ahead of joint_states [s]": motion.ahead,
-        "references that never began": motion.lost,
-        SATURATED: controller.guidance.saturated,
-        "commands bounded by the guard": controller.limiter.bounded,
-        "restarts after a gap of joint_states": controller.resets,
     }

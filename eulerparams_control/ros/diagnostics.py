@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import InvalidMessageError, kind_of
+from eulerparams_control.errors import InvalidMessageError, defect, kind_of
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.keys import CAUSE, DESERIALISED, MODE, REMEDY, SINCE
 from eulerparams_control.messages.wire import Reader
@@ -164,7 +164,10 @@ class Health:
 
     def publish(self) -> None:
         """Publish the state now."""
-        self.gather()
+        try:
+            self.gather()
+        except Exception as error:  # what is shown must not end what controls
+            self.complain(f"{defect(error)}, of /diagnostics", error=True, about="gather")
         level, message = self._level, self._message
         passing = sorted(text for text, until in self._passing.items() if steady() < until)
         if level == OK and passing:

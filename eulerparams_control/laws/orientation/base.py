@@ -20,16 +20,20 @@ import numpy as np
 from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.compiled import (
     Formula,
+    Input,
+    Inputs,
+    Row,
     RowLayout,
     entry,
     formula,
     kernel,
     layout,
+    slot,
     template,
     to_rows,
 )
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
+from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike, mat
 from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
 from eulerparams_control.laws.orientation.sign import Sign, SignRule
 from eulerparams_control.laws.rotations import Array
@@ -133,26 +137,38 @@ class OrientationOptions:
         return to_rows(Coordinates, self.values)
 
 
+displacement = read = put = slot  # of a representation
+_read_options = layout(Coordinates).read
+
+
+def _displaced(R_d: Inputs, R_e: Inputs, previous: Input, options: Input, x_de: Row) -> None:
+    before = read(previous, 0)
+    put(x_de, 0, displacement(mat(R_d), mat(R_e), before, _read_options(options, 0)))
+
+
 @cache
 def law_of(
     call: Callable[..., int], law: Callable[..., Any], kind: type["OrientationRepresentation"]
 ) -> Callable[..., int]:
-    """Return what Python calls of a law in which formulas are those of a representation, compiled.
+    """Return what Python calls of a law, compiled for a representation; there its name is ``law``.
 
-    There ``law`` is its name.
+    In the law the names of formulas are those of the representation.
     """
-    made, rows = _of_representation(law, kind), layout(kind.laws.displacement.result)
-    name = f"{call.__module__}_{call.__name__}_{kind.identifier()}".replace(".", "_")
-    return entry(template(call, name, law=made, read=rows.read, put=rows.put))
+    made = kernel(template(law, _name_of(law, kind), **kind.laws._asdict()))
+    return _entry_of(call, kind, law=made)
 
 
 @cache
-def _of_representation(
-    law: Callable[..., Any], kind: type["OrientationRepresentation"]
+def _entry_of(
+    call: Callable[..., Any], kind: type["OrientationRepresentation"], **slots: Any
 ) -> Callable[..., Any]:
-    """Return a law in which the names of formulas are those of a representation."""
-    name = f"{law.__module__}_{law.__name__}_{kind.identifier()}".replace(".", "_")
-    return kernel(template(law, name, **kind.laws._asdict()))
+    rows = layout(kind.laws.displacement.result)
+    slots |= {"displacement": kind.laws.displacement, "read": rows.read, "put": rows.put}
+    return entry(template(call, _name_of(call, kind), **slots))
+
+
+def _name_of(function: Callable[..., Any], kind: type["OrientationRepresentation"]) -> str:
+    return f"{function.__module__}_{function.__name__}_{kind.identifier()}".replace(".", "_")
 
 
 class OrientationRepresentation(ABC):
@@ -209,11 +225,16 @@ class OrientationRepresentation(ABC):
             previous: the displacement of the sample before, or None at the first; what
                 is not unique (a sign, an angle at the pole) follows from it.
         """
-        of = self.laws.displacement
         if np.ndim(R_d) == 2 == np.ndim(R_e):
-            taken = np.concatenate((R_d, R_e, self.options.row), axis=None)
-            return self.rows.unpack(of.rows(taken[None], self.row(previous))[0])
-        return of(R_d, R_e, self._none if previous is None else previous, self.options.values)
+            return self.rows.unpack(self.displaced(R_d, R_e, self.row(previous)))
+        before = self._none if previous is None else previous
+        return self.laws.displacement(R_d, R_e, before, self.options.values)
+
+    def displaced(self, R_d: Array, R_e: Array, previous: Array) -> Array:
+        """Return the displacement of one sample as a row, from that before; see ``rows``."""
+        x_de = np.empty(self.rows.width)
+        _entry_of(_displaced, type(self))(R_d, R_e, previous, self.options.row, x_de)
+        return x_de
 
     def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
         """Return the angular velocity omega (3,) [rad/s] that CLIK asks for.
@@ -253,8 +274,8 @@ class OrientationRepresentation(ABC):
         return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
 
     def prepare(self) -> None:
-        """Compile what maps its formulas over N samples, now."""
-        self.laws.displacement.prepare()
+        """Compile its displacement, now."""
+        _entry_of(_displaced, type(self))
 
     @classmethod
     def identifier(cls) -> str:
