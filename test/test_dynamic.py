@@ -862,7 +862,7 @@ INERTIA = """<inertial> <mass value="1"/>
     [
         ("", "fixed", "9", "not positive definite.*lacks <inertial>.*beyond turn"),
         (INERTIA, "fixed", "0", "effort limit of 0 for turn"),
-        (INERTIA, "prismatic", "9", "lift can move between the root.*base: the direction of grav"),
+        (INERTIA, "revolute", "9", "lift can turn between the root.*base: the direction of grav"),
     ],
 )
 def test_a_robot_whose_efforts_cannot_be_known_is_refused(inertia, lift, limit, text):
@@ -870,6 +870,7 @@ def test_a_robot_whose_efforts_cannot_be_known_is_refused(inertia, lift, limit, 
         urdf = TURRET.replace("INERTIA", inertia).replace("LIFT", lift).replace("LIMIT", limit)
         return dynamic(robot=Robot(urdf, "base", "turret"), q=np.zeros(1))
 
-    turret(INERTIA, "fixed", "9")  # is none of them
+    for harmless in ("fixed", "prismatic"):
+        turret(INERTIA, harmless, "9")
     with pytest.raises(RobotError, match=text):
         turret(inertia, lift, limit)

@@ -24,6 +24,7 @@ from samples import (
     uniform,
     unit_vectors,
 )
+from simulated import MS, Simulated
 from tolerances import (
     ALGEBRAIC,
     AT_POINT_WRENCH,
@@ -56,10 +57,8 @@ from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot, Tool
-from sim_bridge.simulator import Simulator, SimulatorParameters
 
 DT = 1e-3  # [s]
-MS = 1_000_000  # [ns]
 I = np.eye(3)
 O = np.zeros(3)
 NO_WRENCH = np.zeros(6)
@@ -115,42 +114,22 @@ def sensed_at_tip(w, R_e):
 # --- the loop with the simulator ------------------------------------------------------------------
 
 
-class Run:
-    """A simulated arm under impedance control, and what it did at each tick.
-
-    Attributes:
-        ticks: of the scheme; efforts: (n,) commanded; frames: compliant.
-    """
+class Run(Simulated):
+    """A simulated UR5 under impedance control, and its compliant frames."""
 
     def __init__(self, scheme, desired, q_0=None, **simulated):
-        description, q_0 = load_robot("ur5"), at_the_middle() if q_0 is None else q_0
-        self.scheme = scheme
-        self.simulator = Simulator(description, SimulatorParameters(control="torque", **simulated))
-        self.simulator.reset(q_0)
         far = ControllerOptions(max_jump_position=9.0, max_jump_rotation=math.pi)
-        self.controller = Controller(scheme, far, q_0)
-        self.controller.follow(Trajectory([0.0], [desired]), 0)
-        self.sensor = UR5.placement(description.sensor_frame)
-        self.ticks, self.efforts, self.frames = [], [], []
+        q_0 = at_the_middle() if q_0 is None else q_0
+        super().__init__("ur5", scheme, far, Trajectory([0.0], [desired]), q_0, **simulated)
+        self.sensor, self.frames = UR5.placement(load_robot("ur5").sensor_frame), []
 
     def go(self, duration, sensing=True):
         """Run on for some time [s]."""
         for _ in range(round(duration / DT)):
-            state = self.simulator.read()
-            self.scheme.sense(SensedWrench(state.wrench, self.sensor) if sensing else None)
-            command = self.controller.step(len(self.ticks) * MS, state.q, state.dq)
-            self.ticks.append(self.controller.guidance.tick_now)
-            self.efforts.append(command.effort)
-            self.frames.append(command.frame)
-            self.simulator.command_effort(command.effort)
-            self.simulator.step()
+            wrench = self.simulator.read().wrench
+            self.scheme.sense(SensedWrench(wrench, self.sensor) if sensing else None)
+            self.frames.append(self.step().frame)
         return self
-
-    def end(self):
-        """Close the simulator; return the last tick."""
-        self.simulator.close()
-        assert not self.controller.fault, self.controller.fault
-        return self.ticks[-1]
 
 
 def plane_below(p, depth=0.01, stiffness=2e4):

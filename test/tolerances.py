@@ -84,6 +84,8 @@ CLOSED_FORM = 1e-3
 CLOSED_LOOP = 5e-3
 # E7: errors of an arm that is commanded at 1 kHz.
 E7_DEG, E7_MM = 5e-3, 0.02
+# The same of any robot of the catalogue.
+ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
 # dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
 # effort is constant for a tick; the trapezium leaves dt^2 / 12 of the second derivative (4e3).
 LYAPUNOV_SAMPLED, V_3_SAMPLED = 0.02, 5e-4

@@ -230,7 +230,7 @@ def check_model(robot: Robot) -> None:
         raise RobotError(f"the URDF has an effort limit of 0 for {', '.join(weak)}")
     if robot.mount:
         raise RobotError(
-            f"{', '.join(robot.mount)} can move between the root of the URDF and base_frame "
+            f"{', '.join(robot.mount)} can turn between the root of the URDF and base_frame "
             f"{robot.base_frame}: the direction of gravity is not known"
         )
     zero = np.zeros(robot.n)

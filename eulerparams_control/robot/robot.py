@@ -116,7 +116,8 @@ class Robot:
             a UR5 is 0.99 m.
         is_prismatic: (n,) which of the active joints slide; the others turn.
         locked: joints between base and tip that could move, but are held at 0 in the model.
-        mount: joints between the root and the base that could move, held at 0 in the model too.
+        mount: joints between the root and the base that could turn it against gravity, held at 0
+            in the model too; one that slides, as the lift of a torso does, is none of them.
 
     Raises:
         RobotError: if the URDF is broken, or a frame or joint is not there.
@@ -144,7 +145,7 @@ class Robot:
         self.mount = tuple(
             joint
             for joint in tree.chain(tree.root, self.base_frame)
-            if tree.joints[joint].get("type") != "fixed"
+            if tree.joints[joint].get("type") not in ("fixed", "prismatic")
         )
         kinds = [tree.joints[joint].get("type") for joint in self.joints]
         self.is_prismatic = np.array([kind == "prismatic" for kind in kinds])

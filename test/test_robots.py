@@ -1,0 +1,71 @@
+"""Each robot of the catalogue: its home, what its URDF states, and how it tracks its own motion."""
+
+import math
+
+import numpy as np
+import pytest
+from arms import robot_named
+from simulated import Simulated
+from tolerances import ROBOTS_DEG, ROBOTS_MM
+
+from eulerparams_control.control.controller import ControllerOptions
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.parameters.dynamic_control import DynamicParameters
+from eulerparams_control.parameters.reference import ReferenceParameters
+from eulerparams_control.resources import config_names
+from eulerparams_control.robot.catalogue import load_robot
+
+# The smallest singular value of J at home is so many times that at which damping sets in: room
+# for an experiment, as are the distance to the position limits [rad] and the part of the efforts
+# that the weight takes.
+CONDITION, ROOM, WEIGHT = 3.0, 0.5, 0.6
+
+# The least joint inertia [kg m^2] that is one, and not the rounding of none.
+INERTIA = 1e-6
+
+MOTIONS = load_experiment("robots").variants
+each_robot = pytest.mark.parametrize("name", config_names("robots"))
+
+
+@each_robot
+def test_a_home_is_away_from_singularities_and_limits(name):
+    robot, home = robot_named(name)
+    state, limits = robot.dynamic_state(home, np.zeros(robot.n)), robot.limits
+    assert smallest_singular_value(state.arm.J, robot.length) > CONDITION * DampedInverse().eps
+    assert np.all(home - limits.lower > ROOM)
+    assert np.all(limits.upper - home > ROOM)
+    assert np.all(np.abs(state.g) < WEIGHT * limits.effort)
+
+
+@each_robot
+def test_the_urdf_of_a_robot_states_its_inertia_and_its_limits(name):
+    robot, home = robot_named(name)
+    assert robot.n in (6, 7)
+    assert np.linalg.eigvalsh(robot.dynamic_state(home, np.zeros(robot.n)).B)[0] > INERTIA
+    for limit in (robot.limits.effort, robot.limits.velocity):
+        assert np.all((limit > 0) & np.isfinite(limit))
+
+
+@each_robot
+def test_dynamic_control_tracks_the_motion_of_a_robot_within_its_limits(name):
+    about, given = load_robot(name), MOTIONS[name].nodes
+    frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
+    parameters = DynamicParameters(**frames, **given["dynamic_control"])
+    robot = parameters.robot(about.urdf)
+    assert robot.joints == about.joints
+    scheme = parameters.make_scheme(robot, parameters.limits(robot))
+    motion = ReferenceParameters(**given["reference"]).way_points()
+    q_0 = inverse_kinematics(robot, motion.frames[0], np.array(about.home))
+    options, simulated = ControllerOptions.of(parameters), given.get("pybullet_bridge", {})
+    run = Simulated(name, scheme, options, motion, q_0, **simulated)
+    for _ in range(4000):  # until it is there
+        run.step()
+        tick = run.ticks[-1]
+        assert math.degrees(angle_between(tick.desired.R_d, tick.state.R_e)) < ROBOTS_DEG
+        assert 1e3 * np.linalg.norm(tick.dp_de) < ROBOTS_MM
+        assert np.all(np.abs(tick.state.dq) < robot.limits.velocity)
+        assert not tick.saturated
+    assert np.linalg.norm(run.end().state.p_e - motion.frames[-1].p_d) < 1e-3 * ROBOTS_MM
