@@ -4,10 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+import yaml
 
 from eulerparams_control import command_line
 from eulerparams_control.analysis.page_assets import SCRIPTS
@@ -147,3 +149,16 @@ def test_no_file_of_the_package_names_a_registry_or_a_path_of_a_machine():
         text = (ROOT / name).read_text(encoding="utf-8", errors="ignore")
         for word in words:
             assert word not in text, f"{name} names {word}"
+
+
+def test_what_a_repository_has_agrees_with_the_package():
+    version = ET.parse(ROOT / "package.xml").findtext("version")
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert version == cited["version"]
+    assert f'version="{version}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    workflow = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))
+    commands = [step["run"] for step in workflow["jobs"]["test"]["steps"] if "run" in step]
+    assert commands
+    assert all(os.access(ROOT / command, os.X_OK) for command in commands)
+    for form in (ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml"):
+        assert {"name", "description", "body"} == set(yaml.safe_load(form.read_text("utf-8")))
