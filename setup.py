@@ -19,9 +19,11 @@ extras = {name: list(packages) for name, packages in command_line["EXTRAS"].item
 
 
 def config_files():
-    """Return the folder config as data files, subfolders kept."""
+    """Return the folders config, subfolders kept, and launch as data files."""
     folders = sorted({str(Path(file).parent) for file in glob("config/**/*.yaml", recursive=True)})
-    return [(f"share/{PACKAGE}/{folder}", sorted(glob(f"{folder}/*.yaml"))) for folder in folders]
+    files = {folder: sorted(glob(f"{folder}/*.yaml")) for folder in folders}
+    files["launch"] = sorted(glob("launch/*.launch.py"))
+    return [(f"share/{PACKAGE}/{folder}", names) for folder, names in files.items()]
 
 
 def scripts():

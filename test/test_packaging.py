@@ -21,7 +21,10 @@ EXECUTABLES = {
     *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
     *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "teleop", "watchdog"),
 }
-PARTS = ("eulerparams_control", "sim_bridge", "config", "resource", "setup.py", "setup.cfg")
+PARTS = (
+    *("eulerparams_control", "sim_bridge", "config", "launch"),
+    *("resource", "setup.py", "setup.cfg"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +64,8 @@ def assert_is_installed(prefix):
     assert (share / "ament_index/resource_index/packages/eulerparams_control").is_file()
     assert (share / "eulerparams_control/package.xml").is_file()
     assert yaml_files(share / "eulerparams_control/config") == yaml_files(ROOT / "config")
+    installed = {path.name for path in (share / "eulerparams_control/launch").iterdir()}
+    assert installed == {path.name for path in (ROOT / "launch").glob("*.launch.py")}
 
 
 @pytest.mark.slow

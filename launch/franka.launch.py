@@ -1,0 +1,49 @@
+"""A Franka behind franka_ros2, with the hand: efforts without gravity; see docs/robots.md.
+
+ros2 launch eulerparams_control franka.launch.py controller:=impedance_control
+"""
+
+import json
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+WRENCH = "/franka_robot_state_broadcaster/external_wrench_in_stiffness_frame"
+
+# The robot adds gravity and friction itself, and limits efforts to 1000 Nm/s.
+LIMITS = {"max_effort_rate": [900.0], "max_joint_acceleration": [10.0]}
+EFFORTS = {**LIMITS, "compensate_gravity": False}
+
+# What the robot exerts is positive; the hand and the load that are set in Desk are not in it.
+SENSOR = {
+    "wrench_frame": "fr3_hand_tcp",
+    "wrench_sign": -1,
+    "compensate_tool_weight": False,
+    "compensate_tool_inertia": False,
+    f"qos_overrides.{WRENCH}.subscription.reliability": "best_effort",
+}
+
+ONLY = {"sim": ["false"], "controller": ["dynamic_control", "impedance_control"]}
+ARGUMENTS = {
+    "base_frame": "fr3_link0",
+    "tip_frame": "fr3_hand_tcp",
+    "effort_controller": "forward_effort_controller",
+    # joint_states itself has 30 Hz
+    "topics": f"{{joint_states: /franka/joint_states, wrench: {WRENCH}}}",
+    "parameters": json.dumps(
+        {
+            "dynamic_control": EFFORTS,
+            "impedance_control": {**EFFORTS, **SENSOR},
+            "watchdog": {"compensate_gravity": False},
+        }
+    ),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return bringup, with the arguments of this arm where no others are given."""
+    path = str(Path(__file__).with_name("bringup.launch.py"))
+    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
+    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
+    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])

@@ -1,0 +1,29 @@
+"""A Kinova Gen3 behind ros2_kortex, which takes positions; see docs/robots.md.
+
+ros2 launch eulerparams_control gen3.launch.py
+"""
+
+import json
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+# The limits of kortex_description are 0.8727 rad/s; those of its URDF 1.3963 and 1.2218.
+CLIK = {"velocity_scale": 0.62, "max_joint_acceleration": [1.0]}
+
+ONLY = {"sim": ["false"], "controller": ["clik", "admittance"]}  # the latter with a sensor of yours
+ARGUMENTS = {
+    "base_frame": "base_link",
+    "tip_frame": "end_effector_link",
+    "position_controller": "joint_trajectory_controller",
+    "parameters": json.dumps({"clik": CLIK}),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return bringup, with the arguments of this arm where no others are given."""
+    path = str(Path(__file__).with_name("bringup.launch.py"))
+    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
+    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
+    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])

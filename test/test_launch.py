@@ -1,0 +1,212 @@
+"""The launch files: what they start, with which parameters, files and topics."""
+
+import os
+import runpy
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+import yaml
+from ros_processes import HOME, Process, environment
+from sensor_msgs.msg import JointState
+
+from eulerparams_control.bags.ros.recorder_node import RecorderParameters
+from eulerparams_control.command_line import executables
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.parameters.fields import from_mapping
+from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.parameters.watchdog import WatchdogParameters
+from sim_bridge.bridge_parameters import BridgeParameters
+
+ROOT = Path(__file__).resolve().parents[1]
+POSITIONS, EFFORTS = ("clik", "admittance"), ("dynamic_control", "impedance_control")
+TAKES = {
+    **dict.fromkeys(("bringup", "ur", "any"), (*POSITIONS, *EFFORTS)),
+    **{"franka": EFFORTS, "iiwa": POSITIONS, "gen3": POSITIONS},
+}
+CASES = [(file, controller) for file, controllers in TAKES.items() for controller in controllers]
+PARAMETERS = {name: scheme.parameters for name, scheme in schemes().items()} | {
+    "watchdog": WatchdogParameters,
+    "pybullet_bridge": BridgeParameters,
+    "bag_recorder": RecorderParameters,
+}
+
+
+class Kept:
+    """Stands in for a class of ``launch``: keeps what it is given."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.args, self.kwargs = args, kwargs
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """Return a function that returns the nodes of a launch file, without ``launch``."""
+    kinds = {
+        "launch": ("LaunchContext", "LaunchDescription"),
+        "launch.actions": ("DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction"),
+        "launch.substitutions": ("LaunchConfiguration",),
+        "launch_ros": (),
+        "launch_ros.actions": ("Node",),
+    }
+    for name, classes in kinds.items():
+        module = ModuleType(name)
+        vars(module).update({each: type(each, (Kept,), {}) for each in classes})
+        monkeypatch.setitem(sys.modules, name, module)
+    value = lambda self, context: context[self.args[0]]  # noqa: E731
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    sys.modules["launch.substitutions"].LaunchConfiguration.perform = value
+
+    def nodes(path: str, context: dict[str, str]) -> list[SimpleNamespace]:
+        (entities,) = runpy.run_path(path)["generate_launch_description"]().args
+        found: list[SimpleNamespace] = []
+        for entity in entities:
+            kind, given = type(entity).__name__, entity.kwargs
+            if kind == "DeclareLaunchArgument":
+                word = context.setdefault(entity.args[0], given["default_value"])
+                assert not given.get("choices") or word in given["choices"], entity.args[0]
+            elif kind == "IncludeLaunchDescription":
+                found += nodes(*entity.args, context)
+            else:
+                found += [SimpleNamespace(**node.kwargs) for node in given["function"](context)]
+        return found
+
+    return lambda file, **given: nodes(str(ROOT / "launch" / f"{file}.launch.py"), given)
+
+
+def values(node: SimpleNamespace) -> dict[str, Any]:
+    """Return all parameters of a node, checked as it would itself."""
+    found: dict[str, Any] = {}
+    for given in node.parameters:
+        if isinstance(given, str):
+            given = yaml.safe_load(Path(given).read_text())["/**"]["ros__parameters"]
+        found |= given
+    return vars(from_mapping(PARAMETERS[node.executable], found))
+
+
+def by_name(nodes: Sequence[SimpleNamespace]) -> dict[str, SimpleNamespace]:
+    return {node.executable: node for node in nodes}
+
+
+@pytest.mark.parametrize(("file", "controller"), CASES)
+def test_a_launch_file_names_what_is_there(launched, file, controller):
+    code = (path for path in ROOT.glob("*/**/*.py") if path.parts[-2] not in ("test", "launch"))
+    source = "".join(path.read_text() for path in code)
+    nodes = launched(file, controller=controller, record="true")
+    assert by_name(nodes).keys() >= {"bag_recorder", controller.replace("admittance", "clik")}
+    for node in nodes:
+        assert node.executable in executables()
+        assert values(node)
+        for topic, _ in node.remappings:
+            assert f'"{topic}"' in source, topic
+
+
+@pytest.mark.parametrize("file", TAKES)
+def test_a_launch_file_offers_what_its_driver_takes(launched, file):
+    for controller in (*POSITIONS, *EFFORTS):
+        if controller not in TAKES[file]:
+            with pytest.raises(AssertionError, match="controller"):
+                launched(file, controller=controller)
+    if file != "bringup":
+        with pytest.raises(AssertionError, match="sim"):
+            launched(file, sim="true")
+
+
+@pytest.mark.parametrize("controller", EFFORTS)
+@pytest.mark.parametrize("file", ["ur", "franka", "any"])
+def test_efforts_reach_a_driver_through_the_watchdog_only(launched, file, controller):
+    nodes = by_name(launched(file, controller=controller))
+    watchdog, sender = nodes["watchdog"], nodes[controller]
+    assert "joint_effort" not in dict(sender.remappings) | dict(watchdog.remappings)
+    assert values(sender)["command_type"] == "joint_state"
+    topic = dict(watchdog.remappings)["driver_effort"]
+    kind = {"forward": "forward_effort_controller/commands", "joint_state": "/robot_joint_command"}
+    assert topic == kind[values(watchdog)["command_type"]]
+    names = "compensate_gravity", "base_frame", "tip_frame"
+    assert [values(watchdog)[name] for name in names] == [values(sender)[name] for name in names]
+    assert values(sender)["compensate_gravity"] is (file == "any")
+
+
+@pytest.mark.parametrize(
+    ("controller", "kind", "topic"),
+    [
+        ("forward_position_controller", "forward", "commands"),
+        ("scaled_joint_trajectory_controller", "joint_trajectory", "joint_trajectory"),
+    ],
+)
+def test_positions_are_sent_as_the_controller_of_the_driver_takes_them(
+    launched, controller, kind, topic
+):
+    (clik,) = launched("ur", controller="clik", position_controller=controller)
+    assert values(clik)["command_type"] == kind
+    assert dict(clik.remappings)["joint_reference"] == f"{controller}/{topic}"
+
+
+def test_in_an_admittance_clik_follows_the_compliant_frame_and_nothing_else(launched):
+    nodes = by_name(launched("bringup", controller="admittance"))
+    assert nodes.keys() == {"pybullet_bridge", "impedance_control", "clik"}
+    assert values(nodes["pybullet_bridge"])["control"] == "position"
+    assert values(nodes["impedance_control"])["command_type"] == "none"
+    renamed = dict(nodes["clik"].remappings)
+    assert renamed["reference"] == "compliant_frame"
+    for target in ("target_pose", "target_twist"):
+        assert renamed[target] == f"~/{target}"
+
+
+def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launched, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("/**: {ros__parameters: {k_Vp: 30.0}}")
+    given = {"controller": "dynamic_control", "robot": "panda", "params_file": str(own)}
+    nodes = by_name(
+        launched("bringup", watchdog="true", parameters="{watchdog: {timeout: 0.2}}", **given)
+    )
+    assert values(nodes["dynamic_control"])["tip_frame"] == "panda_hand_tcp"
+    assert values(nodes["dynamic_control"])["k_Vp"] == 30.0
+    assert values(nodes["watchdog"])["timeout"] == 0.2
+    bridge = nodes["pybullet_bridge"]
+    assert values(bridge)["robot"] == "panda"
+    assert values(bridge)["control"] == "torque"
+    assert dict(bridge.remappings)["joint_effort"] == "driver_effort"
+    with pytest.raises(UnknownNameError, match="did you mean 'watchdog'"):
+        launched("bringup", parameters="{watchdogs: {}}")
+
+
+@pytest.mark.slow
+def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
+    pytest.importorskip("launch_ros.actions")
+    names = "pybullet_bridge", "clik", "bag_recorder"
+    prefix = tmp_path / "prefix"
+    index = prefix / "share" / "ament_index" / "resource_index" / "packages"
+    for folder in (index, bin_ := prefix / "lib" / "eulerparams_control"):
+        folder.mkdir(parents=True)
+    (index / "eulerparams_control").touch()
+    for name in names:
+        (bin_ / name).symlink_to(Path(sys.executable).with_name(name))
+    code = f"""
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+service = LaunchService()
+given = [("record", "true"), ("parameters", "{{bag_recorder: {{output: {tmp_path}/bag}}}}")]
+file = IncludeLaunchDescription("{ROOT}/launch/bringup.launch.py", launch_arguments=given)
+service.include_launch_description(LaunchDescription([file]))
+sys.exit(service.run())
+"""
+    env = environment(tmp_path, graph.domain)
+    env["AMENT_PREFIX_PATH"] = os.pathsep.join((str(prefix), env.get("AMENT_PREFIX_PATH", "")))
+    commands = graph.peer.listen(JointState, "joint_reference")
+    process = Process([sys.executable, "-c", code], tmp_path / "launch", "launch", env)
+    graph.processes.append(process)
+    graph.until(lambda: commands or process.exit_code is not None, "a command")
+    assert commands, process.log
+    assert commands[-1].position.tolist() == pytest.approx(HOME.tolist(), abs=1e-6)
+    process.signal(signal.SIGINT)
+    assert process.end() == 0
+    for name in names:
+        assert f"[{name}-" in process.log
+    assert process.log.count("process has finished cleanly") == len(names)
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
