@@ -1,7 +1,4 @@
-"""An arm, or a simulator, that takes and gives JointState; see docs/robots.md.
-
-ros2 launch eulerparams_control any.launch.py base_frame:=base_link tip_frame:=tool0
-"""
+"""An arm, or a simulator, that takes and gives JointState; see docs/robots.md."""
 
 from pathlib import Path
 

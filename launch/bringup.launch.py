@@ -23,6 +23,7 @@ CONTROLLERS = {
     "clik": {"clik": "clik"},
     "dynamic_control": {"dynamic_control": "dynamic_control"},
     "impedance_control": {"impedance_control": "impedance_control"},
+    "push_test": {"impedance_control": "impedance_control"},  # which commands nothing
     "admittance": {"impedance_control": "impedance_control", "clik": "clik_admittance"},
 }
 EFFORTS = "dynamic_control", "impedance_control"

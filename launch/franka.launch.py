@@ -1,7 +1,4 @@
-"""A Franka behind franka_ros2, with the hand: efforts without gravity; see docs/robots.md.
-
-ros2 launch eulerparams_control franka.launch.py controller:=impedance_control
-"""
+"""A Franka behind franka_ros2, with the hand: efforts without gravity; see docs/robots.md."""
 
 import json
 from pathlib import Path
@@ -24,7 +21,7 @@ SENSOR = {
     f"qos_overrides.{WRENCH}.subscription.reliability": "best_effort",
 }
 
-ONLY = {"sim": ["false"], "controller": ["dynamic_control", "impedance_control"]}
+ONLY = {"sim": ["false"], "controller": ["dynamic_control", "impedance_control", "push_test"]}
 ARGUMENTS = {
     "base_frame": "fr3_link0",
     "tip_frame": "fr3_hand_tcp",

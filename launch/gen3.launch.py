@@ -1,7 +1,4 @@
-"""A Kinova Gen3 behind ros2_kortex, which takes positions; see docs/robots.md.
-
-ros2 launch eulerparams_control gen3.launch.py
-"""
+"""A Kinova Gen3 behind ros2_kortex, which takes positions; see docs/robots.md."""
 
 import json
 from pathlib import Path
@@ -12,7 +9,8 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 # The limits of kortex_description are 0.8727 rad/s; those of its URDF 1.3963 and 1.2218.
 CLIK = {"velocity_scale": 0.62, "max_joint_acceleration": [1.0]}
 
-ONLY = {"sim": ["false"], "controller": ["clik", "admittance"]}  # the latter with a sensor of yours
+# The last two need a sensor of yours.
+ONLY = {"sim": ["false"], "controller": ["clik", "admittance", "push_test"]}
 ARGUMENTS = {
     "base_frame": "base_link",
     "tip_frame": "end_effector_link",

@@ -1,7 +1,4 @@
-"""A KUKA LBR behind lbr_fri_ros2_stack, which takes positions; see docs/robots.md.
-
-ros2 launch eulerparams_control iiwa.launch.py controller:=admittance
-"""
+"""A KUKA LBR behind lbr_fri_ros2_stack, which takes positions; see docs/robots.md."""
 
 import json
 from pathlib import Path
@@ -15,7 +12,7 @@ CLIK = {"k_Pp": 20.0, "k_Po": 20.0, "max_joint_acceleration": [10.0]}
 # Estimated by the driver of the torques that remain when the load that is set in Sunrise is out.
 SENSOR = {"wrench_sign": 1, "compensate_tool_weight": False, "compensate_tool_inertia": False}
 
-ONLY = {"sim": ["false"], "controller": ["clik", "admittance"]}
+ONLY = {"sim": ["false"], "controller": ["clik", "admittance", "push_test"]}
 ARGUMENTS = {
     "namespace": "lbr",
     "base_frame": "lbr_link_0",

@@ -1,7 +1,4 @@
-"""Universal Robots behind their ROS 2 driver; see docs/robots.md.
-
-ros2 launch eulerparams_control ur.launch.py controller:=clik
-"""
+"""Universal Robots behind their ROS 2 driver; see docs/robots.md."""
 
 import json
 from pathlib import Path
