@@ -1,7 +1,4 @@
-"""A robot, simulated or real, with its controller, a watchdog for efforts, and a recorder.
-
-ros2 launch eulerparams_control bringup.launch.py robot:=ur5 controller:=impedance_control
-"""
+"""A robot, simulated or real, with its controller, a watchdog for efforts, and a recorder."""
 
 from typing import Any
 
@@ -89,8 +86,8 @@ def bringup(context: LaunchContext) -> list[Node]:
             package=PACKAGE,
             executable=name,
             namespace=given["namespace"],
-            parameters=[files[0], *([values] if values else []), *last],
-            remappings=[*(topics | renamed).items()],
+            parameters=[files[0], *filter(None, [values]), *last],
+            remappings=(topics | renamed).items(),
             output="screen",
         )
 
@@ -99,16 +96,11 @@ def bringup(context: LaunchContext) -> list[Node]:
         own = {"robot": given["robot"], "control": "torque" if takes_efforts else "position"}
         guarded = {"joint_effort": topics["driver_effort"]} if is_guarded else {}
         nodes.append(node(BRIDGE, BRIDGE, own, guarded))
-        if "robot_state_publisher" in get_packages_with_prefixes():
-            nodes.append(
-                Node(
-                    package="robot_state_publisher",
-                    executable="robot_state_publisher",
-                    namespace=given["namespace"],
-                    parameters=[{"robot_description": robot.urdf}],
-                    remappings=[("robot_description", "~/robot_description")],  # the bridge has it
-                )
-            )
+        if (rsp := "robot_state_publisher") in get_packages_with_prefixes():
+            own = {"robot_description": robot.urdf}
+            hidden = {"robot_description": "~/robot_description"}  # the bridge publishes it
+            nodes.append(Node(package=rsp, executable=rsp, namespace=given["namespace"],
+                              parameters=[own], remappings=hidden.items()))  # fmt: skip
     if is_guarded:
         nodes.append(node(WATCHDOG, WATCHDOG, {**frames, "command_type": effort_type}, {}))
     types = {"clik": position_type, "impedance_control": "joint_state" if takes_efforts else "none"}
