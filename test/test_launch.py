@@ -132,17 +132,14 @@ def test_efforts_reach_a_driver_through_the_watchdog_only(launched, file, contro
     assert values(sender)["compensate_gravity"] is (file == "any")
 
 
-@pytest.mark.parametrize(
-    ("kind", "topic"),
-    [
-        ("forward", "forward_position_controller/commands"),
-        ("joint_trajectory", "scaled_joint_trajectory_controller/joint_trajectory"),
-    ],
-)
-def test_positions_are_sent_as_the_controller_of_the_driver_takes_them(launched, kind, topic):
-    (clik,) = launched("ur", position_controller=topic.split("/")[0])
-    assert values(clik)["command_type"] == kind
-    assert dict(clik.remappings)["joint_reference"] == topic
+def test_positions_are_sent_as_the_controller_of_the_driver_takes_them(launched):
+    for name, kind, topic in (
+        ("forward_position_controller", "forward", "commands"),
+        ("scaled_joint_trajectory_controller", "joint_trajectory", "joint_trajectory"),
+    ):
+        (clik,) = launched("ur", position_controller=name)
+        assert values(clik)["command_type"] == kind
+        assert dict(clik.remappings)["joint_reference"] == f"{name}/{topic}"
 
 
 @pytest.mark.parametrize("file", TAKES)
@@ -184,22 +181,17 @@ def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launc
 def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     pytest.importorskip("launch_ros.actions")
     names = "pybullet_bridge", "clik", "bag_recorder"
-    index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
-    executable = tmp_path / "lib" / "eulerparams_control"
-    for folder in (index, executable):
-        folder.mkdir(parents=True)
+    (index := tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
     (index / "eulerparams_control").touch()
+    (folder := tmp_path / "lib/eulerparams_control").mkdir(parents=True)
     for name in names:
-        (executable / name).symlink_to(Path(sys.executable).with_name(name))
+        (folder / name).symlink_to(Path(sys.executable).with_name(name))
     given = [("record", "true"), ("parameters", f"{{bag_recorder: {{output: {tmp_path}/bag}}}}")]
     code = f"""
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-file = IncludeLaunchDescription("{ROOT}/launch/bringup.launch.py", launch_arguments={given})
-service = LaunchService()
-service.include_launch_description(LaunchDescription([file]))
-sys.exit(service.run())
+from launch import LaunchDescription, LaunchService, actions
+file = actions.IncludeLaunchDescription("{ROOT}/launch/bringup.launch.py", launch_arguments={given})
+(service := LaunchService()).include_launch_description(LaunchDescription([file]))
+raise SystemExit(service.run())
 """
     env = environment(tmp_path, graph.domain) | {"AMENT_PREFIX_PATH": f"{tmp_path}:{sys.prefix}"}
     commands = graph.peer.listen(JointState, "joint_reference")
