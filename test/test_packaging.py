@@ -64,7 +64,7 @@ def assert_is_installed(prefix):
     assert (share / "ament_index/resource_index/packages/eulerparams_control").is_file()
     assert (share / "eulerparams_control/package.xml").is_file()
     assert yaml_files(share / "eulerparams_control/config") == yaml_files(ROOT / "config")
-    installed = {path.name for path in (share / "eulerparams_control/launch").iterdir()}
+    installed = {path.name for path in (share / "eulerparams_control/launch").glob("*.py")}
     assert installed == {path.name for path in (ROOT / "launch").glob("*.launch.py")}
 
 
