@@ -3,24 +3,33 @@
 SHELL := /bin/bash
 VENV := .venv
 PYTHON := $(VENV)/bin/python
-READY := $(VENV)/.ready
+FIRST := $(VENV)/.first
+READY := $(VENV)/.rest
 OUT ?= out
 JOBS ?=
 
 export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
-unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all anew
+unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup demo test test-long bench bench-motion paper map faults soak two-hosts lint clean
+.PHONY: setup demo live test test-long bench paper map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
-$(READY): setup.py setup.cfg package.xml tools/setup
-	@bash tools/setup $(VENV)
+$(FIRST): setup.py setup.cfg package.xml tools/setup
+	@bash tools/setup $(VENV) first
 
-demo: $(READY)
+$(READY): $(FIRST)
+	@bash tools/setup $(VENV) rest
+
+# It needs a part of the set-up only.
+demo: $(FIRST)
 	@rm -rf $(OUT)/demo
 	@$(VENV)/bin/experiment demo --out $(OUT)
+
+# A page on which a person moves a simulated arm; ARGS="--controller clik --robot panda".
+live: $(READY)
+	@$(VENV)/bin/live $(ARGS)
 
 test: $(READY)
 	@$(PYTHON) -m pytest -n 2 --dist loadfile -m "not slow" \
@@ -33,10 +42,6 @@ test-long: $(READY)
 # As users run it, without the checks of fields.  Some minutes; see ARGS=--help.
 bench: $(READY)
 	@env -u ROS_PYTHON_CHECK_FIELDS $(PYTHON) benchmarks/run.py --page $(OUT)/bench.html $(ARGS)
-
-# Some minutes: what is commanded when references leap, stall or come with noise.
-bench-motion: $(READY)
-	@$(PYTHON) benchmarks/bench_motion.py $(ARGS)
 
 paper: $(READY)
 	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper $(ARGS)
@@ -53,6 +58,14 @@ soak: $(READY)
 
 two-hosts: $(READY)
 	@tools/two_hosts --out $(OUT)/two_hosts $(ARGS)
+
+docs: $(READY)
+	@EULERPARAMS_PLAIN=1 NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir $(OUT)/docs
+	@echo "The site: $(OUT)/docs/index.html"
+
+picture: $(READY)
+	@[ -d $(OUT)/demo/clik_euler_parameters ] || $(MAKE) demo
+	@$(PYTHON) tools/picture.py $(OUT)/demo/clik_euler_{angles,parameters} docs/pole.webp
 
 lint: $(READY)
 	@$(VENV)/bin/ruff check .

@@ -1,5 +1,6 @@
 """Build and install eulerparams_control with pip or colcon."""
 
+import os
 from glob import glob
 from pathlib import Path
 from runpy import run_path
@@ -20,8 +21,9 @@ extras = {name: list(packages) for name, packages in command_line["EXTRAS"].item
 
 def config_files():
     """Return the folders config, subfolders kept, and launch as data files."""
-    folders = sorted({str(Path(file).parent) for file in glob("config/**/*.yaml", recursive=True)})
-    files = {folder: sorted(glob(f"{folder}/*.yaml")) for folder in folders}
+    every = filter(os.path.isfile, glob("config/**/*.*", recursive=True))
+    folders = sorted({str(Path(file).parent) for file in every})
+    files = {folder: sorted(filter(os.path.isfile, glob(f"{folder}/*.*"))) for folder in folders}
     files["launch"] = sorted(glob("launch/*.launch.py"))
     return [(f"share/{PACKAGE}/{folder}", names) for folder, names in files.items()]
 
@@ -48,7 +50,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[f"{PACKAGE}*", "sim_bridge*"]),
-    package_data={PACKAGE: ["analysis/assets/*.css", "analysis/assets/*.js"]},
+    package_data={f"{PACKAGE}.analysis": ["assets/*.css", "assets/*.js", "templates/*.html"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -75,10 +77,10 @@ setup(
         **extras,
         "all": sorted({package for packages in extras.values() for package in packages}),
         "test": [
-            *("pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright"),
+            *("pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright", "gymnasium"),
             "colcon-common-extensions",
         ],
-        "dev": ["ruff", "mypy", "pin-pink", "quadprog"],
+        "dev": ["ruff", "mypy", "pin-pink", "quadprog", "mkdocs-material", "mkdocstrings[python]"],
     },
     zip_safe=False,
     maintainer="eulerparams_control maintainers",

@@ -54,7 +54,7 @@ class Message:
 
     def __init__(self, message: Any, numbers: np.ndarray) -> None:
         self.data = bytearray(serialize_message(message))
-        self._at = bytes(self.data).index(numbers.tobytes())
+        self._at = bytes(self.data).rindex(numbers.tobytes())  # behind the header
         self._size = numbers.nbytes
 
     def at(self, stamp: int, numbers: np.ndarray) -> bytes:

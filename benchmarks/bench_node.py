@@ -33,7 +33,7 @@ from timing import cpu_time
 
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
-from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot

@@ -1,16 +1,13 @@
-"""What `make bench` shows: ratios, the goals they are to meet, their history, and its page."""
+"""Results of `make bench`: ratios, their goals, their history, and the page."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from plotly.offline import get_plotlyjs
-
-from eulerparams_control.analysis.labels import colour, line, number
-from eulerparams_control.analysis.page import as_json
-from eulerparams_control.lab.experiments.html import cells, mark, page, table
+from eulerparams_control.analysis.html import write_html
+from eulerparams_control.analysis.labels import colour, line
 
 type Run = dict[str, Any]
 """A line of the history."""
@@ -47,15 +44,6 @@ _LOOK = {
     "showlegend": False,
 }
 _GRID = {"gridcolor": "rgba(128,128,128,0.25)", "zeroline": False}
-_DRAW = """for (const plot of JSON.parse(document.getElementById("plots").textContent))
-  Plotly.newPlot(plot.id, plot.data, plot.layout, {responsive: true, displayModeBar: false});"""
-_STYLE = """<style>.plots { display: grid; gap: 0 36px; margin-top: 20px;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 500px), 1fr)); }
-section { margin: 0 0 24px; padding-top: 12px; min-width: 0; } .no { white-space: nowrap; }
-h3 { font-size: 15px; font-weight: 600; margin: 0; } h3 span { font-weight: 400; }
-.plot { height: 190px; } table { font-size: 13px; } th, td { padding: 3px 14px 3px 0; }
-  td:last-child { min-width: 11em; }</style>"""
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 
 
 class Row(NamedTuple):
@@ -114,38 +102,28 @@ def write_page(path: Path, runs: Sequence[Run]) -> None:
     found = dict.fromkeys(what for what, _ in newest[False])
     whats = [what for what in dict.fromkeys([*GOALS, *found]) if what in found]
     plots = [{"id": f"plot{k}", **_plot(what, runs)} for k, what in enumerate(whats)]
-    body = [
-        f"{_STYLE}<h1>{sum(judged)} of {len(judged)} goals of speed are met</h1>",
-        '<p class="soft">Each ratio was measured side by side in one run; of each the newest is in '
-        f"the table, its history below it. The last run: {escape(_words(runs[-1]))}. Dashed: the "
-        "goal. Crosses, and loaded: while other processes burn the cores. Open circles: quick runs."
-        '</p><div class="plots">',
-        *(f'<section>{_card(what, *newest.values())}<div class="plot" id="plot{k}"></div></section>'
-          for k, what in enumerate(whats)),
-        f'</div><script type="application/json" id="plots">{as_json(plots)}</script>',
-        f"<script>{get_plotlyjs()}</script><script>{_DRAW}</script>",
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page("Speed", body, _POLICY), encoding="utf-8")
+    write_html(
+        path,
+        "speed.html",
+        judged=judged,
+        last=_words(runs[-1]),
+        cards=[(what, GOALS.get(what), list(_lines(what, *newest.values()))) for what in whats],
+        is_loaded=bool(newest[True]),
+        plots=plots,
+    )
 
 
 def _words(run: Run) -> str:
     return f"{run['commit']}, {run['date']}, {run['machine']}"
 
 
-def _card(what: str, *newest: Mapping[tuple[str, str], Row]) -> str:
-    """Return the heading and the table of a ratio, without and with load."""
-    lines = []
-    for k, row in enumerate(row for row in newest[0].values() if row.what == what):
-        met, loaded = row.is_met, newest[1].get((what, row.of))
-        words = escape(row.of.replace("_", " "))
-        of = f'<span style="color: {colour(k)}">&#9679;</span>&nbsp;{words}'
-        under_load = [number(loaded.ratio) if loaded else ""] if newest[1] else []
-        marked = "" if met is None else mark(met)
-        lines.append(cells((of, number(row.ratio), marked, *under_load, escape(row.figure))))
-    goal = f', <span class="soft">goal {escape(GOALS[what])}</span>' if what in GOALS else ""
-    names = ("", "ratio", "", *(["loaded"] if newest[1] else []), "measured")
-    return f"<h3>{escape(what)}{goal}</h3>{table(names, lines)}"
+def _lines(
+    what: str, newest: Mapping[tuple[str, str], Row], loaded: Mapping[tuple[str, str], Row]
+) -> Iterator[tuple[str, Row, Row | None]]:
+    """Yield the colour of each row of a ratio, the row, and the same under load."""
+    rows = (row for row in newest.values() if row.what == what)
+    for k, row in enumerate(rows):
+        yield colour(k), row, loaded.get((what, row.of))
 
 
 def _plot(what: str, runs: Sequence[Run]) -> dict[str, Any]:

@@ -26,13 +26,19 @@ PROGRAMS = {
     "fault_campaign": "eulerparams_control.lab.campaign.main",
     "failure_map": "eulerparams_control.lab.maps.main",
     "compile_laws": "eulerparams_control.control.compile_laws",
+    "live": "eulerparams_control.live.main",
 }
 """The modules of the executables that are not named after their file."""
 
-_ANALYSIS = ("plotly>=6", "matplotlib", "pyarrow", "meshcat", "rich")
-EXTRAS = {"analysis": _ANALYSIS, "lab": (*_ANALYSIS, "dask[distributed]")}
-"""What pip brings for the programs in the rooms of these names."""
+_ANALYSIS = ("plotly>=6", "matplotlib", "pyarrow", "meshcat", "rich", "jinja2", "pycollada")
+EXTRAS = {
+    "analysis": _ANALYSIS,
+    "lab": (*_ANALYSIS, "dask[distributed]"),
+    "live": ("viser>=1.1", "pycollada"),
+}
+"""Packages that the programs in the rooms of these names need, as extras of pip."""
 
+_MODULES = {"pycollada": "collada"}  # of packages whose modules have another name
 _PLAIN_WIDTH = 110  # characters of a table where there is no terminal
 
 
@@ -76,7 +82,8 @@ def __getattr__(name: str) -> Any:
 def _run(name: str, args: list[str] | None = None) -> int:
     """Run a program; return its exit code, 2 if a package of its extra is missing."""
     extra = extra_of(name)
-    missing = [name for name in map(package_name, EXTRAS[extra]) if find_spec(name) is None]
+    packages = map(package_name, EXTRAS[extra])
+    missing = [p for p in packages if find_spec(_MODULES.get(p, p)) is None]
     if missing:
         print(
             f"error: {name} needs {', '.join(missing)}; install the extra '{extra}': "

@@ -1,4 +1,4 @@
-"""What processes tell programs: events as JSON lines on stdout, and exit codes.
+"""Events that processes tell programs: JSON lines on stdout, and exit codes.
 
 Words for people go to stderr and to /diagnostics; no program reads them.
 """

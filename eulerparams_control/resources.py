@@ -1,4 +1,4 @@
-"""Where the files that come with the package are: its ``config`` folder."""
+"""The files that come with the package: its ``config`` folder."""
 
 import os
 import sys

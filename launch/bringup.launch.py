@@ -1,11 +1,12 @@
-"""A robot, simulated or real, with its controller, a watchdog for efforts, and a recorder."""
+"""A robot, simulated or real, its controller, a watchdog for efforts, a recorder, the page."""
 
+from collections.abc import Container
 from typing import Any
 
 import yaml
 from ament_index_python.packages import get_packages_with_prefixes
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch import Action, LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -13,6 +14,8 @@ from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.resources import PACKAGE, config_folder
 from eulerparams_control.robot.catalogue import load_robot
 
+RSP = "robot_state_publisher"
+VIEWS = config_folder() / "views"
 BRIDGE, WATCHDOG, RECORDER = OTHERS = "pybullet_bridge", "watchdog", "bag_recorder"
 
 # The nodes of a controller, each with its file of config.
@@ -31,9 +34,13 @@ FOLLOWS["reference"] = "compliant_frame"
 
 BOOLEAN = "true", "false"
 ARGUMENTS: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
-    "robot": ("ur5", "simulated robot: a name of config/robots", None),
+    "robot": ("ur5", "simulated robot: a name of config/robots, or a path of such a file", None),
     "controller": ("clik", "what controls it", tuple(CONTROLLERS)),
     "sim": ("true", "false: the driver of a real robot runs", BOOLEAN),
+    "live": ("false", "serve the page on which a person moves the arm", BOOLEAN),
+    "rviz": ("false", "show the arm in rviz2, if that is installed", BOOLEAN),
+    "foxglove": ("false", "start foxglove_bridge, if that is installed", BOOLEAN),
+    "foxglove_address": ("127.0.0.1", "that foxglove_bridge serves; 0.0.0.0: all", None),
     "record": ("false", "record all topics as a bag in this folder", BOOLEAN),
     "base_frame": ("", "that poses refer to; empty: that of the robot, or base_link", None),
     "tip_frame": ("", "that is controlled; empty: that of the robot, or tool0", None),
@@ -56,8 +63,16 @@ def taken(controller: str, other: str) -> tuple[str, str]:
     return "forward", f"{controller}/commands"
 
 
-def bringup(context: LaunchContext) -> list[Node]:
-    """Return the nodes for the arguments that are given."""
+def shown(package: str, installed: Container[str], **given: Any) -> Action:
+    """Return what shows the arm, or a line that says what to install for it."""
+    if package in installed:
+        return Node(package=package, executable=package, **given)
+    name = package.replace("_", "-")
+    return LogInfo(msg=f"{package} is not installed: apt install ros-jazzy-{name}")
+
+
+def bringup(context: LaunchContext) -> list[Action]:
+    """Return what is to be started for the arguments that are given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     is_sim, controllers = given["sim"] == "true", CONTROLLERS[given["controller"]]
     parameters: dict[str, dict[str, Any]] = yaml.safe_load(given["parameters"])
@@ -91,15 +106,17 @@ def bringup(context: LaunchContext) -> list[Node]:
             output="screen",
         )
 
-    nodes = []
+    installed, nodes = get_packages_with_prefixes(), []
     if is_sim:
         own = {"robot": given["robot"], "control": "torque" if takes_efforts else "position"}
+        if given["live"] == "true":
+            own["external_wrench_timeout"] = 0.5  # a push ends when its page has gone
         guarded = {"joint_effort": topics["driver_effort"]} if is_guarded else {}
         nodes.append(node(BRIDGE, BRIDGE, own, guarded))
-        if (rsp := "robot_state_publisher") in get_packages_with_prefixes():
+        if RSP in installed:
             own = {"robot_description": robot.urdf}
             hidden = {"robot_description": "~/robot_description"}  # the bridge publishes it
-            nodes.append(Node(package=rsp, executable=rsp, namespace=given["namespace"],
+            nodes.append(Node(package=RSP, executable=RSP, namespace=given["namespace"],
                               parameters=[own], remappings=hidden.items()))  # fmt: skip
     if is_guarded:
         nodes.append(node(WATCHDOG, WATCHDOG, {**frames, "command_type": effort_type}, {}))
@@ -107,8 +124,33 @@ def bringup(context: LaunchContext) -> list[Node]:
     for name, file in controllers.items():
         own = {**frames, "command_type": types.get(name, "joint_state")}
         nodes.append(node(name, file, own, FOLLOWS if file == "clik_admittance" else {}))
+    if given["live"] == "true":
+        leading = next(iter(controllers))
+        nodes.append(
+            Node(
+                package=PACKAGE,
+                executable="live",
+                namespace=given["namespace"],
+                arguments=["--attach", "--controller", leading],
+                remappings=topics.items(),
+                output="screen",
+            )
+        )
     if given["record"] == "true":
         nodes.append(node(RECORDER, RECORDER, {}, {}))
+    arguments = ["-d", str(VIEWS / "arm.rviz")]
+    if "base_frame" in frames:
+        arguments += ["-f", frames["base_frame"]]
+    if given["rviz"] == "true":
+        nodes.append(shown("rviz2", installed, arguments=arguments, namespace=given["namespace"],
+                           remappings=topics.items()))  # fmt: skip
+    if given["foxglove"] == "true":
+        address = given["foxglove_address"]
+        nodes.append(shown("foxglove_bridge", installed, parameters=[{"address": address}]))
+        if "foxglove_bridge" in installed:
+            layout = VIEWS / "foxglove.json"
+            text = f"Foxglove: open ws://{address}:8765 and import the layout {layout}"
+            nodes.append(LogInfo(msg=text))
     return nodes
 
 

@@ -1,10 +1,10 @@
 """A Franka behind franka_ros2, with the hand: efforts without gravity; see docs/robots.md."""
 
 import json
-from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+from eulerparams_control.ros.arm_launch import arm_launch
 
 WRENCH = "/franka_robot_state_broadcaster/external_wrench_in_stiffness_frame"
 
@@ -39,8 +39,5 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return bringup, with the arguments of this arm where no others are given."""
-    path = str(Path(__file__).with_name("bringup.launch.py"))
-    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
-    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
-    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])
+    """Return bringup with the arguments of this arm."""
+    return arm_launch(__file__, ARGUMENTS, ONLY)

@@ -1,10 +1,10 @@
 """A Kinova Gen3 behind ros2_kortex, which takes positions; see docs/robots.md."""
 
 import json
-from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+from eulerparams_control.ros.arm_launch import arm_launch
 
 # The limits of kortex_description are 0.8727 rad/s; those of its URDF 1.3963 and 1.2218.
 CLIK = {"velocity_scale": 0.62, "max_joint_acceleration": [1.0]}
@@ -20,8 +20,5 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return bringup, with the arguments of this arm where no others are given."""
-    path = str(Path(__file__).with_name("bringup.launch.py"))
-    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
-    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
-    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])
+    """Return bringup with the arguments of this arm."""
+    return arm_launch(__file__, ARGUMENTS, ONLY)

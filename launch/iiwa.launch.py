@@ -1,10 +1,10 @@
 """A KUKA LBR behind lbr_fri_ros2_stack, which takes positions; see docs/robots.md."""
 
 import json
-from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+from eulerparams_control.ros.arm_launch import arm_launch
 
 # At the 100 Hz that the driver has by itself: the rate has to be twice the gain, or more.
 CLIK = {"k_Pp": 20.0, "k_Po": 20.0, "max_joint_acceleration": [10.0]}
@@ -24,8 +24,5 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return bringup, with the arguments of this arm where no others are given."""
-    path = str(Path(__file__).with_name("bringup.launch.py"))
-    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
-    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
-    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])
+    """Return bringup with the arguments of this arm."""
+    return arm_launch(__file__, ARGUMENTS, ONLY)

@@ -1,10 +1,10 @@
 """Universal Robots behind their ROS 2 driver; see docs/robots.md."""
 
 import json
-from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+
+from eulerparams_control.ros.arm_launch import arm_launch
 
 GENTLE = {"max_joint_acceleration": [5.0]}  # [rad/s^2], as the driver's configuration of MoveIt
 
@@ -35,8 +35,5 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return bringup, with the arguments of this arm where no others are given."""
-    path = str(Path(__file__).with_name("bringup.launch.py"))
-    usual = [DeclareLaunchArgument(name, default_value=of) for name, of in ARGUMENTS.items()]
-    only = [DeclareLaunchArgument(n, default_value=of[0], choices=of) for n, of in ONLY.items()]
-    return LaunchDescription([*usual, *only, IncludeLaunchDescription(path)])
+    """Return bringup with the arguments of this arm."""
+    return arm_launch(__file__, ARGUMENTS, ONLY)

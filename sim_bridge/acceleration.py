@@ -21,7 +21,7 @@ import numpy as np
 from eulerparams_control.laws.rotations import Array
 
 BRIDGED = 0.02
-"""For so long [s] a robot goes on without commands as if they came: as UR and Franka do."""
+"""Time [s] for which a robot without commands goes on as if they came: as UR and Franka do."""
 
 # Part of a limit that is rounding.
 _ROUNDING = 1e-6

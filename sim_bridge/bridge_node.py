@@ -107,7 +107,7 @@ class BridgeNode(Node):
         given = self._drive, self._publish, p.rate, p.duration
         if p.mode == LOCKSTEP:
             return LockStep(*given, timeout=p.lockstep_timeout, is_watched=self._is_watched)
-        return WallClock(*given)
+        return WallClock(*given, max_command_age=p.max_command_age)
 
     def _make_messages(self, names: Sequence[str]) -> None:
         p = self._params

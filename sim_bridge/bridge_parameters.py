@@ -18,7 +18,7 @@ REALTIME, LOCKSTEP = MODES = ("realtime", "lockstep")
 class BridgeParameters(SimulatedParameters, RealTimeParameters):
     """Parameters of the node ``pybullet_bridge``."""
 
-    robot: str = parameter("ur5", "name of a robot of config/robots")
+    robot: str = parameter("ur5", "name of a robot of config/robots, or path of such a file")
     urdf: str = parameter("", "path of a URDF to take instead of a robot of the catalogue")
     mode: str = parameter("realtime", "what drives the time", choices=MODES)
     clock_rate: float = parameter(100.0, "messages of /clock", unit="Hz", bounds=(1.0, 10000.0))
@@ -43,6 +43,12 @@ class BridgeParameters(SimulatedParameters, RealTimeParameters):
     )
     external_wrench_timeout: float = parameter(
         0.0, "a push that is not repeated ends after; 0: never", unit="s", bounds=(0.0, 3600.0)
+    )
+    max_command_age: float = parameter(
+        0.0,
+        "in real time, time stands still while commands answer states older than this; 0: never",
+        unit="s",
+        bounds=(0.0, 1.0),
     )
     lockstep_timeout: float = parameter(
         10.0, "without a command the run ends after", unit="s", bounds=(0.1, 3600.0)

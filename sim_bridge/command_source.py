@@ -1,4 +1,4 @@
-"""Who sends the commands, one controller or two that must not be obeyed; and in which order.
+"""Sources of commands: one controller is obeyed, two are not; and the order of commands.
 
 The graph does not tell: a controller that was killed stays in it for 20 s, one that is
 inactive for ever, and two may have the same name.  The messages do: each publisher numbers
@@ -18,7 +18,7 @@ _LOST = 100
 # Who returns so often after another one, with pauses between, has not been switched back to.
 _RETURNS = 2
 
-# So many senders are told apart.
+# Number of senders that are told apart.
 _MOST = 8
 
 

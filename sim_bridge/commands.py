@@ -1,4 +1,4 @@
-"""What comes to a robot: commands in one kind of control, and pushes at its tool."""
+"""Inputs of a robot: commands in one kind of control, and pushes at its tool."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -56,7 +56,7 @@ class Contacts:
     def rub(self, whether: bool) -> None:
         """Let there be friction from now on, or not.
 
-        Where motors hold the arm, how much of its weight friction bears is undetermined, and
+        Where motors hold the arm, how much of its weight friction carries is undetermined, and
         PyBullet lets it bear much.  So brakes hold without friction, and the sensor feels
         nothing but the solid; a servo that follows a reference has to live with it.
         """

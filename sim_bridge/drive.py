@@ -1,4 +1,4 @@
-"""What a robot does about its commands: it obeys, brakes, stops, refuses, and knows why.
+"""The drive of a robot: it obeys, brakes, stops, refuses commands, and says why.
 
 The one policy of the simulated robot, free of ROS and of clocks: the bridge, the campaign and
 the tests drive it by ``reset``, ``command``, ``step`` and ``close``.  Every time ``now`` [s] is
@@ -36,7 +36,7 @@ from sim_bridge.simulator import Simulator, SimulatorState
 # a clock that restarts is believed before silence brakes the robot.
 _OF_TIMEOUT, _LONGEST_MEMORY = 0.3, 1.0
 
-# One of two controllers has gone when it has been silent for so long [s].
+# Silence [s] after which one of two controllers has gone.
 _QUIET = 5.0
 
 # Longest reason of a rejection that is shown [characters].

@@ -1,4 +1,4 @@
-"""What a simulated robot does about its commands: its modes, why, what changes them, its policy."""
+"""The modes of a simulated robot: their causes, their transitions, its policy."""
 
 import math
 from collections.abc import Sequence

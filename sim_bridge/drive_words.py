@@ -1,4 +1,4 @@
-"""What /diagnostics says of a robot and its commands: sentences, made from mode and cause."""
+"""Sentences of /diagnostics on a robot and its commands, made from mode and cause."""
 
 from dataclasses import dataclass
 
@@ -51,11 +51,11 @@ class DriveWords:
                 words = f"protective stop: {status.violation}; commands are refused"
                 return ERROR, words, f"let the controller ask for less, then call {UNLOCK}"
             case DriveMode.STOPPING, _:
-                rest = "braked, commands are refused until it stands"
+                rest = "braked, commands are refused until it is at rest"
                 return ERROR, f"protective stop: {status.violation}; {rest}", _FIND_OUT
             case DriveMode.BRAKED, DriveCause.PROTECTIVE_STOP | DriveCause.ACCELERATION:
                 remedy = f"{_FIND_OUT}; the next command is taken"
-                return ERROR, f"stands after a protective stop: {status.violation}", remedy
+                return ERROR, f"at rest after a protective stop: {status.violation}", remedy
             case DriveMode.CONTESTED, _:
                 remedy = "stop or deactivate one of them; the commands of the other are taken then"
                 return ERROR, self._contested(status.names), remedy

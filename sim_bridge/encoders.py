@@ -1,4 +1,4 @@
-"""What the drives tell of the joints: counts of the encoders, and their filtered rate."""
+"""Encoders of the joints: their counts, and the filtered rate of these."""
 
 import math
 

@@ -1,7 +1,7 @@
 """The only user of PyBullet: one robot, and the solids around it, on a client of its own.
 
 Joint vectors are (n,) in the order of ``robot.joints``: rad, rad/s, Nm (m, m/s, N if
-prismatic).  The root link stands at the origin of the world.
+prismatic).  The root link is at the origin of the world.
 """
 
 import os

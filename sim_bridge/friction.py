@@ -1,4 +1,4 @@
-"""How joint friction acts over a step, stable however light the links are.
+"""Joint friction over a step, stable however light the links are.
 
 Friction acts with d(dq_k) throughout the step from t_k, so that a controller that adds
 d(dq_k) to its effort cancels it exactly.  M being the joint-space inertia, this is stable
@@ -8,7 +8,7 @@ kind of step,
 
     M (dq_k+1 - dq') + dt (d(dq_k+1) - d(dq_k)) = 0.
 
-Where the robot stands or moves evenly, both are the same.
+Where the robot is at rest or moves evenly, both are the same.
 """
 
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What comes with a message: its number among those of its publisher."""
+"""The number of a message among those of its publisher."""
 
 import inspect
 from collections.abc import Callable, Mapping

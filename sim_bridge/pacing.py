@@ -17,6 +17,12 @@ from sim_bridge.simulator import SimulatorState
 # In real time, more steps than this behind the wall clock are given up, not caught up.
 _MAX_CATCH_UP = 50
 
+# Time waits for a late command no longer than this [s]: its controller may be gone.
+_PATIENCE = 1.0
+
+# Key on /diagnostics: how long time stands still already, if longer than a second; else 0.
+STANDS_STILL = "time stands still for [s]"
+
 
 class Tally:
     """Counts from one report to the next.
@@ -46,7 +52,7 @@ class Tally:
         self.last = now
 
     def report(self, now: float, t: float) -> Mapping[str, float]:
-        """Return what /diagnostics shows of the time since the last report, and begin anew.
+        """Return what /diagnostics shows of the time since the last report, and restart.
 
         Args:
             now: steady clock [s].
@@ -73,6 +79,8 @@ class WallClock:
         rate: steps per second.
         duration: ends after [s]; 0: never.
         clock: steady [s].
+        max_command_age: time stands still while the last command answers a state that is older [s]
+            than this; 0: it goes on.
 
     Attributes:
         done: whether it is over.
@@ -86,13 +94,16 @@ class WallClock:
         rate: float,
         duration: float = 0.0,
         clock: Callable[[], float] = steady,
+        max_command_age: float = 0.0,
     ) -> None:
         self._drive, self._publish, self._rate, self._clock = drive, publish, rate, clock
         self._duration = duration or math.inf
         self._started = clock()
         self._tally = Tally(self._started)
         self._lost = 0  # steps that were given up
-        self._stamp = 0  # of the present state [ns]
+        self._stamp = self._commanded = 0  # of the present state, and of that commanded last [ns]
+        self._moved = self._started  # when time went on last
+        self._max_age = round(1e9 * max_command_age)
         self.done = False
         self.error: SimulationError | None = None
 
@@ -108,21 +119,34 @@ class WallClock:
         """
         passed = int((self._clock() - self._started) * self._rate)
         due = behind = passed - self._drive.state.step - self._lost
+        if self._max_age and (behind > _MAX_CATCH_UP or self._waits):
+            self._started += behind / self._rate
+            return 0
         if behind > _MAX_CATCH_UP:
             self._drive.count(GIVEN_UP, behind - 1)
             self._lost += behind - 1
             due = 1
         for _ in range(due):
+            if self._waits:
+                break
             self._step()
             if self._drive.state.t >= self._duration:
                 self._end(DriveCause.FINISHED)
         return behind if behind > _MAX_CATCH_UP else 0
+
+    @property
+    def _waits(self) -> bool:
+        """Whether time stands still until a newer command comes."""
+        is_late = self._max_age and self._stamp - self._commanded > self._max_age
+        is_obeying = self._drive.status.mode is DriveMode.OBEYING
+        return bool(is_late and is_obeying and self._clock() - self._tally.last < _PATIENCE)
 
     def command(self, msg: Any, number: int) -> DriveReply:
         """Take a command, or not."""
         reply = self._drive.command(msg, number, self.now)
         if reply is DriveReply.TAKEN:
             stamp = ns_from_ros(msg.header.stamp)
+            self._commanded = stamp or self._stamp  # 0: it names none, and answers what is there
             self._tally.take(self._clock(), self._stamp - stamp if stamp else 0)
         return reply
 
@@ -133,6 +157,9 @@ class WallClock:
     def review(self) -> None:
         """Bring what /diagnostics shows up to date, once a second."""
         self._drive.values.update(self._tally.report(self._clock(), self._drive.state.t))
+        if self._max_age:
+            still = 0.0 if self.done else self._clock() - self._moved
+            self._drive.values[STANDS_STILL] = round(still, 1) if still > _PATIENCE else 0.0
         self._drive.review(self.now)
 
     def brake(self) -> bool:
@@ -154,6 +181,7 @@ class WallClock:
             self._show()
 
     def _show(self) -> None:
+        self._moved = self._clock()
         state = self._drive.state
         self._stamp = round((state.step + self._lost) * 1e9 / self._rate)
         self._publish(state, self._stamp)
@@ -204,7 +232,7 @@ class LockStep(WallClock):
             return DriveReply.UNASKED
         reply = super().command(msg, number)
         if reply is not DriveReply.REJECTED:
-            self._tally.last = self._clock()  # time goes on, though the robot may stand
+            self._tally.last = self._clock()  # time goes on, though the robot may be at rest
             self._answered = True
             if self._drive.state.step + 0.5 > self._duration * self._rate:
                 self._end(DriveCause.FINISHED)
@@ -218,6 +246,6 @@ class LockStep(WallClock):
         self._drive.push(wrench, t if 0.0 < t < self.now else self.now)
 
     def brake(self) -> bool:
-        """Brake for good; time stands still anyway."""
+        """Brake for good; time has stopped anyway."""
         super().brake()
         return True

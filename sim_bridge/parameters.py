@@ -1,4 +1,4 @@
-"""What is simulated besides the robot: rate, control, tool, surroundings, friction, noise."""
+"""Parameters of the simulation: rate, control, tool, surroundings, friction, noise."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -190,7 +190,7 @@ class SimulatorParameters(SimulatedParameters):
 
     @property
     def tool_contact(self) -> Placed | None:
-        """The shape of the tool in the sensor frame; None is none."""
+        """The shape of the tool in the sensor frame; None: no tool."""
         if self.tool_shape == NO_SHAPE:
             return None
         shape = geometry(self.tool_shape, np.ravel(self.tool_size).tolist())

@@ -12,12 +12,12 @@ from sim_bridge.urdf import NO_LIMIT
 POSITION_MARGIN = 1e-4
 """So far beyond a position limit is too far [rad or m].
 
-A joint that leans on its stop with its full effort stands within 1e-9 of the limit; one that
+A joint that leans on its stop with its full effort rests within 1e-9 of the limit; one that
 runs into it at 3 rad/s is up to 3e-3 beyond it after a step of 1 ms, and stops there anyway.
 """
 
 SPEED_FACTOR = 4.0
-"""So many times its speed limit is too fast.
+"""Factor of its speed limit beyond which a joint is too fast.
 
 A controller that keeps to the limit exceeds it by a few per cent.  One whose speed limits are
 lifted on purpose, so that the law alone is seen, reaches 2.9 times the limit where it turns by
@@ -26,24 +26,24 @@ beside it would choose less.
 """
 
 UNSTOPPABLE = 10.0
-"""So many times as fast as is too fast, an arm turns wildly, and soon leaves all numbers."""
+"""Factor of that speed beyond which an arm turns wildly, and soon is at non-finite positions."""
 
-# Nothing is unstoppable that is slower than so many times this [rad/s or m/s].
+# What is slower than this factor times that [rad/s or m/s] can be stopped.
 _FAST = 1.0
 
 STANDSTILL = 1e-3
-"""A joint that is slower stands [rad/s or m/s]; brakes leave 1e-7."""
+"""Speed [rad/s or m/s] below which a joint is at rest; brakes leave 1e-7."""
 
 
 class Protection:
     """Looks whether the joints are within their limits.
 
-    Where a stop left a joint beyond its limit, it may stand and turn back, but go no further.
+    Where a stop left a joint beyond its limit, it may rest and turn back, but go no further.
 
     Args:
         joints: their names.
         limits: of the joints.
-        speed_factor: so many times its speed limit a joint may be fast.
+        speed_factor: factor of its speed limit beyond which a joint is too fast.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Protection:
         self._upper: list[float] = (self._limits.upper + POSITION_MARGIN).tolist()
 
     def let_stand(self, q: Sequence[float]) -> None:
-        """Let the joints be where they stand, q (n), but no further beyond their limits."""
+        """Let the joints be where they are, q (n), but no further beyond their limits."""
         self._lower = (np.minimum(self._limits.lower, q) - POSITION_MARGIN).tolist()
         self._upper = (np.maximum(self._limits.upper, q) + POSITION_MARGIN).tolist()
 

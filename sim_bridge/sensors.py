@@ -1,4 +1,4 @@
-"""What the sensors of the robot measure: noise, counts of the encoders, turns."""
+"""The sensors of the robot: noise, counts of the encoders, turns."""
 
 from typing import NamedTuple
 
@@ -49,7 +49,7 @@ class Sensors:
         self.reset()
 
     def reset(self) -> None:
-        """Begin at a robot at rest; the noise starts anew."""
+        """Begin at a robot at rest; the noise restarts."""
         self._random = np.random.default_rng(self._parameters.seed)
         self._encoders.reset()
 

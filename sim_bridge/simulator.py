@@ -5,7 +5,7 @@ A second backend that has the methods of :class:`Simulator` can take its place.
 Notation: ``q`` (n,) joint positions [rad], ``dq`` (n,) velocities [rad/s], ``tau`` (n,)
 efforts [Nm], in the order of ``robot.joints`` (m, m/s, N if prismatic).  ``wrench`` (6,)
 force [N] and moment [Nm] that the environment exerts on the tool, in the axes of the
-sensor frame and about its origin.  The root link stands at the origin of the world.
+sensor frame and about its origin.  The root link is at the origin of the world.
 """
 
 import math
@@ -37,14 +37,14 @@ from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
 
-# In so many configurations within the limits the inertia is looked at.
+# Number of configurations within the limits in which the inertia is looked at.
 _CONFIGURATIONS = 100
 
 
 class Simulator:
     """A robot with its drivers, its brakes and its force/torque sensor.
 
-    It stands braked until the first command, and holds a command until the next one.
+    It is braked until the first command, and holds a command until the next one.
     Its dynamics, and unless a parameter says otherwise its friction, are those of the URDF.
     What it touches has no friction while it is braked.
 
@@ -113,7 +113,7 @@ class Simulator:
         self.reset()
 
     def reset(self, q0: ArrayLike | None = None) -> None:
-        """Stand braked at ``q0`` (n,), default the home, at time 0; the noise starts anew.
+        """Brake at ``q0`` (n,), default the home, at time 0; the noise restarts.
 
         Raises:
             SimulationError: if ``q0`` is not n finite numbers within the limits.
@@ -206,7 +206,7 @@ class Simulator:
 
     @property
     def is_standing(self) -> bool:
-        """Whether all joints stand."""
+        """Whether all joints are at rest."""
         return float(np.abs(self._dq).max()) < STANDSTILL
 
     def brake(self) -> None:
@@ -299,7 +299,7 @@ class Simulator:
     def _lock(self, dq: Sequence[float]) -> str:
         """Lock the joints where they were before a step after which no brakes could stop them.
 
-        A push on the tool is let go.  Where there is none to let go they are locked once only:
+        A push on the tool is released.  Where there is none to release they are locked once only:
         what still drives them after that leads where it leads.  Returns why; "" if they are free.
         """
         if not self.parameters.enforce_limits or not (wild := self._protection.unstoppable(dq)):
@@ -309,7 +309,7 @@ class Simulator:
             return ""
         self.engine.place(self._q)
         pushed, self._external = self._external is not None, None
-        return f"{wild}: locked where it was" + pushed * ", and the push let go"
+        return f"{wild}: locked where it was" + pushed * ", and the push released"
 
     def _sense(self) -> None:
         """Let the sensors measure.

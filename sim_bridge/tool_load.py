@@ -1,4 +1,4 @@
-"""What a force/torque sensor feels of the body that it carries."""
+"""The wrench that a carried body exerts on a force/torque sensor."""
 
 import numpy as np
 

@@ -10,12 +10,12 @@ from tolerances import BEYOND_A_STEP, NO_JUMP
 
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot, Tool
+from eulerparams_control.robot.robot import Robot
 
 
-def robot_of(name, **options):
+def robot_of(name):
     about = load_robot(name)
-    return Robot(about.urdf, about.base_frame, about.tip_frame, about.joints, **options)
+    return Robot(about.urdf, about.base_frame, about.tip_frame, about.joints)
 
 
 @cache
@@ -54,28 +54,25 @@ def assert_no_jump(frames, dt):
         assert np.abs(turn).max() <= most * dt**2 + NO_JUMP
 
 
+def reduced_model(urdf, joints):
+    """Return Pinocchio's model of the joints, the others locked at zero."""
+    model = pin.buildModelFromXML(urdf)
+    others = [model.getJointId(j) for j in model.names[1:] if j not in joints]
+    return pin.buildReducedModel(model, others, pin.neutral(model))
+
+
 class Plant:
     """An arm of the catalogue that moves as eq. (32) says, by forward dynamics: no B, no C dq."""
 
-    def __init__(self, name="ur5", tool=None, friction=None, payload=0.0):
+    def __init__(self, name="ur5"):
         robot, home = robot_named(name)
-        model = pin.buildModelFromXML(load_robot(name).urdf)
-        others = [model.getJointId(j) for j in model.names[1:] if j not in robot.joints]
-        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        self.model = reduced_model(load_robot(name).urdf, robot.joints)
         self.tip = self.model.getFrameId(robot.tip_frame)
-        self.frame = self.model.frames[self.tip]
-        for body in (tool, Tool(payload, np.zeros(3), np.zeros((3, 3)))):
-            if body is not None:
-                inertia = self.frame.placement.act(pin.Inertia(*body))
-                self.model.inertias[self.frame.parentJoint] += inertia
-        self.data = self.model.createData()
-        self.friction = friction
+        self.frame, self.data = self.model.frames[self.tip], self.model.createData()
         self.q, self.dq = home.copy(), np.zeros(robot.n)
 
     def acceleration(self, q: Array, dq: Array, tau: Array, w: Array | None = None) -> Array:
         """Return ddq (n,), with the wrench w (6,) of the environment on the tip, base axes."""
-        if self.friction is not None:
-            tau = tau - self.friction.effort(dq)
         forces = pin.StdVec_Force(self.model.njoints, pin.Force.Zero())
         if w is not None:
             pin.framesForwardKinematics(self.model, self.data, q)

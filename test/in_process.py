@@ -30,10 +30,10 @@ from eulerparams_control.control.clock import set_steady
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.campaign.ros.in_process_dds import take
 from eulerparams_control.lab.campaign.ros.in_process_dds import until as wait_for
-from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.lab.run.domains import Domain
 
-# So many messages are acted on before a condition is looked at again: a run in lock-step does not
-# end by itself; and so long [s] it may take.
+# Number of messages that are handled before a condition is checked again, as a run in lock-step
+# does not end by itself; and the longest time [s] until it holds.
 _AT_ONCE, _LONGEST = 1000, 100.0
 
 # Time [s] that goes by between two looks at a condition, and after which it is given up.
@@ -44,7 +44,6 @@ _STOP_SECONDS = 3.0
 
 
 def module_of(executable: str) -> Any:
-    """Return the module of an executable."""
     return importlib.import_module(MODULES[executable])
 
 
@@ -64,7 +63,6 @@ class Ended:
     stderr: str
 
     def end(self) -> int:
-        """Return the exit code."""
         return self.exit_code
 
 
@@ -165,11 +163,9 @@ class Running:
 
     @property
     def log(self) -> str:
-        """All that it has said."""
         return "\n".join([*self.lines, self.stdout, self.stderr])
 
     def end(self) -> int:
-        """Let time pass until it has ended; return the exit code."""
         self.world.until(lambda: self.exit_code is not None, f"the end of {self.name}")
         assert self.exit_code is not None
         return self.exit_code
@@ -306,7 +302,6 @@ class World:
         self.change()
 
     def logs(self) -> str:
-        """Return what all nodes have said."""
         return "\n".join(f"--- {each.name}: {each.exit_code}\n{each.log}" for each in self.running)
 
     # --- messages ----------------------------------------------------------------------
@@ -476,7 +471,6 @@ class World:
         raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
 
     def until_said(self, running: Running, words: str) -> None:
-        """Let time pass until a node has said some words."""
         self.until(lambda: words in running.log, f"'{words}' in the log")
 
 
@@ -503,14 +497,12 @@ class WorldPeer(Peer):
         self.node = self.another_node("peer")
 
     def another_node(self, name: str) -> Any:
-        """Return one more node of the test."""
         return self.graph.create_node(name)
 
     def catch_up(self) -> None:
         """All has been received."""
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the response of a service of a node."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
         return self.graph.ask(self._clients[service], request)

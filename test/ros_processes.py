@@ -29,11 +29,11 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from tolerances import HELD, LAW_IN_A_NODE
+from tolerances import HELD, LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.command_line import executables
-from eulerparams_control.lab.experiments.domains import Domain
+from eulerparams_control.lab.run.domains import Domain
 from eulerparams_control.laws.rotations import cross
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
@@ -92,7 +92,6 @@ def pose(q: Any) -> tuple[Array, Array]:
 
 
 def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
-    """Return a reference to the tip of the arm."""
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
 
 
@@ -108,14 +107,14 @@ def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
     """Assert that a command keeps the arm at rest at q (n,), where it is to ``within`` [rad]."""
     if command.effort:
         gravity = MODEL.dynamic_state(np.array(q), np.zeros(len(q))).g
-        np.testing.assert_allclose(command.effort, gravity, rtol=0, atol=HOLDING_EFFORT)
+        assert_close(command.effort, gravity, HOLDING_EFFORT)
     else:
-        np.testing.assert_allclose(command.position, q, rtol=0, atol=within)
-        np.testing.assert_allclose(command.velocity, 0, rtol=0, atol=LAW_IN_A_NODE)
+        assert_close(command.position, q, within)
+        assert_close(command.velocity, 0, LAW_IN_A_NODE)
 
 
 def assert_may_stay(command: Any, arm: "Arm", within: float = HELD) -> None:
-    """Assert that a command is one to stay: it holds the position, or bears the weight only.
+    """Assert that a command is one to stay: it holds the position, or only compensates gravity.
 
     The position is that of the arm to ``within`` [rad].
     """
@@ -147,7 +146,6 @@ def free_domain() -> int:
 
 
 def environment(folder: Path, domain: int) -> dict[str, str]:
-    """Return the environment of the processes of a domain."""
     return os.environ | {
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -193,7 +191,6 @@ class Process:
         return self._child.poll()
 
     def end(self) -> int:
-        """Wait for the end; return the exit code."""
         return self._child.wait(timeout=PATIENCE)
 
     def signal(self, number: signal.Signals) -> None:
@@ -264,7 +261,6 @@ class Graph:
         """Time goes by itself."""
 
     def until_said(self, process: Process, words: str) -> None:
-        """Wait until a process has said some words."""
         self.until(lambda: words in process.log, f"'{words}' in the log")
 
 
@@ -385,7 +381,6 @@ def _qos(depth: int, latched: bool) -> Any:
 
 
 def values(status: Any) -> dict[str, str]:
-    """Return the keys and values of a status."""
     return {pair.key: pair.value for pair in status.values}
 
 
@@ -488,11 +483,10 @@ class Arm:
         self.environment = lambda _state: constant
 
     def release(self) -> None:
-        """Exert nothing on the tool from now on."""
         self.push()
 
     def start_afresh(self, q: Array | None = None) -> Any:
-        """Start anew where nothing is left of the contact before, which is balanced at first."""
+        """Restart where nothing is left of the contact before, which is balanced at first."""
         self.start_anew(q)
         return self.start_anew(q)
 

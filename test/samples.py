@@ -112,7 +112,6 @@ def by_angles(sequence: str, alpha: float, beta: float, gamma: float) -> Array:
 
 
 def skew(v: Array) -> Array:
-    """Return S(v)."""
     return np.cross(np.eye(3), v)
 
 

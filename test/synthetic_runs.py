@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.metrics import METRICS, measure
+from eulerparams_control.analysis.quantities import METRICS, measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic

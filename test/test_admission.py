@@ -1,4 +1,4 @@
-"""What the states of a robot say of their time: turns, gaps, rates, clocks that are off."""
+"""Times of the states of a robot: order, gaps, rates, clocks that are off."""
 
 import math
 from contextlib import suppress
@@ -12,7 +12,7 @@ import pytest
 from arms import HOME, STILL, UR5, Plant
 from samples import generator
 from test_controller import MS, T_0, clik, dynamic_control, moved
-from tolerances import RELATIVE
+from tolerances import RELATIVE, assert_close
 
 from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Latency, NominalPeriod
@@ -89,6 +89,15 @@ class Driver:
         self.controller.follow(way_points([0.0, duration], path), None, self.now)
 
 
+def on_its_way(limits=UR5.limits, feedback="internal", options=CHECKED):
+    """Return a UR5 under CLIK halfway to a goal, and that goal."""
+    arm, goal = Driver(clik(limits=limits, feedback=feedback), HOME, options=options), moved(0.2)
+    arm.run(0.1)
+    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.run(0.75)
+    return arm, goal
+
+
 def kinova(q, **options):
     """Return a Kinova under CLIK at q."""
     law = ClikLaw(representation("euler_parameters"))
@@ -141,7 +150,7 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
     arm = kinova(NEAR_PI, wraps=False)
     arm.run(0.1)
     command = arm.step(5.0, pushed=-2 * np.pi * np.eye(6)[5])
-    np.testing.assert_allclose(command.q, arm.q, rtol=0, atol=RELATIVE)
+    assert_close(command.q, arm.q, RELATIVE)
     assert command.q[5] < 0
 
 
@@ -161,10 +170,7 @@ def test_joints_with_limits_are_never_taken_a_turn_away():
 def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_limits(jump, event):
     limits = replace(UR5.limits, acceleration=np.full(6, ACCELERATION))
     options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
-    arm, goal = Driver(clik(limits=limits), HOME, options=options), moved(0.2)
-    arm.run(0.1)
-    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
-    arm.run(0.75)
+    arm, goal = on_its_way(limits, options=options)
     if event == "halt":
         arm.controller.halt()
         arm.run(0.05)
@@ -187,11 +193,7 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
 
 
 def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little():
-    arm = Driver(clik(limits=UR5.limits), HOME)
-    goal = moved(0.2)
-    arm.run(0.1)
-    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
-    arm.run(0.75)
+    arm, goal = on_its_way()
     arm.step(stamps=0.05)
     arm.run(1.0)
     assert np.abs(np.diff(arm.commands, 2, axis=0)).max() <= ACCELERATION * DT**2
@@ -205,11 +207,7 @@ def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little()
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
 def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
-    arm = Driver(clik(limits=UR5.limits, feedback=feedback), HOME)
-    goal = moved(0.2)
-    arm.run(0.1)
-    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
-    arm.run(0.75)
+    arm, goal = on_its_way(feedback=feedback)
     command, desired = arm.step(), arm.controller.guidance.tick_now.desired
     after = arm.step(gap)
     most = 3.001 * DT * np.abs([command.dq, after.dq]).max(axis=0)

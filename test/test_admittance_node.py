@@ -16,7 +16,7 @@ from in_process import Running, World
 from ros_processes import AT_ONCE, HOME, MODEL, UNSHAPED, UR5, Arm, Array, pose, reference
 from samples import rodrigues
 from sensor_msgs.msg import JointState
-from tolerances import LAW_IN_A_NODE
+from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -73,35 +73,20 @@ class Admittance:
         self.arm.wear_sensor()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, "reference")
         self.impedance = self.start_impedance()
-        self.clik = self.start_clik()
-        self.arm.connect()
-        self.ready()
-
-    def start_impedance(self) -> Running:
-        return self.world.start(NAME, COMPLIANT)
-
-    def start_clik(self) -> Running:
         parameters = SIMULATED | UNSHAPED | {"reference_timeout": 0.02}  # a blow does not last
-        return self.world.start("clik", parameters, remap=FOLLOWING)
-
-    def ready(self) -> None:
-        """Tick until both are active, and clik follows."""
-        self.arm.alive = False
+        clik = world.start("clik", parameters, remap=FOLLOWING)
+        self.arm.connect()
         self.arm.frames.clear()
 
         def following() -> bool:
             self.arm.tick()
-            return bool(self.arm.frames) and "following a reference" in self.clik.log
+            return bool(self.arm.frames) and "following a reference" in clik.log
 
-        self.world.until(following, "clik following")
+        world.until(following, "clik following")
         self.arm.alive = True
 
-    def until_active(self, process: Running) -> None:
-        """Send states until a process that was started is active; clik may answer or not."""
-
-        active = "active with"
-        self.world.until(lambda: (self.arm.send_next(), active in process.log)[1], active)
-        self.arm.commands.clear()
+    def start_impedance(self) -> Running:
+        return self.world.start(NAME, COMPLIANT)
 
 
 @pytest.fixture(scope="module")
@@ -114,11 +99,9 @@ def both(shared: Admittance) -> Iterator[Admittance]:
     """Both nodes, active, with the arm at home, untouched."""
     arm = shared.arm
     arm.release()
-    arm.sensor.on = True
     arm.start_afresh()
     yield shared
     arm.release()
-    arm.sensor.on = True
 
 
 def spring(anchor: Array) -> Callable[[RobotState], Array]:
@@ -136,13 +119,13 @@ def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment
     both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "motion")
     arm.ticks(100)
     settle(arm)
-    np.testing.assert_allclose(arm.contact()[:3], [-FORCE, 0.0, 0.0], rtol=0, atol=0.01 * FORCE)
+    assert_close(arm.contact()[:3], [-FORCE, 0.0, 0.0], 0.01 * FORCE)
     assert np.linalg.norm(pose(arm.q)[0] - arm.frame().p_d) < FOLLOWED
     arm.push(0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
     settle(arm)
     turned = rodrigues(np.arcsin(2.0 / 100.0), np.array([0.0, 0.0, 1.0])) @ R
     assert angle_between(pose(arm.q)[1], turned) < FOLLOWED
-    np.testing.assert_allclose(pose(arm.q)[0], p + [DEPTH, 0.0, 0.0], rtol=0, atol=FOLLOWED)
+    assert_close(pose(arm.q)[0], p + [DEPTH, 0.0, 0.0], FOLLOWED)
 
 
 def test_a_blow_is_followed_from_its_first_frame(both):
@@ -150,53 +133,6 @@ def test_a_blow_is_followed_from_its_first_frame(both):
     both.arm.push(20.0, 0.0, 0.0)  # 20 m/s^2, 0.1 m in 0.1 s if it lasted
     both.arm.ticks(30)
     assert both.peer.counter("clik", "reference rejected") == before
-
-
-def test_when_the_wrench_stops_the_arm_stands_still_and_goes_on_when_it_is_back(both):
-    arm, (p, _) = both.arm, pose(HOME)
-    arm.push(8.0, 0.0, 0.0)
-    arm.ticks(20)
-    arm.sensor.on = False
-    both.peer.status(NAME, lambda s: "no valid wrench" in s.message, arm.tick)
-    settle(arm)
-    q = arm.q
-    assert pose(q)[0][0] - p[0] > 5e-4
-    assert np.linalg.norm(pose(q)[0] - arm.frame().p_d) < FOLLOWED
-    arm.release()
-    arm.ticks(50)
-    np.testing.assert_allclose(arm.q, q, rtol=0, atol=LAW_IN_A_NODE)
-    assert np.abs(arm.dq).max() < AT_REST
-    arm.push(8.0, 0.0, 0.0)
-    arm.sensor.on = True
-    speeds = [float(np.linalg.norm(command.velocity)) for command in arm.ticks(50)]
-    assert max(np.diff(speeds)) < 0.1  # it starts from rest; it was twice as fast when it stopped
-    settle(arm)
-    settle(arm)  # the wrench counts little by little
-    np.testing.assert_allclose(pose(arm.q)[0], p + [8.0 / K_P, 0, 0], rtol=0, atol=FOLLOWED)
-
-
-def test_when_clik_dies_the_one_that_is_started_anew_takes_over(both):
-    arm, (p, _) = both.arm, pose(HOME)
-    arm.push(4.0, 0.0, 0.0)
-    settle(arm)
-    both.clik.kill()
-    arm.send_next(5)  # nobody answers, and the arm stands
-    arm.push(8.0, 0.0, 0.0)
-    q = arm.q
-    for _ in range(40):
-        arm.t += 10_000_000
-        arm.send(arm.message())
-        arm.frame()
-    assert arm.commands == []
-    assert arm.frame().p_d[0] - pose(q)[0][0] > 0.9 * 4.0 / K_P  # it went on alone
-    both.clik = both.start_clik()
-    both.until_active(both.clik)
-    np.testing.assert_array_equal(arm.q, q)
-    first = arm.tick()
-    np.testing.assert_allclose(first.position, q, rtol=0, atol=0.01)
-    both.ready()
-    settle(arm)
-    np.testing.assert_allclose(pose(arm.q)[0], p + [8.0 / K_P, 0, 0], rtol=0, atol=FOLLOWED)
 
 
 def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_where_the_arm_is(
@@ -212,21 +148,23 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     settle(arm)
     q, count = arm.q, len(arm.frames)
     arm.ticks(20)
-    np.testing.assert_allclose(arm.q, q, rtol=0, atol=LAW_IN_A_NODE)
+    assert_close(arm.q, q, LAW_IN_A_NODE)
     assert np.abs(arm.dq).max() < AT_REST
     assert len(arm.frames) == count
     arm.release()
     both.impedance = both.start_impedance()
-    both.until_active(both.impedance)
+    active = "active with"
+    both.world.until(lambda: (arm.send_next(), active in both.impedance.log)[1], active)
+    arm.commands.clear()
     arm.alive = True
     settle(arm)
-    np.testing.assert_allclose(arm.frame().p_d, pose(q)[0], rtol=0, atol=FOLLOWED)
-    np.testing.assert_allclose(arm.q, q, rtol=0, atol=FOLLOWED)
+    assert_close(arm.frame().p_d, pose(q)[0], FOLLOWED)
+    assert_close(arm.q, q, FOLLOWED)
     arm.push(0.0, 5.0, 0.0)
     both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "clik finding it")
     settle(arm)
     moved = pose(arm.q)[0] - pose(q)[0]
-    np.testing.assert_allclose(moved, [0.0, 5.0 / K_P, 0.0], rtol=0, atol=FOLLOWED)
+    assert_close(moved, [0.0, 5.0 / K_P, 0.0], FOLLOWED)
 
 
 # --- an arm that says less -------------------------------------------------------------------
@@ -259,7 +197,7 @@ def test_an_arm_without_velocities_and_inertias_is_compliant_too(world):
     arm.environment = spring(p - [DEPTH, 0.0, 0.0])
     arm.ticks(80, dt=0.005)
     moved = arm.frame().p_d - p
-    np.testing.assert_allclose(moved, [-FORCE / K_P, 0.0, 0.0], rtol=0, atol=0.01 * FORCE / K_P)
+    assert_close(moved, [-FORCE / K_P, 0.0, 0.0], 0.01 * FORCE / K_P)
     assert angle_between(arm.frame().R_d, R) < LAW_IN_A_NODE
     topics = {name for name, _ in world.peer.node.get_topic_names_and_types()}
     assert not topics & {"/joint_effort", "/joint_reference"}
@@ -318,7 +256,7 @@ def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equ
         )
         contact, q = said["wrench"][-1].wrench.force, said["joint_states"][-1].position[:6]
         w = pose(q)[1] @ [contact.x, contact.y, contact.z]
-        np.testing.assert_allclose(w, [-FORCE, 0.0, 0.0], rtol=0, atol=0.01 * FORCE)
+        assert_close(w, [-FORCE, 0.0, 0.0], 0.01 * FORCE)
     for texts in found[0].values():
         assert list(texts) == list(range(0, END + 1, STEP))
     assert found[0] == found[1]

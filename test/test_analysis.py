@@ -16,22 +16,19 @@ from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rew
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.headline import describe, fill, placeholders
+from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.lyapunov import lyapunov_series
-from eulerparams_control.analysis.metrics import METRICS, get_metric, measure, quotient
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.quantities import measure, quotient
+from eulerparams_control.analysis.recording import Recording, lyapunov_series
 from eulerparams_control.analysis.scale import axis, symmetric_axis
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
-from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
@@ -53,7 +50,6 @@ def run(tmp_path: Path) -> Recording:
 
 @pytest.fixture
 def dynamic(tmp_path: Path) -> Recording:
-    """A run of dynamic control: it moves as MEASURED and SPEEDS say."""
     folder = tmp_path / "dynamic"
     return recorded(folder, MEASURED, speeds=SPEEDS, efforts=EFFORTS, parameters=GAINS)
 
@@ -104,24 +100,21 @@ def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
     ],
 )
 def test_a_metric_is_what_the_rod_gives_by_hand(run, name, options, expected):
-    assert get_metric(name).compute(run, **options) == pytest.approx(expected, rel=EXACT, abs=1e-6)
+    assert measure(name, run, **options) == pytest.approx(expected, rel=EXACT, abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("name", "options", "expected"),
     [
-        ("peak_effort", {}, 10.0),
-        ("peak_effort", {"after": 0.03}, 7.0),
-        ("saturated_time", {}, 0.02),
-        ("saturated_time", {"before": 0.01}, 0.01),
-        ("peak_orientation_error", {}, math.degrees(0.5)),
-        ("peak_joint_speed", {}, 2.0),
+        ("peak_effort", {}, 10.0), ("peak_effort", {"after": 0.03}, 7.0),
+        ("saturated_time", {}, 0.02), ("saturated_time", {"before": 0.01}, 0.01),
+        ("peak_orientation_error", {}, math.degrees(0.5)), ("peak_joint_speed", {}, 2.0),
     ],
-)
+)  # fmt: skip
 def test_metrics_of_dynamic_control_are_of_the_efforts_and_the_measured_motion(
     dynamic, name, options, expected
 ):
-    assert get_metric(name).compute(dynamic, **options) == pytest.approx(expected, rel=EXACT)
+    assert measure(name, dynamic, **options) == pytest.approx(expected, rel=EXACT)
 
 
 def test_an_effort_at_its_limit_but_for_rounding_counts_as_saturated(tmp_path):
@@ -141,6 +134,10 @@ def test_what_does_not_fit_the_recording_is_refused(run):
         measure("posture_cost", run, posture=[1.0, 2.0], at="middle")
     with pytest.raises(BagError, match="fewer than two samples on a way from 10 to 30 deg"):
         measure("growth_rate", run, low=10.0, high=30.0)
+    with pytest.raises(UnknownNameError, match=r"did you mean 'servo_lag'.*peak_joint_speed"):
+        measure("servo_lags", run)
+    with pytest.raises(UnknownNameError, match="command, leading, measured"):
+        measure("peak_joint_speed", run, of="comand")
 
 
 def test_the_growth_rate_is_that_of_the_first_way_out(tmp_path):
@@ -168,30 +165,13 @@ def test_a_quotient_by_zero_is_infinite_or_nothing():
     assert math.isnan(quotient(0.0, 0.0))
 
 
-def test_an_unknown_metric_or_series_lists_those_that_exist(run):
-    with pytest.raises(UnknownNameError, match=r"did you mean 'servo_lag'.*peak_joint_speed"):
-        get_metric("servo_lags")
-    with pytest.raises(UnknownNameError, match="command, leading, measured"):
-        get_metric("peak_joint_speed").compute(run, of="comand")
-
-
-def test_every_metric_says_what_it_is():
-    assert all(metric.description for metric in METRICS.values())
-
-
 def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path):
-    folder = write_run(tmp_path / "run", [0.3], parameters={"euler_sequence": "ZYZ"})
-    assert get_metric("closest_approach").compute(load(folder), of="measured") == pytest.approx(
-        math.degrees(0.3), rel=EXACT
-    )
+    run = recorded(tmp_path / "run", [0.3], parameters={"euler_sequence": "ZYZ"})
+    angle = measure("closest_approach", run, of="measured")
+    assert angle == pytest.approx(math.degrees(0.3), rel=EXACT)
 
 
 # --- recordings ----------------------------------------------------------------------
-
-
-def test_times_start_at_the_first_joint_states(run):
-    assert run.command is not None
-    assert run.measured.t.tolist() == run.command.t.tolist() == [0.0, 0.01, 0.02, 0.03]
 
 
 def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path):
@@ -200,12 +180,13 @@ def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path):
     assert run.command is None
     assert run.leading is run.measured
     assert np.isnan(run.measured.orientation_error).all()
-    assert get_metric("peak_joint_speed").compute(run, of="leading") == 2.0
+    assert describe([Digest.of(run)]) == "Largest joint speed: 2.00 rad/s (run)."
+    assert measure("peak_joint_speed", run, of="leading") == 2.0
     for name in ("peak_orientation_error", "peak_position_error", "servo_lag"):
         with pytest.raises(BagError, match=r"no joint_reference|no desired frame"):
-            get_metric(name).compute(run)
+            measure(name, run)
     with pytest.raises(BagError, match="no desired frame"):
-        get_metric("peak_orientation_error").compute(run, of="measured")
+        measure("peak_orientation_error", run, of="measured")
 
 
 def test_topics_of_another_type_are_not_taken(tmp_path):
@@ -238,9 +219,6 @@ def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic):
     assert dynamic.effort.largest.tolist() == [3.0, 10.0, 10.0, 7.0]
     assert dynamic.command is None
     assert dynamic.leading is dynamic.measured
-
-
-def test_with_efforts_the_motion_starts_at_the_first_answer(dynamic):
     assert dynamic.measured.orientation_error.tolist() == pytest.approx([0.0, 0.3, 0.5, 0.2])
 
 
@@ -351,7 +329,7 @@ def test_without_a_lyapunov_function_the_recording_says_why(tmp_path, options, w
         measure("lyapunov_increase", run)
 
 
-# --- runs beyond all numbers ---------------------------------------------------------
+# --- runs that are not finite ---------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("error")
@@ -417,25 +395,6 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path):
     )
 
 
-def test_runs_with_nothing_desired_are_described_by_their_speed(tmp_path):
-    folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False)
-    run = Digest.of(load(folder, tip_frame="tip"))
-    assert describe([run]) == "Largest joint speed: 2.00 rad/s (run)."
-
-
-@pytest.mark.parametrize("name", config_names("experiments"))
-def test_the_summary_of_an_experiment_names_its_variants_and_metrics(name):
-    experiment = load_experiment(name)
-    found = placeholders(experiment.summary)
-    assert len(found) == experiment.summary.count("{")
-    for metric, *variants in found:
-        if metric == "library":  # {library.NAME} is a number of its own
-            assert experiment.library
-            continue
-        get_metric(metric)
-        assert set(variants) - {""} <= experiment.variants.keys()
-
-
 # --- fewer points, axes --------------------------------------------------------------
 
 
@@ -486,16 +445,16 @@ def test_an_axis_is_logarithmic_where_runs_differ_by_powers_of_ten_above_roundin
     values, options, kind, low, high
 ):
     shown = axis(values, 1e-6, **options)
-    assert shown["type"] == kind
-    for end, (least, most) in zip(shown.get("range", (0.0, 0.0)), (low, high), strict=True):
+    assert ("log" if shown.logarithmic else "linear") == kind
+    ends = (math.log10(end) if shown.logarithmic else end for end in shown[1:3])
+    for end, (least, most) in zip(ends, (low, high), strict=True):
         assert least <= end <= most
 
 
 def test_an_axis_of_components_has_zero_in_its_middle():
     runs = [np.array([[1.0, -4.0, np.nan]]), np.array([[2.0, np.inf, 0.0]])]
     shown = symmetric_axis(runs, 1e-6)
-    assert shown["type"] == "linear"
-    assert shown["range"] == pytest.approx([-4.4, 4.4])
-    assert symmetric_axis([np.full(3, 1e-12)], 1.0)["range"] == pytest.approx([-1.1, 1.1])
-    assert symmetric_axis([np.array([1e300, 1.0])], 1.0)["range"][1] < 1e13
-    assert symmetric_axis([np.full(2, np.nan)], 1.0)["range"] == pytest.approx([-1.1, 1.1])
+    assert shown[:3] == pytest.approx((False, -4.4, 4.4))
+    assert symmetric_axis([np.full(3, 1e-12)], 1.0)[:3] == pytest.approx((False, -1.1, 1.1))
+    assert symmetric_axis([np.array([1e300, 1.0])], 1.0).high < 1e13
+    assert symmetric_axis([np.full(2, np.nan)], 1.0)[:3] == pytest.approx((False, -1.1, 1.1))

@@ -89,7 +89,6 @@ def bench(graph: Graph, tmp_path: Path) -> Bench:
 
 
 def states(count: int, joint: str = "j") -> Iterator[JointState]:
-    """Yield states whose positions are their numbers."""
     for number in range(count):
         yield JointState(name=[joint], position=[float(number)])
 

@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,20 +18,21 @@ from test_experiments import nodes_of
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.lab.campaign import schedule
 from eulerparams_control.lab.campaign.draws import (
+    CHUNKS,
+    GOALS,
     MOTIONS,
+    POSES,
+    SMOOTH_MOTIONS,
+    STREAM,
+    TWISTS,
+    RobotDraw,
+    StreamDraw,
 )
 from eulerparams_control.lab.campaign.main import main
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.oracles import Oracle, judge
-from eulerparams_control.lab.campaign.outcome import STARVED, SequenceOutcome, look
-from eulerparams_control.lab.campaign.plan import (
-    CONTROLLERS,
-    LOCKSTEP,
-    REALTIME,
-    faults_of,
-    make_plan,
-    shaken,
-)
+from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
+from eulerparams_control.lab.campaign.plan import CONTROLLERS, SMOOTH, faults_of, make_plan, shaken
 from eulerparams_control.lab.campaign.record import (
     ERROR,
     KILLED,
@@ -44,8 +46,11 @@ from eulerparams_control.lab.campaign.record import (
     State,
     Truth,
 )
-from eulerparams_control.lab.campaign.schedule import plans, plans_of_both, run
+from eulerparams_control.lab.campaign.schedule import plans
+from eulerparams_control.lab.campaign.streams import Sent, Stream
 from eulerparams_control.lab.faults import Fault
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 RATE = 250.0
 MAX_EFFORT_RATE = 1e4
@@ -57,6 +62,7 @@ AHEAD = 100.0
 
 ZERO = (0.0,) * 6
 AT_HOME = tuple(HOME.tolist())
+STEP = float(MODEL.limits.velocity[0]) / RATE  # [rad] between two commands
 WEIGHT = tuple(MODEL.dynamic_state(HOME, np.zeros(6)).g.tolist())
 
 # A sequence whose controller is killed, so that a start, a death and a restart repeat, too.
@@ -100,20 +106,10 @@ def test_nothing_is_found_where_nothing_is_wrong(control):
     assert judge(calm(control)) == []
 
 
-# What is planted, and which oracle, and only it, finds it.
-PLANTS: dict[str, tuple[str, Callable[[SequenceRecord], None], str]] = {}
-
-
-def plant(control: str, oracle: str) -> Callable[[Any], Any]:
-    def keep(function: Callable[[SequenceRecord], None]) -> Callable[[SequenceRecord], None]:
-        PLANTS[function.__name__] = control, function, oracle
-        return function
-
-    return keep
+type Spoil = Callable[[SequenceRecord], None]
 
 
 def put(messages: list[Any], number: int, **values: Any) -> None:
-    """Change a message of a list."""
     messages[number] = messages[number]._replace(**values)
 
 
@@ -132,100 +128,12 @@ def hold(record: SequenceRecord) -> None:
     record.said[1:] = [Said(1.0, ERROR, "a fault", Mode.STOPPED), Said(2.0, OK, "active")]
 
 
-@plant("position", "survives")
-def an_internal_error(record: SequenceRecord) -> None:
-    record.said.insert(1, Said(0.5, OK, "KeyError: 1", Mode.STOPPED, Cause.DEFECT))
-
-
-@plant("position", "limits")
-def a_position_beyond_its_limit(record: SequenceRecord) -> None:
-    q = changed(AT_HOME, 2, float(MODEL.limits.upper[2]) + 0.001 - AT_HOME[2])
-    for k in range(at(1.0), len(record.commands)):
-        put(record.commands, k, q=q)
-    silence(record, 0.5, 1.0)  # it is no jump then, but no calm start
-    put(record.states, at(0.5) + 1, q=q)
-
-
-@plant("torque", "limits")
-def an_effort_beyond_its_limit(record: SequenceRecord) -> None:
-    for k in range(len(record.commands)):  # it comes up slowly, and stays
-        put(record.commands, k, effort=changed(WEIGHT, 5, min(0.5 * k, 28.001 - WEIGHT[5])))
-
-
-@plant("torque", "no jump")
-def an_effort_that_jumps_within_a_burst(record: SequenceRecord) -> None:
-    jump = changed(WEIGHT, 0, 1.5 * MAX_EFFORT_RATE / RATE)
-    put(record.commands, at(1.0) + 1, t=1.0, effort=jump)
-
-
-@plant("torque", "silent")
-def a_command_without_a_state(record: SequenceRecord) -> None:
-    record.states[:] = [s for s in record.states if not 1.0 < s.t < 1.0 + STATE_TIMEOUT + 0.05]
-
-
-@plant("position", "silent")
-def a_command_to_states_that_cannot_be_read(record: SequenceRecord) -> None:
-    for k in range(at(1.0), at(1.2)):
-        put(record.states, k, q=(), dq=())
-
-
-@plant("torque", "calm start")
-def an_effort_that_does_not_bear_the_arm_after_a_restart(record: SequenceRecord) -> None:
-    record.events += [SequenceEvent(1.0, KILLED), SequenceEvent(1.0, STARTS)]
-    for k in range(at(1.0), len(record.commands)):
-        put(record.commands, k, life=2)
-    put(record.commands, at(1.0), effort=changed(WEIGHT, 1, 2.0))
-
-
-@plant("torque", "says so")
-def a_silence_of_which_nothing_is_said(record: SequenceRecord) -> None:
-    silence(record, 1.0, 1.32, says=False)
-
-
-@plant("torque", "held still")
-def an_arm_that_moves_while_it_is_held(record: SequenceRecord) -> None:
-    hold(record)
-    put(record.truth, at(1.7), dq=(0.021, *ZERO[1:]))
-
-
-@plant("torque", "held still")
-def an_arm_that_sinks_while_it_is_held(record: SequenceRecord) -> None:
-    hold(record)
-    for k in range(at(1.5), at(2.0)):
-        put(record.truth, k, q=changed(AT_HOME, 1, 0.03 * (k / RATE - 1.5)))
-
-
-@plant("torque", "held still")
-def an_arm_that_moves_while_its_states_are_away(record: SequenceRecord) -> None:
-    silence(record, 1.0, 1.3)
-    record.shaken = [(1.0, 1.3)]  # it is a fault that takes them away
-    put(record.truth, at(1.27), dq=(0.021, *ZERO[1:]))
-
-
-@plant("torque", "no runaway")
-def an_arm_that_runs_away(record: SequenceRecord) -> None:
-    put(record.truth, at(1.7), dq=changed(ZERO, 4, -2.001 * float(MODEL.limits.velocity[4])))
-
-
-@plant("torque", "recovers")
-def a_controller_that_is_not_well_at_the_end(record: SequenceRecord) -> None:
-    record.said.append(Said(END - 0.1, ERROR, "a fault", Mode.STOPPED))
-
-
-@pytest.mark.parametrize("name", PLANTS)
-def test_what_is_planted_is_found_by_its_oracle_and_by_no_other(name):
-    control, spoil, oracle = PLANTS[name]
-    record = calm(control)
-    spoil(record)
-    assert found(record) == {oracle}
-
-
 ASKED = AskedLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0, (10.0,))
 
 
 def swing(
     record: SequenceRecord,
-    peak: float,
+    peak: float = 1.0,
     *,
     asked: AskedLimits = ASKED,
     omega: float = 3.0,
@@ -240,12 +148,92 @@ def swing(
         record.commands[k] = command._replace(q=q, dq=dq)
 
 
-@plant("position", "smooth joints")
-def a_joint_that_is_asked_for_too_much_acceleration(record: SequenceRecord) -> None:
-    swing(record, 1.0, asked=AskedLimits(joint_acceleration=(0.9,)))
+def sway(record: SequenceRecord, **asked: float) -> None:
+    """Let the arm swing with its first joint: 1 rad/s^2 at 3 rad/s."""
+    record.asked = replace(ASKED, **asked)
+    for k, truth in enumerate(record.truth):
+        q = changed(AT_HOME, 0, (1 - math.cos(3.0 * truth.t)) / 9.0)
+        record.truth[k] = truth._replace(q=q)
 
 
-@plant("position", "smooth joints")
+def commanding(**values: Any) -> Spoil:
+    """A command at 1 s is another."""
+    return lambda record: put(record.commands, at(1.0), **values)
+
+
+def beginning(**values: Any) -> Spoil:
+    """The first command after a gap is another."""
+
+    def spoil(record: SequenceRecord) -> None:
+        silence(record, 1.0, 1.4)
+        put(record.commands, at(1.0) + 1, **values)
+
+    return spoil
+
+
+def ending(**values: Any) -> Spoil:
+    return lambda record: vars(record).update(values)
+
+
+def saying(number: int, *said: Any) -> Spoil:
+    return lambda record: record.said.insert(number, Said(*said))
+
+
+def a_position_beyond_its_limit(record: SequenceRecord) -> None:
+    q = changed(AT_HOME, 2, float(MODEL.limits.upper[2]) + 0.001 - AT_HOME[2])
+    for k in range(at(1.0), len(record.commands)):
+        put(record.commands, k, q=q)
+    silence(record, 0.5, 1.0)  # it is no jump then, but no calm start
+    put(record.states, at(0.5) + 1, q=q)
+
+
+def an_effort_beyond_its_limit(record: SequenceRecord) -> None:
+    for k in range(len(record.commands)):  # it comes up slowly, and stays
+        put(record.commands, k, effort=changed(WEIGHT, 5, min(0.5 * k, 28.001 - WEIGHT[5])))
+
+
+def an_effort_that_jumps_within_a_burst(record: SequenceRecord) -> None:
+    jump = changed(WEIGHT, 0, 1.5 * MAX_EFFORT_RATE / RATE)
+    put(record.commands, at(1.0) + 1, t=1.0, effort=jump)
+
+
+def a_command_without_a_state(record: SequenceRecord) -> None:
+    record.states[:] = [s for s in record.states if not 1.0 < s.t < 1.0 + STATE_TIMEOUT + 0.05]
+
+
+def a_command_to_states_that_cannot_be_read(record: SequenceRecord) -> None:
+    for k in range(at(1.0), at(1.2)):
+        put(record.states, k, q=(), dq=())
+
+
+def an_effort_that_does_not_bear_the_arm_after_a_restart(record: SequenceRecord) -> None:
+    record.events += [SequenceEvent(1.0, KILLED), SequenceEvent(1.0, STARTS)]
+    for k in range(at(1.0), len(record.commands)):
+        put(record.commands, k, life=2)
+    put(record.commands, at(1.0), effort=changed(WEIGHT, 1, 2.0))
+
+
+def an_arm_that_moves_while_it_is_held(record: SequenceRecord) -> None:
+    hold(record)
+    put(record.truth, at(1.7), dq=(0.021, *ZERO[1:]))
+
+
+def an_arm_that_sinks_while_it_is_held(record: SequenceRecord) -> None:
+    hold(record)
+    for k in range(at(1.5), at(2.0)):
+        put(record.truth, k, q=changed(AT_HOME, 1, 0.03 * (k / RATE - 1.5)))
+
+
+def an_arm_that_moves_while_its_states_are_away(record: SequenceRecord) -> None:
+    silence(record, 1.0, 1.3)
+    record.shaken = [(1.0, 1.3)]  # it is a fault that takes them away
+    put(record.truth, at(1.27), dq=(0.021, *ZERO[1:]))
+
+
+def an_arm_that_runs_away(record: SequenceRecord) -> None:
+    put(record.truth, at(1.7), dq=changed(ZERO, 4, -2.001 * float(MODEL.limits.velocity[4])))
+
+
 def a_first_command_beside_the_arm(record: SequenceRecord) -> None:
     record.asked = AskedLimits(joint_acceleration=(10.0,))
     silence(record, 1.0, 1.4)
@@ -255,43 +243,63 @@ def a_first_command_beside_the_arm(record: SequenceRecord) -> None:
         record.states[k] = record.states[k]._replace(q=off)
 
 
-@plant("position", "smooth tip")
-def a_tip_that_is_asked_for_too_much_speed(record: SequenceRecord) -> None:
-    swing(record, 1.0, asked=replace(ASKED, angular_speed=0.3))  # 0.33 rad/s
+SLOW = AskedLimits(joint_acceleration=(0.9,))
+JERK = AskedLimits(angular_speed=1.0, angular_acceleration=4.0, angular_jerk=80.0)
+
+# What is planted, and which oracle, and only it, finds it.
+PLANTS: list[tuple[str, str, Spoil]] = [
+    ("position", "survives", saying(1, 0.5, OK, "KeyError: 1", Mode.STOPPED, Cause.DEFECT)),
+    ("torque", "survives", ending(crash="ValueError")),
+    ("position", "finite", commanding(dq=changed(ZERO, 2, math.nan))),
+    ("position", "finite", commanding(q=AT_HOME[:5])),
+    ("position", "finite", commanding(names=MODEL.joints[::-1])),
+    ("torque", "finite", commanding(effort=changed(WEIGHT, 2, math.inf))),
+    ("position", "limits", a_position_beyond_its_limit),
+    ("position", "limits", commanding(dq=changed(ZERO, 1, 1.001 * MODEL.limits.velocity[1]))),
+    ("torque", "limits", an_effort_beyond_its_limit),
+    ("position", "no jump", commanding(q=changed(AT_HOME, 0, 1.001 * STEP))),
+    ("torque", "no jump", commanding(effort=changed(WEIGHT, 0, 1.001 * MAX_EFFORT_RATE / RATE))),
+    ("torque", "no jump", an_effort_that_jumps_within_a_burst),
+    ("torque", "silent", a_command_without_a_state),
+    ("position", "silent", a_command_to_states_that_cannot_be_read),
+    ("torque", "calm start", an_effort_that_does_not_bear_the_arm_after_a_restart),
+    ("position", "calm start", beginning(q=changed(AT_HOME, 3, 1e-5))),
+    ("position", "calm start", beginning(dq=(1e-5,) * 6)),
+    ("torque", "calm start", beginning(effort=changed(WEIGHT, 1, 2.0))),
+    ("torque", "calm start", beginning(stamp=AHEAD + 1.401)),  # of no state
+    ("torque", "says so", partial(silence, start=1.0, end=1.32, says=False)),
+    ("torque", "held still", an_arm_that_moves_while_it_is_held),
+    ("torque", "held still", an_arm_that_sinks_while_it_is_held),
+    ("torque", "held still", an_arm_that_moves_while_its_states_are_away),
+    ("torque", "no runaway", an_arm_that_runs_away),
+    ("torque", "recovers", saying(2, END - 0.1, ERROR, "a fault", Mode.STOPPED)),
+    ("torque", "recovers", ending(tip_error=(0.0051, 0.0))),
+    ("torque", "recovers", ending(tip_error=(0.0, 1.01))),
+    ("torque", "recovers", ending(tip_error=(math.nan, 0.0))),
+    ("position", "smooth joints", partial(swing, asked=SLOW)),
+    ("position", "smooth joints", a_first_command_beside_the_arm),
+    ("position", "smooth tip", partial(swing, asked=replace(ASKED, angular_speed=0.3))),  # 0.33
+    ("position", "smooth tip", partial(swing, asked=replace(ASKED, angular_acceleration=0.9))),
+    ("position", "smooth tip", partial(swing, peak=3.0, asked=JERK, omega=6.0, since=1.0)),
+    ("torque", "smooth arm", partial(sway, angular_speed=0.29)),  # of 0.33 rad/s
+    ("torque", "smooth arm", partial(sway, angular_acceleration=0.7)),
+]
 
 
-@plant("position", "smooth tip")
-def a_tip_that_is_asked_for_too_much_acceleration(record: SequenceRecord) -> None:
-    swing(record, 1.0, asked=replace(ASKED, angular_acceleration=0.9))
+@pytest.mark.parametrize(("control", "oracle", "spoil"), PLANTS)
+def test_what_is_planted_is_found_by_its_oracle_and_by_no_other(control, oracle, spoil):
+    record = calm(control)
+    spoil(record)
+    assert found(record) == {oracle}
 
 
-@plant("position", "smooth tip")
-def a_tip_that_is_asked_for_too_much_jerk(record: SequenceRecord) -> None:
-    asked = AskedLimits(angular_speed=1.0, angular_acceleration=4.0, angular_jerk=80.0)
-    swing(record, 3.0, asked=asked, omega=6.0, since=1.0)  # from 0 to 3 rad/s^2 in a period
-
-
-def sway(record: SequenceRecord, asked: AskedLimits) -> None:
-    """Let the arm swing with its first joint: 1 rad/s^2 at 3 rad/s."""
-    record.asked = asked
-    for k, truth in enumerate(record.truth):
-        q = changed(AT_HOME, 0, (1 - math.cos(3.0 * truth.t)) / 9.0)
-        record.truth[k] = truth._replace(q=q)
-
-
-@plant("torque", "smooth arm")
-def an_arm_that_is_too_fast(record: SequenceRecord) -> None:
-    sway(record, replace(ASKED, angular_speed=0.29))  # 0.33 rad/s
-
-
-@plant("torque", "smooth arm")
-def an_arm_that_accelerates_too_much(record: SequenceRecord) -> None:
-    sway(record, replace(ASKED, angular_acceleration=0.7))
+def test_each_oracle_has_something_planted_for_it():
+    assert {oracle for _, oracle, _ in PLANTS} == set(Oracle.registry)
 
 
 def test_an_arm_that_is_shaken_may_be_fast() -> None:
     record = calm("torque")
-    sway(record, replace(ASKED, angular_speed=0.29))
+    sway(record, angular_speed=0.29)
     record.shaken = [(0.0, END)]
     assert judge(record) == []
 
@@ -307,69 +315,13 @@ def test_a_smooth_motion_is_smooth_whatever_is_missed_and_where_it_is_not_judged
     assert judge(record) == []
 
 
-# What a command at 1 s may be, and which oracle finds it.
-COMMANDS: list[tuple[str, str, dict[str, Any]]] = [
-    ("position", "finite", {"dq": changed(ZERO, 2, math.nan)}),
-    ("position", "finite", {"q": AT_HOME[:5]}),
-    ("position", "finite", {"names": MODEL.joints[::-1]}),
-    ("torque", "finite", {"effort": changed(WEIGHT, 2, math.inf)}),
-    ("position", "limits", {"dq": changed(ZERO, 1, 1.001 * MODEL.limits.velocity[1])}),
-    ("position", "no jump", {"q": changed(AT_HOME, 0, 1.001 * MODEL.limits.velocity[0] / RATE)}),
-    ("torque", "no jump", {"effort": changed(WEIGHT, 0, 1.001 * MAX_EFFORT_RATE / RATE)}),
-]
-
-
-@pytest.mark.parametrize(("control", "oracle", "values"), COMMANDS)
-def test_a_command_that_must_not_be_is_found_by_its_oracle_and_by_no_other(control, oracle, values):
-    record = calm(control)
-    put(record.commands, at(1.0), **values)
-    assert found(record) == {oracle}
-
-
-@pytest.mark.parametrize(
-    ("control", "values"),
-    [
-        ("position", {"q": changed(AT_HOME, 3, 1e-5)}),
-        ("position", {"dq": (1e-5,) * 6}),
-        ("torque", {"effort": changed(WEIGHT, 1, 2.0)}),
-        ("torque", {"stamp": AHEAD + 1.401}),  # of no state
-    ],
-)
-def test_a_first_command_after_a_gap_that_is_not_calm_is_found(control, values):
-    record = calm(control)
-    silence(record, 1.0, 1.4)
-    put(record.commands, at(1.0) + 1, **values)
-    assert found(record) == {"calm start"}
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "oracle"),
-    [
-        ("crash", "ValueError", "survives"),
-        ("tip_error", (0.0051, 0.0), "recovers"),
-        ("tip_error", (0.0, 1.01), "recovers"),
-        ("tip_error", (math.nan, 0.0), "recovers"),
-    ],
-)
-def test_an_end_that_must_not_be_is_found_by_its_oracle_and_by_no_other(field, value, oracle):
-    record = calm("torque")
-    setattr(record, field, value)
-    assert found(record) == {oracle}
-
-
-def test_each_oracle_has_something_planted_for_it():
-    planted = {oracle for _, _, oracle in PLANTS.values()}
-    assert planted | {oracle for _, oracle, _ in COMMANDS} == set(Oracle.registry)
-
-
 def test_what_is_allowed_is_not_found():
     """A repeated command counts from its first; after a gap, and while it is shaken, all is new."""
     record = calm("position")
-    step = 2.5 * float(MODEL.limits.velocity[0]) / RATE
     for k in (1, 2):  # states that repeat, then a step for all their time
         record.commands[at(1.0) + k] = record.commands[at(1.0)]._replace(t=1.0 + k / RATE)
     for k in range(at(1.0) + 3, len(record.commands)):
-        put(record.commands, k, q=changed(AT_HOME, 0, step))
+        put(record.commands, k, q=changed(AT_HOME, 0, 2.5 * STEP))
     assert judge(record) == []
     hold(record)
     put(record.truth, at(1.7), dq=(0.5, *ZERO[1:]))
@@ -398,12 +350,11 @@ def test_a_seed_makes_the_same_plan_and_another_seed_another():
 
 
 def test_a_campaign_has_all_controllers_motions_and_kinds_of_faults():
-    todo = plans_of_both(300, 0)
+    todo = plans(300, 0)
     assert {plan.controller for plan in todo} == set(CONTROLLERS)
     assert {plan.motion for plan in todo} == set(MOTIONS)
     assert {fault.name for plan in todo for fault in faults_of(plan)} == set(Fault.registry)
-    assert sum(plan.mode == REALTIME for plan in todo) == 45
-    assert len({(plan.mode, plan.controller, plan.seed) for plan in todo}) == 300
+    assert len({(plan.controller, plan.seed) for plan in todo}) == 300
 
 
 def test_the_user_waits_for_the_last_fault_before_the_arm_is_sent_again():
@@ -437,16 +388,6 @@ def test_a_sequence_in_lock_step_holds_what_it_must_and_repeats_to_the_bit(contr
     assert {command.life for command in found.commands} == {1, 2}
 
 
-@pytest.mark.slow
-def test_a_sequence_in_real_time_has_commands_states_and_a_story():
-    outcome = run(make_plan(KILLED_SEED["clik"], "clik", REALTIME))
-    assert not outcome.error
-    assert not outcome.violations, [str(v) for v in outcome.violations]
-    assert outcome.commands > 0
-    assert any(KILLED in line for line in outcome.story)
-    assert sum(STARTS in line for line in outcome.story) == 2
-
-
 # --- the executable --------------------------------------------------------------------
 
 
@@ -458,8 +399,8 @@ def outcome_of(plan: Any, **values: Any) -> SequenceOutcome:
     return look(plan, record, 1.0)
 
 
-def bad(plan: Any, starved: float = 0.0) -> SequenceOutcome:
-    return outcome_of(plan, tip_error=(1.0, 90.0), starved=starved)
+def bad(plan: Any) -> SequenceOutcome:
+    return outcome_of(plan, tip_error=(1.0, 90.0))
 
 
 def dies(plan: Any) -> SequenceOutcome:
@@ -488,10 +429,8 @@ def test_a_campaign_without_violations_ends_with_0_and_writes_page_and_summary(
     assert main(["--sequences", "6", "--out", str(tmp_path)]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["met"]
-    assert [(s["controller"], s["seed"], s["mode"]) for s in summary["sequences"]] == [
-        *((name, 0, LOCKSTEP) for name in CONTROLLERS),
-        *((name, 1, LOCKSTEP) for name in CONTROLLERS[:2]),
-        (CONTROLLERS[0], 0, REALTIME),
+    assert [(s["controller"], s["seed"]) for s in summary["sequences"]] == [
+        (name, seed) for seed in (0, 1) for name in CONTROLLERS
     ]
     page = (tmp_path / "index.html").read_text()
     assert "6 random fault sequences" in page
@@ -503,36 +442,13 @@ def test_a_campaign_without_violations_ends_with_0_and_writes_page_and_summary(
 def test_a_violation_ends_with_1_and_says_how_to_repeat_it(instead, tmp_path, capsys):
     instead(bad)
     assert main(["--seed", "17", "--controller", "clik", "--out", str(tmp_path)]) == 1
-    command = "fault_campaign --mode lockstep --controller clik --seed 17 --sequences 1"
+    command = "fault_campaign --controller clik --seed 17 --sequences 1"
     out = " ".join(capsys.readouterr().out.split())
     assert command in out
     assert "the tip ends 1000.0 mm, 90.0 deg away" in out
     assert command in (tmp_path / "index.html").read_text()
     (sequence,) = json.loads((tmp_path / "summary.json").read_text())["sequences"]
     assert sequence["violations"][0]["oracle"] == "recovers"
-
-
-def test_what_needs_real_time_is_not_judged_where_the_machine_starved():
-    plan = make_plan(0, "clik", REALTIME)
-    outcome = bad(plan, starved=2 * STARVED)
-    assert not outcome.violations
-    assert [violation.oracle for violation in outcome.unjudged] == ["recovers"]
-    outcome = outcome_of(plan, starved=2 * STARVED, crash="ended")
-    assert [violation.oracle for violation in outcome.violations] == ["survives"]
-
-
-def test_a_sequence_that_starved_is_run_again_by_itself(monkeypatch):
-    plan, runs = make_plan(0, "clik", REALTIME), []
-
-    def pool(todo: Any, jobs: int, _lost: Any) -> Any:
-        runs.append(jobs)
-        return [bad(plan, 2 * STARVED) if len(runs) < 3 else outcome_of(plan) for plan in todo]
-
-    monkeypatch.setattr(schedule, "_in_pool", pool)
-    (outcome,) = schedule.run_all([plan], 2)
-    assert outcome.is_good
-    assert not outcome.unjudged
-    assert runs == [1, 1, 1]
 
 
 def test_a_sequence_that_takes_its_worker_with_it_is_an_error_and_the_others_go_on(monkeypatch):
@@ -547,36 +463,16 @@ def test_a_sequence_that_takes_its_worker_with_it_is_an_error_and_the_others_go_
 
 
 @pytest.mark.slow
-def test_a_campaign_that_is_told_to_end_ends_its_workers_and_their_nodes(tmp_path, graph):
-    command = [sys.executable, "-m", "eulerparams_control.lab.campaign.main", "--mode", REALTIME]
+def test_a_campaign_that_is_told_to_end_ends_its_workers(tmp_path, graph):
+    command = [sys.executable, "-m", "eulerparams_control.lab.campaign.main"]
     env = environment(tmp_path, graph.domain) | {"TMPDIR": str(tmp_path)}
     campaign = Process([*command, "--out", str(tmp_path / "out")], tmp_path, "campaign", env)
     graph.processes.append(campaign)
-    nodes = tmp_path / "faults_"
-    graph.until(lambda: nodes_of(nodes), "nodes of a sequence")
+    workers = partial(nodes_of, tmp_path, "environ")
+    graph.until(lambda: len(workers()) > 2, "the workers of a campaign, beside itself and a helper")
     campaign.signal(signal.SIGTERM)
     assert campaign.end() == 130, campaign.log
-    graph.until(lambda: not nodes_of(nodes), "the end of the nodes")
-    assert not list(tmp_path.glob("faults_*"))
-
-
-def test_a_worker_that_is_told_to_end_twice_at_once_is_told_once(monkeypatch):
-    told = []
-
-    class Twice:
-        def set(self):  # of an event: a signal within it that sets it again waits for ever
-            told.append(len(told))
-            if len(told) < 3:
-                signal.raise_signal(signal.SIGTERM)
-
-    monkeypatch.setattr(schedule, "_stop", Twice())
-    monkeypatch.setattr(schedule, "_has_nodes", True)
-    before = signal.signal(signal.SIGTERM, schedule._end)
-    try:
-        signal.raise_signal(signal.SIGTERM)
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert told == [0]
+    graph.until(lambda: not workers(), "the end of the workers")
 
 
 def test_a_sequence_that_cannot_be_run_ends_with_2(instead, tmp_path):
@@ -589,3 +485,83 @@ def test_wrong_options_are_refused(given, capsys):
     with pytest.raises(SystemExit):
         main(given)
     assert "expected" in capsys.readouterr().err
+
+
+# --- smooth motions --------------------------------------------------------------------------
+
+
+HOME_X = float(MODEL.state(HOME, np.zeros(6)).p_e[0])
+
+
+def test_smooth_sequences_have_robots_and_users_of_all_kinds_and_seeds_keep_their_old_ones():
+    todo = plans(600, 0, kind=SMOOTH)
+    robots = [plan.robot for plan in todo]
+    assert {plan.motion for plan in todo} == set(SMOOTH_MOTIONS)
+    assert {robot.rate for robot in robots} == {20.0, 50.0, 125.0, 250.0, 500.0, 1000.0}
+    for name in ("turns", "velocities", "on_silence"):
+        assert len({getattr(robot, name) for robot in robots}) == 2, name
+    for plan in todo:
+        is_clik = plan.controller == "clik"
+        assert is_clik or plan.robot.velocities
+        assert is_clik or plan.robot.rate >= 250.0
+        assert not is_clik or plan.parameters()["k_Pp"] <= 0.4 * plan.robot.rate
+        old = make_plan(plan.seed, plan.controller)
+        assert (old.robot, old.stream, old.asked) == (RobotDraw(), StreamDraw(), None)
+        assert plan.asked is not None
+    assert todo == plans(600, 0, kind=SMOOTH)
+
+
+def sent(motion: str, draw: StreamDraw, rate: float = 1000.0) -> list[tuple[float, Sent]]:
+    """Return when [s] and what is sent of a motion along x at 0.1 m/s, in 2 s."""
+    home = MODEL.state(HOME, np.zeros(6))
+    p, R = home.p_e, home.R_e
+    v = np.array([0.1, 0.0, 0.0])
+    frames = [DesiredFrame(p + t * v, R, v) for t in (0.0, 1.0, 2.0)]
+    line = Trajectory([0.0, 1.0, 2.0], frames)
+    stream = Stream(draw, motion, line, 0.0, 1 / rate, np.random.default_rng(1))
+    return [(k / rate, each) for k in range(round(2 * rate)) for each in stream.due(k / rate)]
+
+
+@pytest.mark.parametrize(
+    ("draw", "rate", "count", "spread"),
+    [
+        (StreamDraw(50.0), 1000.0, 100, 1e-9),
+        (StreamDraw(200.0), 20.0, 1 + 39 * 10, 1e-9),  # all that came between two looks
+        (StreamDraw(20.0, jitter=0.2), 1000.0, 41, 0.2 / 20.0),  # the last one is early
+    ],
+)
+def test_pieces_come_at_their_rate_with_their_jitter(draw, rate, count, spread):
+    found = sent(STREAM, draw, rate)
+    assert len(found) == count
+    early = [t - k / draw.rate for k, (t, _) in enumerate(found)] if rate == 1000.0 else [0.0]
+    assert 0.5 * spread <= max(np.abs(early)) + 1e-9 <= 2.2 * spread + 2e-9 + 1e-3 * (spread > 1e-6)
+
+
+def test_pieces_say_what_they_are_to_say():
+    def line(each: Sent, t: float) -> float:
+        return float(abs(each.motion.frames[0].p_d[0] - HOME_X - 0.1 * t))
+
+    exact = sent(STREAM, StreamDraw(50.0, skew=0.02))
+    assert all(line(each, t) < 1e-12 and each.stamp == t + 0.02 for t, each in exact)
+    assert all(each.motion.frames[0].dp_d[0] == pytest.approx(0.1) for _, each in exact)
+    blind = sent(POSES, StreamDraw(50.0, twists=False, noise=1e-3))
+    off = [line(each, t) for t, each in blind]
+    assert 0.3e-3 < np.std(off) < 3e-3
+    assert all(not each.motion.frames[0].dp_d.any() for _, each in blind)
+    assert {each.topic for _, each in blind} == {"target_pose"}
+    chunks = sent(CHUNKS, StreamDraw(5.0, ahead=1.0))
+    assert [each.motion.times for _, each in chunks] == [pytest.approx(np.arange(1, 11) / 10)] * 10
+    t, each = chunks[3]
+    assert each.motion.frames[4].p_d[0] == pytest.approx(HOME_X + 0.1 * (t + 0.5))
+    goals = sent(GOALS, StreamDraw(10.0))
+    assert {round(float(each.motion.frames[0].p_d[0] - HOME_X), 6) for _, each in goals} == {
+        0.1, 0.2}  # fmt: skip
+    twists = sent(TWISTS, StreamDraw(10.0, twists=False))
+    assert {each.topic for _, each in twists} == {"target_twist"}
+    assert all(each.motion.frames[0].dp_d[0] == pytest.approx(0.1) for _, each in twists)
+
+
+def test_a_smooth_sequence_in_lock_step_repeats_to_the_bit():
+    all_plans = (make_plan(seed, "clik", kind=SMOOTH) for seed in range(1000))
+    plan = next(p for p in all_plans if p.robot.turns and p.robot.rate == 50.0 and faults_of(p))
+    assert len(repeated(plan).commands) > 50

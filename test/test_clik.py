@@ -1,6 +1,5 @@
 """Closed-loop inverse kinematics: how errors decay, limits, redundancy, change of law."""
 
-import copy
 import math
 from itertools import pairwise
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, displaced, pose_of, robot_named, robot_of
 from samples import about, generator, rodrigues
-from tolerances import CLOSED_FORM, CLOSED_LOOP, HELD, NO_JUMP, REACHED, RELATIVE
+from tolerances import CLOSED_LOOP, HELD, NO_JUMP, REACHED, RELATIVE, assert_close
 
 from eulerparams_control.errors import ConfigurationError, RobotError, SingularityError
 from eulerparams_control.laws.clik import Clik, ClikLaw
@@ -70,35 +69,18 @@ def run(scheme, desired_at, steps, dt=DT):
 
 
 @every_orientation
-def test_the_position_error_decays_with_its_gain_while_the_frame_moves(orientation):
+def test_the_errors_decay_with_their_gain_while_the_frame_moves_and_turns(orientation):
     start = displaced()
     ticks = run(clik(orientation), lambda t: moving(start, t), 500)
     decay = np.exp(-K * DT * np.arange(500))[:, None]
     error = np.array([tick.dp_de for tick in ticks])
-    np.testing.assert_allclose(error, decay * error[0], rtol=0, atol=0.03 * CLOSED_LOOP)
+    assert_close(error, decay * error[0], 0.03 * CLOSED_LOOP)
     assert np.linalg.norm(error[0]) == pytest.approx(0.03, rel=RELATIVE * 1e3)
-
-
-@pytest.mark.parametrize("orientation", ["angle_axis", "euler_angles", "relative_euler_angles"])
-def test_the_orientation_error_decays_component_by_component_while_the_frame_turns(orientation):
-    start = displaced()
-    ticks = run(clik(orientation), lambda t: moving(start, t), 500)
-    decay = np.exp(-K * DT * np.arange(500))[:, None]
-    error = np.array([tick.x_de.error for tick in ticks])
-    largest = np.linalg.norm(error[0])
-    assert largest > 0.3
-    np.testing.assert_allclose(error, decay * error[0], rtol=0, atol=largest * CLOSED_LOOP)
-
-
-@pytest.mark.parametrize("angle", [0.5, 1.5, 2.5])
-def test_eta_follows_the_hyperbolic_tangent_while_the_frame_turns(angle):
-    start = displaced(angle=angle)
-    ticks = run(clik("euler_parameters"), lambda t: moving(start, t), 1000)
-    eta = np.array([tick.x_de.Q_de.eta for tick in ticks])
-    c = math.atanh(math.cos(angle / 2))
-    expected = np.tanh(K * DT * np.arange(1000) / 2 + c)  # of (29), (31)
-    np.testing.assert_allclose(eta, expected, rtol=0, atol=2 * CLOSED_FORM)
-    assert eta[-1] > 1 - CLOSED_FORM
+    if orientation in ("angle_axis", "euler_angles", "relative_euler_angles"):  # by components
+        error = np.array([tick.x_de.error for tick in ticks])
+        largest = np.linalg.norm(error[0])
+        assert largest > 0.3
+        assert_close(error, decay * error[0], largest * CLOSED_LOOP)
 
 
 def test_q_is_the_integral_of_dq_and_dq_of_the_same_instant():
@@ -107,6 +89,28 @@ def test_q_is_the_integral_of_dq_and_dq_of_the_same_instant():
     for before, after in pairwise(ticks):
         q = before.command.q + DT * before.command.dq
         np.testing.assert_array_equal(after.command.q, q)
+
+
+@every_orientation
+@pytest.mark.parametrize("dt", [1e-3, 0.02, 0.1, 1.0])
+def test_at_any_rate_the_error_decays_as_in_continuous_time(orientation, dt):
+    k, slope = 100.0, representation(orientation).slope
+    scheme = Clik(UR5, ClikLaw(representation(orientation), k, k / slope))
+    scheme.reset(HOME)
+    home = pose_of(UR5, HOME)
+    turn = rodrigues(1e-4, np.array([0.0, 0.6, 0.8]))
+    goal = home._replace(p_d=home.p_d + [0.0, 1e-4, 0.0], R_d=turn @ home.R_d)
+    scheme.tick(dt, HOME, STILL, goal)
+    before = scheme.tick(dt, HOME, STILL, goal)
+    for _ in range(3):
+        after = scheme.tick(dt, HOME, STILL, goal)
+        for error in (
+            lambda tick: np.linalg.norm(tick.dp_de),
+            lambda tick: angle_between(goal.R_d, tick.state.R_e),
+        ):
+            decay = math.exp(-k * dt) * error(before)
+            assert error(after) == pytest.approx(decay, rel=1e-2, abs=1e-7)
+        before = after
 
 
 # --- feedback -----------------------------------------------------------------------------
@@ -204,17 +208,9 @@ def test_a_law_is_replaced_by_another_without_a_jump_of_the_velocity(before, aft
     (kept, replaced), goal, last = run_and_replace(laws)
     expected = kept.tick(DT, HOME, STILL, goal)
     tick = replaced.tick(DT, HOME, STILL, goal)
-    np.testing.assert_allclose(tick.command.dq, last, rtol=0, atol=NO_JUMP)
+    assert_close(tick.command.dq, last, NO_JUMP)
     np.testing.assert_array_equal(tick.command.q, expected.command.q)
     assert law_differs(*laws, tick.state, goal) > 0.1  # there was something to jump
-
-
-@pytest.mark.parametrize("options", [{}, {"posture": HOME - 0.1}])
-def test_a_law_that_is_replaced_by_the_same_changes_nothing(options):
-    laws = [law(k=K, **copy.deepcopy(options)) for _ in range(2)]
-    (kept, replaced), goal, _ = run_and_replace(laws)
-    expected, tick = (scheme.tick(DT, HOME, STILL, goal) for scheme in (kept, replaced))
-    np.testing.assert_array_equal(tick.command.dq, expected.command.dq)
 
 
 def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_changes():
@@ -230,7 +226,7 @@ def test_a_law_on_the_long_way_round_keeps_it_and_does_not_jump_when_its_gain_ch
     expected, tick = (scheme.tick(0.0, HOME, STILL, turned) for scheme in schemes)
     assert expected.x_de.Q_de.eta < -0.5
     assert tick.x_de.Q_de.eta == expected.x_de.Q_de.eta
-    np.testing.assert_allclose(tick.command.dq, expected.command.dq, rtol=0, atol=NO_JUMP)
+    assert_close(tick.command.dq, expected.command.dq, NO_JUMP)
 
 
 def test_holding_ends_a_blend():
@@ -238,35 +234,23 @@ def test_holding_ends_a_blend():
     replaced.tick(DT, HOME, STILL, goal)
     replaced.hold(0.001, HOME, STILL)
     dq = replaced.tick(DT, HOME, STILL, replaced.start_frame()).command.dq
-    np.testing.assert_allclose(dq, 0, rtol=0, atol=HELD * K)
+    assert_close(dq, 0, HELD * K)
 
 
 # --- hold and reset -----------------------------------------------------------------------
 
 
 def test_hold_commands_the_position_commanded_last_without_velocity():
-    scheme = clik()
+    scheme, given = clik(), HOME.copy()
+    scheme.reset(given)
+    given += 1  # it is not kept
     ticks = run(scheme, lambda _: displaced(), 50)
     held = scheme.hold(0.001, HOME, STILL)
     np.testing.assert_array_equal(held.q, ticks[-1].command.q)
     np.testing.assert_array_equal(held.dq, STILL)
     later = scheme.tick(0.05, HOME, STILL, scheme.start_frame())
     np.testing.assert_array_equal(later.command.q, held.q)
-    np.testing.assert_allclose(later.command.dq, 0, rtol=0, atol=HELD)
-
-
-@every_orientation
-def test_after_a_reset_the_error_is_zero_at_the_start_frame(orientation):
-    scheme = clik(orientation)
-    run(scheme, lambda _: displaced(), 50)
-    q, given = np.tile(HOME + 0.1, (2, 1))
-    scheme.reset(given)
-    given += 1  # it is not kept
-    tick = scheme.tick(0.0, q, STILL, scheme.start_frame())
-    np.testing.assert_array_equal(tick.command.q, q)
-    np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
-    np.testing.assert_allclose(tick.x_de.error, 0, rtol=0, atol=HELD)
-    np.testing.assert_allclose(tick.command.dq, 0, rtol=0, atol=HELD * 1e2)
+    assert_close(later.command.dq, 0, HELD)
 
 
 def test_nothing_is_integrated_when_the_law_has_no_answer():
@@ -328,7 +312,7 @@ def test_the_null_space_does_not_move_the_tip_and_approaches_the_posture(name):
     frame = scheme.start_frame()
     tick = scheme.tick(0.0, home, np.zeros(7), frame)
     assert np.abs(tick.command.dq).max() > 0.05
-    np.testing.assert_allclose(tick.state.J @ tick.command.dq, 0, rtol=0, atol=NO_JUMP)
+    assert_close(tick.state.J @ tick.command.dq, 0, NO_JUMP)
     first = distance = np.linalg.norm(home - posture)
     for _ in range(3000):
         tick = scheme.tick(DT, home, np.zeros(7), frame)
@@ -338,7 +322,7 @@ def test_the_null_space_does_not_move_the_tip_and_approaches_the_posture(name):
         assert nearer < distance + NO_JUMP
         distance = nearer
     assert distance < 0.3 * first
-    np.testing.assert_allclose(tick.state.J @ tick.command.dq, 0, rtol=0, atol=1e-3)
+    assert_close(tick.state.J @ tick.command.dq, 0, 1e-3)
 
 
 def test_a_posture_of_the_wrong_size_is_refused_with_the_names_of_the_joints():
@@ -348,13 +332,6 @@ def test_a_posture_of_the_wrong_size_is_refused_with_the_names_of_the_joints():
     with pytest.raises(ConfigurationError, match="posture has 7 values"):
         scheme.replace_law(law(posture=np.zeros(7)))
     assert scheme.law.posture is None  # the law that is refused is not taken
-
-
-@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
-@pytest.mark.parametrize("name", ["k_Pp", "k_Po", "k_posture"])
-def test_an_impossible_gain_is_refused_with_its_value(name, value):
-    with pytest.raises(ConfigurationError, match=f"{name} is {value}; expected >= 0"):
-        ClikLaw(representation("euler_parameters"), **{name: value})
 
 
 def test_the_wrist_singularity_is_crossed_with_damping_and_reached_again():
@@ -402,12 +379,6 @@ def test_inverse_kinematics_refuses_a_pose_that_is_reached_outside_the_limits_on
     robot.limits = JointLimits(HOME - 0.1, HOME + 0.1, np.ones(6), np.ones(6))
     with pytest.raises(RobotError, match="only outside the joint limits"):
         inverse_kinematics(robot, frame, HOME)
-
-
-def test_inverse_kinematics_does_not_depend_on_the_velocity_of_the_frame():
-    frame = displaced()
-    q, also = (inverse_kinematics(UR5, f, HOME) for f in (frame, moving(frame, 0.0)))
-    np.testing.assert_array_equal(q, also)
 
 
 def test_a_law_replaced_at_the_pole_of_the_euler_angles_does_not_throw_the_arm():

@@ -1,4 +1,4 @@
-"""What the executables share: the console, whole numbers as options."""
+"""Shared by the executables: the console, whole numbers as options."""
 
 import argparse
 import io

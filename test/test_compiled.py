@@ -1,15 +1,17 @@
-"""What is calculated for many samples at once is what is calculated for one after the other."""
+"""Formulas give the same for many samples at once as for one after the other."""
 
 import os
 import pickle
 import subprocess
 import sys
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from samples import all_rotations, near_pole, poles
 from tolerances import assert_close
 
 from eulerparams_control.laws import rotations
@@ -49,28 +51,15 @@ EXACT = {"rtol": 0, "atol": 4e-15}
 
 def rotations_everywhere(seed: int, count: int = 300) -> Array:
     """Rotations spread uniformly, near identity, near half turns, and on and near the poles."""
-    rng = np.random.default_rng(seed)
-    axes = rng.normal(size=(count, 3))
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    angles = rng.uniform(0, np.pi, count)
-    angles[::5] = 1e-7 * rng.uniform(size=len(angles[::5]))
-    angles[1::5] = np.pi - 1e-7 * rng.uniform(size=len(angles[1::5]))
-    axes[2::10], angles[2::10] = np.eye(3)[rng.integers(0, 3, len(axes[2::10]))], np.pi / 2
-    R = np.array([exp(angle * axis) for angle, axis in zip(angles, axes, strict=True)])
-    R[7] = np.eye(3)
-    R[8] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # exactly on a pole of XYZ
-    R[9] = np.diag([1.0, -1.0, -1.0])  # and of ZYZ
-    return R
+    near = [near_pole(s, p, d, 4) for s in ("XYZ", "ZYZ") for p in poles(s) for d in (0.0, 1e-7)]
+    every = np.array([*all_rotations(), *(R for some in near for R in some)])
+    return np.random.default_rng(seed).permutation(every)[:count]
 
 
 def path(seed: int, count: int = 2000) -> Array:
     """A walk over all orientations, in small steps."""
-    rng = np.random.default_rng(seed)
-    R, walk = np.eye(3), []
-    for _ in range(count):
-        R = R @ exp(0.2 * rng.normal(size=3))
-        walk.append(R)
-    return np.array(walk)
+    steps = 0.2 * np.random.default_rng(seed).normal(size=(count, 3))
+    return np.array(list(accumulate(map(exp, steps), np.matmul)))
 
 
 def assert_same(found: Any, expected: Any, tolerance: float = 4e-15) -> None:

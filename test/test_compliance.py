@@ -53,6 +53,7 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import (
     MAX_RATE,
     TRANSLATIONAL_FRAMES,
@@ -67,6 +68,7 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
 )
 from eulerparams_control.laws.rotations import EulerParameters
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 COUNT = 12
 DT = 1e-3  # [s]
@@ -318,7 +320,6 @@ def clear_motions(count, key=0):
 
 
 def desired_by(motion):
-    """Return the desired frame t -> DesiredFrame of such a motion."""
     return lambda t: DesiredFrame(*motion(t))
 
 
@@ -607,13 +608,6 @@ def test_it_begins_where_and_as_fast_as_it_is_told(name, frame):
         assert_same_motion(compliant.step(0.0, desired, contact(key)(0.3)), start)
 
 
-def test_without_time_nothing_moves():
-    start = at(R_AWAY, 0.1 * I[0], I[1], I[2])
-    compliant = begun(law(), at(), start)
-    for k in range(5):
-        assert_same_motion(compliant.step(0.0, at(), contact(1)(0.1 * k)), start)
-
-
 @every_frame
 @every_representation
 @pytest.mark.parametrize("start", [0.2, 0.195], ids=["at a sample", "between samples"])
@@ -728,3 +722,100 @@ def test_the_registry_of_quaternions_is_what_the_tables_say():
     kind = RelativeQuaternionRepresentation
     assert {name for name in ORIENTATIONS if isinstance(make(name), kind)} == HAVE_V_3
     assert set(RESIDUALS) == set(ORIENTATIONS)
+
+
+# --- bounds of the compliant frame, and moments that it cannot balance ----------------------------
+
+BOUNDS = ComplianceBounds(0.1, 0.8, 0.3)
+
+
+def bounded(bounds=BOUNDS, name="euler_parameters", K_p=0.0):
+    translation = Impedance(10 * I, 40 * I, K_p * I)
+    rotation = Impedance(0.5 * I, 4 * I, 5 * I)
+    return ComplianceLaw(make(name), translation, rotation, bounds=bounds)
+
+
+def drifting(t):
+    """Return a desired frame that moves and turns."""
+    v, omega = np.array([0.05, 0.0, -0.02]), np.array([0.0, 0.18, 0.24])
+    return at(turned(t * omega), t * v, v, omega)
+
+
+def away(frames, desired):
+    """Return how far (2, N) [m], [rad], and how fast (2, N), frames are from the desired ones."""
+    pairs = list(zip(frames, desired, strict=True))
+    far = [(np.linalg.norm(c.p_d - d.p_d), angle(d.R_d, c.R_d)) for c, d in pairs]
+    rates = [np.subtract(c[2:4], d[2:4]) for c, d in pairs]
+    return np.array(far).T, np.linalg.norm(rates, axis=2).T
+
+
+@pytest.mark.parametrize("name", ["euler_parameters", "rotation_vector", "euler_angles"])
+@pytest.mark.parametrize("desired_at", [constant(at()), drifting], ids=["still", "moving"])
+@pytest.mark.parametrize("dt", [1e-3, 8e-3])
+def test_a_push_ends_at_the_bounds_without_a_jump(name, desired_at, dt):
+    push, t = constant(wrench([20.0, 10.0, 0.0], [0.0, 0.0, 20.0])), times(3.0, dt)
+    frames = follow(CompliantFrame(bounded(name=name)), desired_at, push, t)
+    assert_no_jump(frames, dt)
+    far, fast = away(frames, map(desired_at, t))
+    assert np.all(far.max(axis=1) <= [0.1 * 1.002, 0.8 * 1.002])
+    assert far[:, -1] == pytest.approx([0.1, 0.8], rel=5e-3)
+    assert fast.max() <= 0.3 * 1.002
+    assert fast.max(axis=1) == pytest.approx([0.3, 0.3], rel=1e-2)
+
+
+def test_it_comes_back_from_the_bounds_at_once_when_the_push_ends():
+    t, ends = times(4.0), 2.0
+    frames = follow(
+        CompliantFrame(bounded(K_p=100.0)), constant(at()),
+        lambda t: (t < ends) * wrench([30.0, 0, 0], [0, 0, 9.0]), t,
+    )  # fmt: skip
+    (position, rotation), _ = away(frames, [at()] * len(t))
+    k = round(ends / DT)
+    assert position[k] == pytest.approx(0.1, rel=5e-3)  # no wind-up
+    assert position[k + 200] < 0.09
+    assert rotation[k + 200] < 0.7
+    assert_no_jump(frames, DT)
+
+
+def test_within_the_bounds_nothing_changes_to_the_bit():
+    random = generator(920).normal(size=6)
+
+    def wrench_at(t):
+        return np.array([4.0, 3.0, 2.0, 0.5, 0.4, 0.6]) * np.sin(7 * t + random)
+
+    one, other = (
+        follow(CompliantFrame(bounded(bounds)), drifting, wrench_at, times(1.0))
+        for bounds in (BOUNDS, ComplianceBounds())
+    )
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(np.vstack(a), np.vstack(b))
+
+
+def test_bounds_that_are_lowered_bring_the_frame_back_without_a_jump():
+    frame, push = CompliantFrame(bounded(ComplianceBounds())), wrench([20.0, 0, 0], [0, 0, 4.0])
+    free = follow(frame, constant(at()), constant(push), times(0.7))
+    frame.replace_law(bounded(ComplianceBounds(0.05, 0.3, 0.4)))
+    found = free + [frame.step(DT, at(), push) for _ in range(1800)]
+    assert_no_jump(found, DT)
+    fastest = 10 * 0.4 + 2.0  # [m/s^2] 10 / s of its speed, beside the push
+    assert max(np.abs(frame.ddp_d).max() for frame in found) <= fastest
+    assert np.linalg.norm(free[-1].p_d) > 0.15
+    assert np.linalg.norm(found[-1].p_d) == pytest.approx(0.05, rel=1e-2)
+    assert angle(I, found[-1].R_d) == pytest.approx(0.3, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("name", "K_o", "least"),
+    [
+        ("euler_parameters", (50.0, 60.0, 70.0), 50.0),  # K sin(theta)
+        ("angle_axis", (50.0, 50.0, 50.0), 25.0),  # K sin(theta) cos(theta)
+        ("rotation_vector", (10.0, 60.0, 70.0), 10.0 * math.pi),  # K theta
+        ("euler_angles", (10.0, 10.0, 10.0), math.inf),
+    ],
+)
+def test_a_stiffness_that_cannot_balance_the_moment_that_stops_is_said(name, K_o, least):
+    assert make(name).least_moment(np.diag(K_o)) == pytest.approx(least, rel=0.02)
+    for most, is_said in ((0.9 * min(least, 100.0), False), (1.1 * least, math.isfinite(least))):
+        given = ImpedanceParameters(orientation=name, K_o=K_o, max_contact_torque=min(most, 1e3))
+        assert bool(given.advice()) == is_said
+    assert not ImpedanceParameters().advice()

@@ -14,11 +14,11 @@ import pytest
 from arms import HOME, STILL, UR5, Plant
 from arms import pose_of as tip_pose
 from samples import about, by_angles, generator, near_pole, poles, rodrigues, uniform
-from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE
+from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.errors import InvalidMessageError, SingularityError
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
@@ -26,7 +26,6 @@ from eulerparams_control.laws.dynamic_control import (
     ResolvedAcceleration,
 )
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
-from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.orientation import (
     ORIENTATIONS,
     SEQUENCES,
@@ -37,7 +36,7 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.rotations import log
-from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
+from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
@@ -45,6 +44,7 @@ from eulerparams_control.motion.trajectories import Trajectory, way_points
 
 MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]
+LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
 ANY_JUMP = ControllerOptions(max_jump_position=math.inf, max_jump_rotation=math.inf)
 
 
@@ -52,7 +52,6 @@ pose_of = partial(tip_pose, UR5)
 
 
 def clik(orientation="euler_parameters", sequence="XYZ", sign="hysteretic", **options):
-    """Return CLIK of the UR5."""
     chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
     return Clik(UR5, ClikLaw(representation(orientation, chosen), 100.0, 100.0), **options)
 
@@ -60,7 +59,6 @@ def clik(orientation="euler_parameters", sequence="XYZ", sign="hysteretic", **op
 def dynamic_control(
     orientation="euler_parameters", sequence="XYZ", sign="hysteretic", limited=True
 ):
-    """Return dynamic control of the UR5; its limits allow any error of the pose."""
     chosen = OrientationOptions(EulerSequence(sequence), SignRule(sign))
     limits = EffortLimits(UR5.limits, 2000.0) if limited else EffortLimits()
     law = ResolvedAcceleration(representation(orientation, chosen))
@@ -103,7 +101,6 @@ def goal_line(goal):
 
 
 def is_finite(command):
-    """Return whether there is something in a command and all of it is finite."""
     given = [values for values in command if values is not None]
     return len(given) > 0 and all(np.isfinite(values).all() for values in given)
 
@@ -112,18 +109,11 @@ def assert_holds(running, t, q):
     """Assert that the controller commands q at rest from t on."""
     for step in range(3):
         command = running.step(t + step * MS, q, STILL)
-        np.testing.assert_allclose(command.q, q, rtol=0, atol=HELD)
-        np.testing.assert_allclose(command.dq, 0, rtol=0, atol=100 * HELD)
+        assert_close(command.q, q, HELD)
+        assert_close(command.dq, 0, 100 * HELD)
 
 
 # --- stamps -------------------------------------------------------------------------------
-
-
-def test_at_first_the_measured_pose_is_held():
-    running = controller()
-    assert running.guidance.tick_now is None
-    assert_holds(running, T_0, HOME)
-    np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, pose_of(HOME).p_d)
 
 
 def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_nothing():
@@ -171,9 +161,7 @@ def test_a_state_that_the_arm_cannot_have_reached_is_refused_while_limits_are_on
             continue
         with pytest.raises(InvalidMessageError, match=text):
             running.step(T_0 + MS, q, dq)
-        np.testing.assert_allclose(
-            running.step(T_0 + 2 * MS, HOME, STILL).q, before.q, rtol=0, atol=HELD
-        )
+        assert_close(running.step(T_0 + 2 * MS, HOME, STILL).q, before.q, HELD)
 
 
 @pytest.mark.parametrize("jump", [-5000 * MS, 100 * MS + 1, 60_000 * MS], ids="{} ns".format)
@@ -184,16 +172,15 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     command = running.step(t + jump, measured, STILL)
     assert running.resets == 1
     np.testing.assert_array_equal(command.q, measured)
-    np.testing.assert_allclose(command.dq, 0, rtol=0, atol=100 * HELD)
+    assert_close(command.dq, 0, 100 * HELD)
     assert_holds(running, t + jump + MS, measured)
     assert running.resets == 1
 
 
 def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
-    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
-    running, command, t = moving_controller(ControllerOptions(motion=limits))
+    running, command, t = moving_controller(ControllerOptions(motion=LIMITS))
     twist = running.scheme.robot.state(command.q, command.dq).J @ command.dq
-    speed, a = np.linalg.norm(twist[:3]), limits.linear_acceleration
+    speed, a = np.linalg.norm(twist[:3]), LIMITS.linear_acceleration
     path = running.guidance.motion
     line = goal_line(moved(0.1, 0.5))
     running.halt()
@@ -211,7 +198,7 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
 
 def move_in_all_ways():
     """Let an arm follow each kind of reference, while it is an error to compile a formula."""
-    options = ControllerOptions(motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    options = ControllerOptions(motion=LIMITS)
     running, dp, t = controller(options), np.array([0.05, 0.0, 0.0]), T_0
     goal = moved(0.05, 0.3)
 
@@ -253,10 +240,10 @@ def test_nothing_is_compiled_while_an_arm_moves():
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
-    limits, dt = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0), 0.05
+    dt = 0.05
     law = ClikLaw(representation("rotation_vector"), 8.0, 8.0)
-    scheme = Clik(UR5, law, feedback, UR5.limits, motion=limits)
-    running, q, tips = Controller(scheme, ControllerOptions(motion=limits), HOME), HOME, []
+    scheme = Clik(UR5, law, feedback, UR5.limits, motion=LIMITS)
+    running, q, tips = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), HOME, []
     running.aim(moved(0.25, 0.9))
     for step in range(60):
         last, q = q, running.step(T_0 + round(step * dt * 1e9), q, STILL).q
@@ -264,28 +251,27 @@ def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
         tips.append(np.array(way) / dt)
     assert np.linalg.norm(pose_of(q).p_d - moved(0.25).p_d) < 1e-3
     speeds = np.linalg.norm(tips, axis=2)
-    assert (speeds <= 1.01 * np.array(limits.speeds)).all()
+    assert (speeds <= 1.01 * np.array(LIMITS.speeds)).all()
     assert (speeds.max(axis=0) > [0.9 * 0.25, 0.7]).all()
     if feedback == "internal":
         rates = np.linalg.norm(np.diff(tips, axis=0), axis=2) / dt
-        assert (rates <= 1.05 * np.array(limits.accelerations)).all()
+        assert (rates <= 1.05 * np.array(LIMITS.accelerations)).all()
 
 
 @pytest.mark.parametrize("way", [(0.5, 0.5, 0.5), (0.0, 0.0, 0.8)])
 def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
-    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
     joints = replace(UR5.limits, acceleration=np.full(6, 10.0))
     law = ClikLaw(representation("euler_parameters"), 100.0, 200.0)
-    scheme = Clik(UR5, law, limits=joints, motion=limits)
-    running, home = Controller(scheme, ControllerOptions(motion=limits), HOME), pose_of(HOME)
+    scheme = Clik(UR5, law, limits=joints, motion=LIMITS)
+    running, home = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), pose_of(HOME)
     running.aim(home._replace(p_d=home.p_d + way))
     command, v = JointCommand(HOME, STILL), np.zeros(3)
     for step in range(1500):
         command = running.step(T_0 + 4 * step * MS, command.q, command.dq)
         before, v = v, (UR5.state(command.q, command.dq).J @ command.dq)[:3]
         speed = np.linalg.norm(v)
-        assert speed <= 1.05 * limits.linear_speed
-        assert np.linalg.norm(v - before) <= 1.05 * limits.linear_acceleration * 4e-3
+        assert speed <= 1.05 * LIMITS.linear_speed
+        assert np.linalg.norm(v - before) <= 1.05 * LIMITS.linear_acceleration * 4e-3
     assert np.linalg.norm(pose_of(command.q).p_d - home.p_d) > 0.3
     assert speed < 0.02
     assert running.fault == ""
@@ -316,7 +302,7 @@ def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away()
 @pytest.mark.parametrize("dt", [1, 2, 10])
 def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelerations(dt):
     limits = replace(UR5.limits, acceleration=np.full(6, 10.0))
-    options = ControllerOptions(motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    options = ControllerOptions(motion=LIMITS)
     running, commands = controller(options, limits=limits), [JointCommand(HOME, STILL)]
     goal = moved(0.2)
     running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
@@ -346,12 +332,13 @@ def test_a_target_that_no_arm_reaches_is_refused(value):
     if not math.isfinite(value):
         with pytest.raises(InvalidMessageError, match="target"):
             running.jog(np.full(6, value))
+        with pytest.raises(InvalidMessageError):
+            running.follow(SetPoint(moved(value), 0.1), None)
     assert running.mode is Mode.HOLDING
 
 
 def test_while_the_speed_override_is_0_a_reference_moves_nothing():
-    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
-    running, goal = controller(ControllerOptions(motion=limits, speed_override=0.0)), moved(0.1)
+    running, goal = controller(ControllerOptions(motion=LIMITS, speed_override=0.0)), moved(0.1)
     running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     assert_holds(running, T_0, HOME)
     assert_holds(running, T_0 + 500 * MS, HOME)
@@ -371,10 +358,8 @@ def test_a_reference_that_begins_too_far_away_is_refused_with_numbers(x, angle, 
     motion = Trajectory([0.0], [frame]) if as_trajectory else SetPoint(frame, 0.1)
     with pytest.raises(InvalidMessageError) as refusal:
         running.follow(motion, None)
-    text = str(refusal.value)
-    assert f"begins {abs(x):.3f} m and {math.degrees(abs(angle)):.1f} deg away" in text
-    assert "at most 0.05 m and 11.5 deg" in text
-    assert "time_from_start > 0" in text
+    away = f"begins {abs(x):.3f} m and {math.degrees(abs(angle)):.1f} deg away"
+    assert away in str(refusal.value)
     assert_holds(running, T_0 + MS, HOME)
 
 
@@ -387,20 +372,6 @@ def test_a_reference_that_begins_near_is_followed_at_once(x, angle):
     running.step(T_0 + MS, HOME, STILL)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, frame.p_d)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.R_d, frame.R_d)
-
-
-def test_a_trajectory_to_a_far_pose_is_followed_from_the_present_desired_frame():
-    running = controller()
-    running.step(T_0, HOME, STILL)
-    goal = moved(0.2, 1.0)
-    running.follow(way_points([2.0], [(goal.p_d, goal.R_d)]), None)
-    running.step(T_0 + MS, HOME, STILL)
-    np.testing.assert_allclose(
-        running.guidance.tick_now.desired.p_d, pose_of(HOME).p_d, rtol=0, atol=ALGEBRAIC
-    )
-    for step in range(2, 3000):
-        command = running.step(T_0 + step * MS, HOME, STILL)
-    np.testing.assert_allclose(pose_of(command.q).p_d, goal.p_d, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("times", [[0.0, 2.0], [1.0, 2.0]])
@@ -416,15 +387,6 @@ def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_sin
         running.follow(late, start)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_reference_that_is_not_finite_is_refused(bad):
-    running = controller()
-    running.step(T_0, HOME, STILL)
-    frame = moved()._replace(p_d=np.array([bad, 0.0, 0.0]))
-    with pytest.raises(InvalidMessageError):
-        running.follow(SetPoint(frame, 0.1), None)
-
-
 def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():
     running, _, t = moving_controller()
     for step in range(1, 1500):
@@ -435,46 +397,25 @@ def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the
 
 
 def test_where_a_reference_is_required_there_is_silence_until_the_first():
-    running = controller(ControllerOptions(require_reference=True))
+    running, elsewhere = controller(ControllerOptions(require_reference=True)), HOME + 0.4
     for step in range(50):
         assert running.step(T_0 + step * MS, HOME, STILL) is None
     assert running.guidance.tick_now is None
     with pytest.raises(InvalidMessageError):
         running.follow(SetPoint(moved(0.2), 0.1), None)
     assert running.step(T_0 + 50 * MS, HOME, STILL) is None  # one refused is no reference
-    running.follow(SetPoint(moved(), 0.1), None)
-    assert_holds(running, T_0 + 51 * MS, HOME)
-
-
-def test_while_a_reference_is_awaited_the_arm_may_be_moved_by_others():
-    running = controller(ControllerOptions(require_reference=True))
-    running.step(T_0, HOME, STILL)
-    elsewhere = HOME + 0.4
-    assert running.step(T_0 + 9000 * MS, elsewhere, STILL) is None
+    assert running.step(T_0 + 9000 * MS, elsewhere, STILL) is None  # moved by others
     running.follow(SetPoint(pose_of(elsewhere), 0.1), None)
     assert_holds(running, T_0 + 9001 * MS, elsewhere)
     assert running.resets == 0
+    running = controller(ControllerOptions(require_reference=True))
+    running.step(T_0, HOME, STILL)
+    running.follow(SetPoint(moved(), 0.1), None)
+    assert_holds(running, T_0 + MS, elsewhere)
+    assert "moved before the reference began" in running.fault
 
 
 # --- faults -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scheme", [clik, dynamic_control])
-def test_exactly_at_the_pole_the_arm_is_held_still_and_the_fault_told(scheme):
-    frame = DesiredFrame(np.array([0.4, 0.1, 0.5]), np.eye(3))  # the tool is along the base's z
-    q = inverse_kinematics(UR5, frame, HOME)
-    running = Controller(scheme("euler_angles", "ZYZ"), ANY_JUMP, q)
-    running.follow(SetPoint(frame._replace(omega_d=np.array([1.0, 0.0, 0.0])), 0.1), None)
-    command = running.step(T_0, q, STILL)
-    if command.q is not None:
-        np.testing.assert_array_equal(command.q, q)
-        np.testing.assert_array_equal(command.dq, STILL)
-    else:
-        g = UR5.dynamic_state(q, STILL).g
-        np.testing.assert_allclose(command.effort, g, rtol=0, atol=1e3 * ALGEBRAIC)
-    assert "ZYZ is singular" in running.fault
-    assert "euler_parameters" in running.fault
-    assert running.step(T_0, q, STILL) is command
 
 
 def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
@@ -496,15 +437,6 @@ def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
     assert_holds(running, t, HOME)
 
 
-def test_an_arm_that_was_moved_before_the_reference_began_is_held_and_that_is_told():
-    running = controller(ControllerOptions(require_reference=True))
-    running.step(T_0, HOME, STILL)
-    running.follow(SetPoint(moved(), 0.1), None)
-    elsewhere = HOME + 0.4
-    assert_holds(running, T_0 + MS, elsewhere)
-    assert "moved before the reference began" in running.fault
-
-
 def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
     running = controller()
     for speed, rests in ((0.0, True), (0.009, True), (0.011, False), (-0.5, False)):
@@ -512,79 +444,15 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
         assert running.is_at_rest == rests
 
 
-@pytest.mark.parametrize("scheme", [clik, dynamic_control])
-def test_the_last_command_holds_the_arm(scheme):
-    running = Controller(scheme(), ControllerOptions(), HOME)
-    running.step(T_0, HOME, STILL)
-    command = running.last_command()
-    if command.q is not None:
-        np.testing.assert_array_equal(command.q, HOME)
-        np.testing.assert_array_equal(command.dq, STILL)
-    else:
-        np.testing.assert_array_equal(command.effort, UR5.dynamic_state(HOME, STILL).g)
-
-
-class Failing(Scheme):
-    """A scheme that has an answer only while told so."""
-
-    name = "failing"
-    robot = UR5
-    works = True
-
-    def reset(self, q):
-        self.q = q
-
-    def hold(self, dt, q, dq):
-        return JointCommand(self.q, 0 * self.q)
-
-    def start_frame(self):
-        return pose_of(self.q)
-
-    def tick(self, dt, q, dq, desired):
-        self.dt = dt
-        if not self.works:
-            raise SingularityError("no answer")
-        command = JointCommand(self.q, self.q)
-        return Tick(command, desired, lambda: UR5.state(q, dq), lambda: None, False)
-
-    def lyapunov(self, tick):
-        return None
-
-
 def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
-    scheme = Failing()
-    running = Controller(scheme, ControllerOptions(), HOME)
+    running, told = controller(), []
+    tick = running.scheme.tick
+    running.scheme.tick = lambda dt, *state: told.append(dt) or tick(dt, *state)
     back = T_0 - 1000 * MS
-    stamps = (T_0, T_0 + 7 * MS, T_0 + 8 * MS, back, back + MS, T_0 + 5000 * MS)
-    for t, dt in zip(stamps, (0.0, 0.007, 0.001, 0.0, 0.001, 0.0), strict=True):
+    for t in (T_0, T_0 + 7 * MS, T_0 + 8 * MS, back, back + MS, T_0 + 5000 * MS):
         running.step(t, HOME, STILL)
-        assert scheme.dt == dt
+    assert told == [0.0, 0.007, 0.001, 0.0, 0.001, 0.0]
     assert running.resets == 2
-
-
-def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
-    scheme = Failing()
-    running = Controller(scheme, ControllerOptions(), HOME)
-    goal = moved(0.1, 0.5)
-    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
-    for step in range(500):
-        running.step(T_0 + step * MS, HOME, STILL)
-    assert np.linalg.norm(running.guidance.tick_now.desired.dp_d) > 0.01
-    scheme.works = False
-    command = running.step(T_0 + 500 * MS, HOME, STILL)
-    assert running.fault == "no answer"
-    np.testing.assert_array_equal(command.dq, STILL)
-    scheme.works = True
-    for step in range(501, 1001):
-        held = running.step(T_0 + step * MS, HOME, STILL)
-        assert running.fault == "no answer"
-        np.testing.assert_array_equal(held.dq, STILL)
-    start = pose_of(HOME)
-    running.follow(way_points([1.0], [(start.p_d, start.R_d)]), None)
-    assert running.fault == ""
-    running.step(T_0 + 1001 * MS, HOME, STILL)
-    np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, start.p_d)
-    np.testing.assert_array_equal(running.guidance.tick_now.desired.dp_d, np.zeros(3))
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -603,7 +471,7 @@ def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
         return
     state = UR5.dynamic_state(HOME + sag, STILL)
     expected = state.B @ (-400 * sag) + state.g  # drawn back to where it was
-    np.testing.assert_allclose(command.effort, expected, rtol=0, atol=1e3 * ALGEBRAIC)
+    assert_close(command.effort, expected, 1e3 * ALGEBRAIC)
 
 
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
@@ -624,8 +492,7 @@ def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
 @pytest.mark.parametrize("twists", [False, True])
 @pytest.mark.parametrize("rate", [5, 10, 50])
 def test_a_stream_that_the_tip_lags_is_not_refused(rate, twists):
-    limits = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
-    running, speed = controller(ControllerOptions(motion=limits)), 0.24
+    running, speed = controller(ControllerOptions(motion=LIMITS)), 0.24
     running.step(T_0, HOME, STILL)
     for step in range(1, 1500):
         if step % (1000 // rate) == 1:
@@ -682,37 +549,27 @@ def feed(running, motions, steps=4, dt=8 * MS):
     return faults
 
 
-FAMILIES = [
-    (orientation, sequence, "hysteretic")
-    for orientation in ("euler_angles", "relative_euler_angles")
-    for sequence in SEQUENCES
-]
-FAMILIES += [("angle_axis", "XYZ", "hysteretic")]
-FAMILIES += [(o, "XYZ", sign) for o in ("euler_parameters", "rotation_vector") for sign in SIGNS]
-
-
-def test_the_families_are_all_representations():
-    assert {orientation for orientation, _, _ in FAMILIES} == set(ORIENTATIONS)
+ANGLES, QUATERNIONS = (
+    {"euler_angles", "relative_euler_angles"},
+    {"euler_parameters", "rotation_vector"},
+)
+FAMILIES = sorted(
+    {(orientation, "XYZ", "hysteretic") for orientation in ORIENTATIONS}
+    | {(orientation, sequence, "hysteretic") for orientation in ANGLES for sequence in SEQUENCES}
+    | {(orientation, "XYZ", sign) for orientation in QUATERNIONS for sign in SIGNS}
+)
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
 @pytest.mark.parametrize("family", FAMILIES, ids="-".join)
 @pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
 def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
-    for key, feedback in enumerate(FEEDBACKS):
-        scheme = clik(*family, feedback=feedback, limits=UR5.limits if limited else None)
+    limits = UR5.limits if limited else None
+    schemes = [clik(*family, feedback=feedback, limits=limits) for feedback in FEEDBACKS]
+    for key, scheme in enumerate([*schemes, dynamic_control(*family, limited=limited)]):
         running = Controller(scheme, ANY_JUMP, HOME)
-        set_points = [SetPoint(frame, 0.02) for frame in garbage(family[1], key)]
-        feed(running, set_points)
-
-
-@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
-@pytest.mark.parametrize("family", FAMILIES, ids="-".join)
-@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
-def test_no_desired_frame_makes_an_effort_that_is_not_finite(family, limited):
-    running = Controller(dynamic_control(*family, limited=limited), ANY_JUMP, HOME)
-    faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(family[1], 11)])
-    assert faults > 0
+        faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(family[1], key)])
+    assert faults > 0  # of the efforts
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
@@ -749,10 +606,10 @@ def test_garbage_does_not_survive_in_the_controller(scheme):
         feed(running, [SetPoint(frame, 0.02) for frame in garbage("XYZ", 3)])
     t = T_0 + 10**12
     g = UR5.dynamic_state(HOME, STILL).g
-    for step in range(3):  # the stamp jumps: it starts anew
+    for step in range(3):  # the stamp jumps: it restarts
         command = running.step(t + step * MS, HOME, STILL)
         if command.q is None:
-            np.testing.assert_allclose(command.effort, g, rtol=0, atol=1e3 * ALGEBRAIC)
+            assert_close(command.effort, g, 1e3 * ALGEBRAIC)
     if command.q is not None:
         assert_holds(running, t + 3 * MS, HOME)
         assert running.fault == ""

@@ -1,27 +1,18 @@
-"""An exception anywhere: the moving arm is held or brought to rest, and the reason is said."""
-
-from typing import Any
+"""A defect anywhere, or a halt: the arm is held or brought to rest, and the reason is said."""
 
 import numpy as np
 import pytest
-from in_process import World
 from ros_processes import FRAMES, HOME, Controlled, Graph, assert_may_stay, pose, reference, values
+from std_srvs.srv import Trigger
 
 from eulerparams_control.control.judge import AT_REST
-from eulerparams_control.laws.clik import Clik
-from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
-
-LAWS: dict[str, type[Any]] = {"clik": Clik, "dynamic_control": DynamicControl}
-
-# When the desired frame is faster than this [m/s] the defect shows.
-MOVES = 0.02
 
 DT = 0.001  # [s] of a tick: an arm that is at rest moves less than AT_REST in it
 
 
-def moving(graph: World | Graph, executable: str) -> Controlled:
+def moving(graph: Graph, executable: str) -> Controlled:
     """Return a controller with a defect, and its arm on its way."""
     node = Controlled(graph, executable, FRAMES)
     p, R = pose(HOME)
@@ -29,29 +20,7 @@ def moving(graph: World | Graph, executable: str) -> Controlled:
     return node
 
 
-@pytest.mark.parametrize("executable", LAWS)
-def test_after_a_defect_in_the_law_the_node_lives_and_holds_the_arm(world, executable, monkeypatch):
-    tick = LAWS[executable].tick
-
-    def breaking_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
-        if desired.dp_d @ desired.dp_d > MOVES**2:
-            raise ZeroDivisionError("planted in the law")
-        return tick(self, dt, q, dq, desired)
-
-    monkeypatch.setattr(LAWS[executable], "tick", breaking_tick)
-    node = moving(world, executable)
-    status = node.status(lambda s: "internal error" in s.message)
-    assert status.level == b"\x02"
-    assert "ZeroDivisionError: planted in the law (test_defects.py:" in status.message
-    assert values(status)["remedy"].startswith("report it")
-    commands = node.arm.ticks(1000)
-    assert np.abs(node.arm.dq).max() < AT_REST
-    assert all(np.isfinite([*c.position, *c.velocity, *c.effort]).all() for c in commands)
-    assert "Traceback" not in node.process.log
-    assert node.process.stop() == 0
-
-
-@pytest.mark.parametrize("executable", LAWS)
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
 def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_line(
     graph, executable
 ):
@@ -84,3 +53,34 @@ def test_that_limits_change_most_commands_is_said(world):
 
     world.until(hurries, "that most commands are changed")
     assert "commands of the last second: the motion is faster than the arm" in node.process.log
+
+
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
+def test_an_arm_that_is_halted_says_so_and_is_resumed_when_it_is_at_rest(world, executable):
+    node = Controlled(world, executable, FRAMES)
+    p, R = pose(HOME)
+    node.follow(reference(DesiredFrame(p + [0.0, 0.0, 0.1], R), times=(1.0,)))
+    node.arm.ticks(300)
+
+    def ask(service: str) -> tuple[bool, str]:
+        response = node.peer.call(Trigger, f"/{executable}/{service}", Trigger.Request())
+        return response.success, response.message
+
+    assert ask("halt")[0]
+    done, why = ask("resume")
+    assert not done
+    assert "ask when it is at rest" in why
+    status = values(node.status(lambda s: values(s)["mode"] == "stopped"))
+    assert (status["cause"], status["remedy"]) == ("halt", "call ~/resume")
+    node.arm.ticks(1000)
+    assert np.abs(node.arm.dq).max() < AT_REST
+    assert ask("resume")[0]
+    assert values(node.status())["mode"] == "holding"
+
+
+def test_a_controller_that_is_not_active_has_nothing_to_halt_or_resume(world):
+    world.start("clik", {**FRAMES, "autostart": False})
+    for service in ("halt", "resume"):
+        response = world.peer.call(Trigger, f"/clik/{service}", Trigger.Request())
+        assert not response.success
+        assert "not active" in response.message

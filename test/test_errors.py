@@ -1,4 +1,4 @@
-"""What errors are about: the same for each message that is wrong in the same way."""
+"""Kinds of errors: the same for each message that is wrong in the same way."""
 
 from eulerparams_control.errors import InvalidMessageError, kind_of
 

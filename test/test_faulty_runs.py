@@ -13,26 +13,25 @@ import yaml
 from rclpy.serialization import serialize_message
 from ros_processes import Process
 from sensor_msgs.msg import JointState
-from synthetic_runs import PERIOD_NS, URDF, write_run
+from synthetic_runs import PERIOD_NS, URDF, write_messages, write_run
 from test_experiments import GOOD, changed, nodes_of, run, write
 
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.bags import Bag, BagWriter
-from eulerparams_control.bags.format import Topic
+from eulerparams_control.bags import Bag
+from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments import faulty as faulty_module
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.faulty import deeds, remaps, turn
-from eulerparams_control.lab.experiments.fingerprint import code_of_runs
 from eulerparams_control.lab.experiments.model import Variant
-from eulerparams_control.lab.experiments.processes import RunStopped
-from eulerparams_control.lab.experiments.run_cache import Making
-from eulerparams_control.lab.experiments.runner import node_parameters
+from eulerparams_control.lab.experiments.runner import making_of, node_parameters
 from eulerparams_control.lab.faults import Drop, Fault, Kill
+from eulerparams_control.lab.run.fingerprint import code_of_runs
+from eulerparams_control.lab.run.processes import RunStopped
 from eulerparams_control.parameters.schemes import schemes
 
 # Relative: a few operations on doubles.
@@ -56,7 +55,6 @@ def test_faults_are_those_of_the_experiment_or_of_a_variant(tmp_path):
 
 
 def faulty(*faults: dict[str, Any]) -> dict[str, Any]:
-    """Return the good experiment with faults."""
     return changed(duration=1.0, faults=list(faults))
 
 
@@ -116,7 +114,7 @@ def test_another_fault_makes_another_run_and_the_injector_is_part_of_its_code(tm
     drops = [DROP | change for change in ({"at": 0.1}, {"at": 0.2}, {"fault": "duplicate"})]
     kills = [KILL | {"restart_after": seconds} for seconds in (0.1, 0.2)]
     settings = [variant_of(tmp_path, fault) for fault in drops + kills]
-    made = [Making.of(each, node_parameters(each)) for each in settings]
+    made = [making_of(each, node_parameters(each)) for each in settings]
     assert len({making.definition for making in made}) == 5
     assert {making.code for making in made} == {code_of_runs(True)}
     assert code_of_runs(True) != code_of_runs()
@@ -167,37 +165,29 @@ def recording(folder: Path, measured: Any, *given: Any, **more: Any) -> Recordin
     return load(write_run(folder / "run", measured, *given, parameters=PARAMETERS, **more))
 
 
-AT_LIMITS = [0.0, 4.0, -4.0], [0.0, 3.0, -3.0]
+AT_LIMITS = {"command": [0.0, 4.0, -4.0], "speeds": [0.0, 3.0, -3.0]}
+NOT_FINITE = {"efforts": [1.0, math.nan, 2.0, math.inf, 3.0]}
 
 
 @pytest.mark.parametrize(
-    ("metric", "command", "speeds", "number"),
+    ("metric", "run", "number"),
     [
-        ("commands_beyond_limits", *AT_LIMITS, 0),
-        ("nonfinite_commands", *AT_LIMITS, 0),
-        ("commands_beyond_limits", [0.0, 4.001, 0.0], [0.0] * 3, 1),
-        ("commands_beyond_limits", [0.0, -4.001, 0.0], [0.0] * 3, 1),
-        ("commands_beyond_limits", [0.0] * 3, [0.0, -3.001, 3.001], 2),
-        ("command_jump_of_rate", [0.0, 0.015, 0.06], [0.0] * 3, 1.5),  # 0.03 rad in 10 ms
-        ("peak_measured_speed_of_limit", None, [0.0, -4.5, 1.0], 1.5),
+        ("commands_beyond_limits", AT_LIMITS, 0),
+        ("nonfinite_commands", AT_LIMITS, 0),
+        ("commands_beyond_limits", {"command": [0.0, 4.001, 0.0]}, 1),
+        ("commands_beyond_limits", {"command": [0.0, -4.001, 0.0]}, 1),
+        ("commands_beyond_limits", {"command": [0.0] * 3, "speeds": [0.0, -3.001, 3.001]}, 2),
+        ("command_jump_of_rate", {"command": [0.0, 0.015, 0.06]}, 1.5),  # 0.03 rad in 10 ms
+        ("peak_measured_speed_of_limit", {"speeds": [0.0, -4.5, 1.0]}, 1.5),
+        ("nonfinite_commands", NOT_FINITE, 2),
+        ("commands_beyond_limits", NOT_FINITE, 1),  # infinity
+        ("commands_beyond_limits", {"efforts": [10.0, -10.0, 10.001, -10.001]}, 2),
+        ("command_jump_of_rate", {"efforts": [0.0, 0.5, 3.5, 3.0]}, 3.0),  # 1 Nm in 10 ms
     ],
 )
-def test_a_number_of_positions_and_speeds(tmp_path, metric, command, speeds, number):
-    found = recording(tmp_path, [0.0] * 3, command, speeds=speeds)
-    assert measure(metric, found) == pytest.approx(number, rel=EXACT)
-
-
-@pytest.mark.parametrize(
-    ("metric", "values", "number"),
-    [
-        ("nonfinite_commands", [1.0, math.nan, 2.0, math.inf, 3.0], 2),
-        ("commands_beyond_limits", [1.0, math.nan, 2.0, math.inf, 3.0], 1),  # infinity
-        ("commands_beyond_limits", [10.0, -10.0, 10.001, -10.001], 2),
-        ("command_jump_of_rate", [0.0, 0.5, 3.5, 3.0], 3.0),  # 1 Nm in 10 ms
-    ],
-)
-def test_a_number_of_efforts(tmp_path, metric, values, number):
-    found = recording(tmp_path, [0.0] * len(values), efforts=values)
+def test_a_number_of_commands_is_what_it_is_by_hand(tmp_path, metric, run, number):
+    (samples,) = {len(values) for values in run.values()}
+    found = recording(tmp_path, [0.0] * samples, **run)
     assert measure(metric, found) == pytest.approx(number, rel=EXACT)
 
 
@@ -205,19 +195,17 @@ def of_messages(
     folder: Path, messages: list[JointState], stamps: list[int] | None = None, gap: int = 0
 ) -> Recording:
     """Return a recording of commands (every 10 ms, ``gap`` ns more before the last) and a rest."""
-    start = 1_700_000_000_000_000_000
+    start, raw = 1_700_000_000_000_000_000, []
     rest = JointState(name=["hinge", "roll"], position=[0.0, 0.0], velocity=[0.0, 0.0])
-    with BagWriter(folder / "made") as bag:
-        bag.add_topic(Topic("/joint_states", "sensor_msgs/msg/JointState"))
-        bag.add_topic(Topic("/joint_effort", "sensor_msgs/msg/JointState"))
-        bag.attach("parameters.yaml", yaml.safe_dump({"/d": {"ros__parameters": PARAMETERS}}))
-        for k, msg in enumerate(messages):
-            sent = start + k * PERIOD_NS + (gap if k == len(messages) - 1 else 0)
-            stamp = sent if stamps is None else start + stamps[k] * 1_000_000
-            for topic, each in (("/joint_states", rest), ("/joint_effort", msg)):
-                each.header.stamp.sec, each.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
-                bag.write(topic, serialize_message(each), sent, sent)
-    return load(folder / "made", urdf=URDF)
+    for k, msg in enumerate(messages):
+        sent = start + k * PERIOD_NS + (gap if k == len(messages) - 1 else 0)
+        stamp = sent if stamps is None else start + stamps[k] * 1_000_000
+        for topic, each in (("/joint_states", rest), ("/joint_effort", msg)):
+            each.header.stamp.sec, each.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+            raw.append(RawMessage(topic, sent, sent, serialize_message(each)))
+    topics = dict.fromkeys(("/joint_states", "/joint_effort"), "sensor_msgs/msg/JointState")
+    told = yaml.safe_dump({"/d": {"ros__parameters": PARAMETERS}})
+    return load(write_messages(folder / "made", topics, raw, told), urdf=URDF)
 
 
 def efforts(*values: float) -> list[JointState]:
@@ -245,12 +233,6 @@ def test_a_jump_may_be_as_long_as_the_time_between_two_commands(tmp_path, stamps
     assert measure("command_jump_of_rate", found) == pytest.approx(ratio, rel=EXACT)
 
 
-def test_a_jump_of_efforts_needs_the_rate_that_the_controller_was_told(tmp_path):
-    found = load(write_run(tmp_path / "run", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
-    with pytest.raises(BagError, match="no controller has told its max_effort_rate"):
-        measure("command_jump_of_rate", found)
-
-
 def test_the_goal_is_the_end_of_the_last_reference(tmp_path):
     found = recording(tmp_path, [0.0, 0.9, math.pi / 6], [0.0] * 3)
     assert measure("distance_to_goal", found) == pytest.approx(
@@ -268,6 +250,9 @@ def test_numbers_of_what_was_not_recorded_are_refused(tmp_path):
     found = recording(tmp_path / "none", [0.0] * 3)
     with pytest.raises(BagError, match="no joint_reference and no joint_effort"):
         measure("nonfinite_commands", found)
+    found = load(write_run(tmp_path / "told", [0.0] * 3, efforts=[0.0] * 3, parameters={}))
+    with pytest.raises(BagError, match="no controller has told its max_effort_rate"):
+        measure("command_jump_of_rate", found)
 
 
 # --- runs -------------------------------------------------------------------------------------

@@ -92,7 +92,6 @@ def description(definition: bytes) -> bytes:
 
 
 def profiled(yaml_text: str) -> bytes:
-    """Return the topic joint_states with these QoS profiles."""
     return schema(DEFINITION) + channel(profiles=yaml_text)
 
 
@@ -128,7 +127,6 @@ def aliases(merged: bool = False) -> str:
 
 
 def item(yaml_text: str) -> str:
-    """Return the only item of a YAML list."""
     return "- " + yaml_text.replace("\n", "\n  ")
 
 
@@ -226,7 +224,6 @@ def bounded(*calls: Sequence[str]) -> list[tuple[int, str]]:
 
 
 def analysing(path: Path) -> tuple[str, ...]:
-    """Return a call of ``analyze``."""
     return "analysis.main", str(path), "--out", str(path.parent / "page.html")
 
 
@@ -418,11 +415,6 @@ def test_a_schema_that_no_message_has_is_refused(definition, words):
     with pytest.raises(BagError, match=r"the schema of a/msg/A cannot be understood") as refusal:
         list(columns(Schema(1, definition.encode("latin-1"), "ros2msg", "a/msg/A"), [LONG]))
     assert words in str(refusal.value)
-
-
-@pytest.mark.parametrize("definition", [empty_elements(2**32 - 1), ones()])
-def test_elements_that_a_message_does_not_have_are_not_looked_for(definition):
-    assert list(columns(Schema(1, definition, "ros2msg", "a/msg/A"), [LONG])) == []
 
 
 def test_an_empty_type_has_a_byte_as_it_travels():

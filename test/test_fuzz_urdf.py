@@ -25,6 +25,8 @@ from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.robot.urdf import UrdfTree
 
+END = "</robot>"
+ENTITY = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
 LIMIT = '<limit lower="-4" upper="4" velocity="3" effort="10"/>'
 LONGEST_REFUSAL = 2000  # characters: one line that can be read
 PATIENCE = 300  # s; a guard against hanging
@@ -47,6 +49,11 @@ def chain(count: int) -> str:
 def changed(old: str, new: str) -> str:
     assert old in URDF
     return URDF.replace(old, new)
+
+
+def shaped(kind: str, shape: str) -> str:
+    link = f'<link name="tip"><{kind}><geometry>{shape}</geometry></{kind}></link>'
+    return changed('<link name="tip"/>', link)
 
 
 def laughs() -> str:
@@ -72,21 +79,12 @@ REFUSED: dict[str, tuple[str, str]] = {
     "an angle that is a word": (changed('rpy="1.57', 'rpy="a 1.57'), "rpy of a <origin>"),
     "a limit of NaN": (changed('lower="-4"', 'lower="nan"'), "impossible limits of joint 'hinge'"),
     "a speed of NaN": (changed('velocity="3"', 'velocity="nan"'), "impossible limits"),
-    "an unknown type": (
-        changed('type="revolute"', 'type="revolut"'),
-        "joint 'hinge': unknown type 'revolut' (did you mean 'revolute'?)",
-    ),
+    "an unknown type": (changed('type="revolute"', 'type="revolut"'), "(did you mean 'revolute'?)"),
     "no type": (changed('name="roll" type="revolute"', 'name="roll"'), "no attribute 'type'"),
     "no limits": (changed(LIMIT, ""), "Pinocchio cannot read the URDF"),
     "two joints of a name": (changed('"roll"', '"hinge"'), "two joints have the name 'hinge'"),
-    "two links of a name": (
-        changed('<link name="sensor"/>', '<link name="sensor"/><link name="arm"/>'),
-        "two links have the name 'arm'",
-    ),
-    "two tips": (
-        changed('<link name="sensor"/>', '<link name="sensor"/><link name="tip"/>'),
-        "two links have the name 'tip'",
-    ),
+    "two links of a name": (changed(END, f'<link name="arm"/>{END}'), "links have the name 'arm'"),
+    "two tips": (changed(END, f'<link name="tip"/>{END}'), "two links have the name 'tip'"),
     "a link without a name": (changed('"sensor"', '""'), "a link has an empty name"),
     "a joint of Pinocchio's": (changed('"hinge"', '"universe"'), "which Pinocchio keeps"),
     "several roots": (changed("</robot>", '<link name="x"/></robot>'), "one root link, found 2"),
@@ -98,11 +96,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "far too deep": (changed("</robot>", f"{'<a>' * 10**5}{'</a>' * 10**5}</robot>"), "than 50"),
     "too long": (changed("</robot>", f"<!--{'x' * 64_000_001}--></robot>"), "at most 64000000"),
     "a billion laughs": (laughs(), "it has a DOCTYPE"),
-    "a file by an entity": (
-        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
-        + changed("</robot>", "<x>&a;</x></robot>"),
-        "it has a DOCTYPE",
-    ),
+    "a file by an entity": (f"{ENTITY}{changed(END, f'<x>&a;</x>{END}')}", "it has a DOCTYPE"),
     "a file by its DOCTYPE": ('<!DOCTYPE r SYSTEM "file:///etc/hostname">' + URDF, "a DOCTYPE"),
     "an entity that is nowhere": (changed('"rod"', '"&a;"'), "not valid XML: undefined entity"),
     "half": (URDF[: len(URDF) // 2], "not valid XML"),
@@ -118,15 +112,8 @@ TAKEN: dict[str, str] = {
     "ten megabytes": changed("</robot>", f"<!--{'x' * 10_000_000}--></robot>"),
     "an encoding that it does not have": '<?xml version="1.0" encoding="klingon"?>' + URDF,
     "a joint with the name of the tip": URDF.replace('"hinge"', '"tip"'),
-    "a mesh that is elsewhere": changed(
-        '<link name="tip"/>',
-        '<link name="tip"><visual><geometry><mesh filename="package://../../etc/passwd"/>'
-        "</geometry></visual></link>",
-    ),
-    "a shape that is none": changed(
-        '<link name="tip"/>',
-        '<link name="tip"><collision><geometry><box size="a"/></geometry></collision></link>',
-    ),
+    "a mesh that is elsewhere": shaped("visual", '<mesh filename="package://../../etc/passwd"/>'),
+    "a shape that is none": shaped("collision", '<box size="a"/>'),
 }
 
 

@@ -24,9 +24,9 @@ from eulerparams_control.analysis.compliant import (
 )
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.metrics import measure
-from eulerparams_control.analysis.metrics.contact import desired_rotations
 from eulerparams_control.analysis.page import write_page
+from eulerparams_control.analysis.quantities import measure
+from eulerparams_control.analysis.quantities.contact import desired_rotations
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
@@ -38,10 +38,6 @@ EXACT = 1e-9  # relative: a few operations on doubles
 DOWN = math.pi / 2
 NODE = "/impedance_control"
 P_D = np.array([1.0, 0.0, 0.0])
-
-# 2 kg, 0.1 m along the rod beyond the tip, and a sensor that is off by 1 N and 0.5 Nm.
-TOOL: dict[str, Any] = {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0], "gravity": [0.0, 0.0, -10.0]}
-BIAS: dict[str, Any] = {"wrench_bias": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0]}
 
 IMPEDANCE: dict[str, Any] = {
     "orientation": "euler_parameters",
@@ -67,51 +63,44 @@ def complying(
     return recorded(folder / "run", **run, parameters=IMPEDANCE | told, node=NODE)
 
 
-def sensed(folder: Path, q: float, w: Sequence[float], **options: Any) -> Array:
-    """Return the wrench (6,) at the tip of the rod at q, of which the sensor says w."""
-    wrench = recorded(folder / "run", [q], wrenches=[w], **options).wrench
-    assert wrench is not None
-    return np.concatenate((wrench.f[0], wrench.mu[0]))
-
-
 # --- the wrench at the tip -----------------------------------------------------------
 
 
+# 2 kg, 0.1 m along the rod beyond the tip, and a sensor that is off by 1 N and 0.5 Nm.
+EARTH = {"gravity": [0.0, 0.0, -10.0]}
+TOOL: dict[str, Any] = EARTH | {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}
+OFF: dict[str, Any] = TOOL | {"wrench_bias": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0]}
+SENSED: dict[str, Any] = EARTH | {"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0, 0.0]}
+NOTHING = [0] * 6
+
+
 @pytest.mark.parametrize(
-    ("q", "w", "sensor", "expected"),
+    ("q", "w", "told", "expected"),
     [
-        (0.0, [1, 2, 3, 4, 5, 6], "tip", [1, 2, 3, 4, 5, 6]),
-        (DOWN, [1, 2, 3, 4, 5, 6], "tip", [3, 2, -1, 6, 5, -4]),
+        (0.0, [1, 2, 3, 4, 5, 6], {}, [1, 2, 3, 4, 5, 6]),
+        (DOWN, [1, 2, 3, 4, 5, 6], {}, [3, 2, -1, 6, 5, -4]),
         # sensor y is tip z, sensor z is minus tip y; the force acts 0.2 m before the tip:
         # (-0.2, 0, 0) x (1, -3, 2) = (0, 0.4, 0.6)
-        (0.0, [1, 2, 3, 0, 0, 0], "sensor", [1, -3, 2, 0, 0.4, 0.6]),
-        (0.0, [0, 0, 0, 4, 5, 6], "sensor", [0, 0, 0, 4, -6, 5]),
-        (DOWN, [1, 2, 3, 0, 0, 0], "sensor", [2, -3, -1, 0.6, 0.4, 0]),
+        (0.0, [1, 2, 3, 0, 0, 0], {"sensor": "sensor"}, [1, -3, 2, 0, 0.4, 0.6]),
+        (0.0, [0, 0, 0, 4, 5, 6], {"sensor": "sensor"}, [0, 0, 0, 4, -6, 5]),
+        (DOWN, [1, 2, 3, 0, 0, 0], {"sensor": "sensor"}, [2, -3, -1, 0.6, 0.4, 0]),
+        # weight of the tool and bias are no contact
+        (0.0, [0, 0, -20, 0, 2, 0], {"parameters": TOOL}, NOTHING),  # (0.1, 0, 0) x (0, 0, -20)
+        (0.0, [1, 0, -20, 0, 2.5, 0], {"parameters": OFF}, NOTHING),
+        (DOWN, [20, 0, 0, 0, 0, 0], {"parameters": TOOL}, NOTHING),  # it hangs
+        (DOWN, [21, 0, 0, 0, 0.5, 0], {"parameters": OFF}, NOTHING),
+        (0.0, NOTHING, {"parameters": SENSED}, [0, 0, 5, 0, -0.5, 0]),  # beyond the sensor
+        (0.0, NOTHING, {"parameters": TOOL | {"compensate_tool_weight": False}}, NOTHING),
+        # the sign is that of the parameters of the impedance
+        (0.0, [1, 2, 3, 4, 5, 6], {"parameters": {"wrench_sign": -1}}, [-1, -2, -3, -4, -5, -6]),
+        (0.0, [1, 2, 3, 4, 5, 6], {"parameters": {"wrench_sign": -1}, "node": "/clik"},
+         [1, 2, 3, 4, 5, 6]),
     ],
-)
-def test_a_wrench_is_turned_into_base_axes_and_moved_to_the_tip(tmp_path, q, w, sensor, expected):
-    assert_close(sensed(tmp_path, q, w, sensor=sensor), expected)
-
-
-@pytest.mark.parametrize(
-    ("q", "w"),
-    [
-        (0.0, [0, 0, -20, 0, 2, 0]),  # (0.1, 0, 0) x (0, 0, -20) = (0, 2, 0)
-        (DOWN, [20, 0, 0, 0, 0, 0]),  # it hangs
-    ],
-)
-def test_weight_of_the_tool_and_bias_are_no_contact(tmp_path, q, w):
-    assert_close(sensed(tmp_path / "a", q, w, parameters=TOOL, node=NODE), 0)
-    off = np.add(w, BIAS["wrench_bias"]).tolist()
-    assert_close(sensed(tmp_path / "b", q, off, parameters=TOOL | BIAS, node=NODE), 0)
-
-
-def test_the_sign_of_the_sensor_is_that_of_the_parameters(tmp_path):
-    w = [1, 2, 3, 4, 5, 6]
-    found = sensed(tmp_path, 0.0, w, parameters={"wrench_sign": -1}, node="/left/impedance_control")
-    assert found.tolist() == [-1, -2, -3, -4, -5, -6]
-    other = sensed(tmp_path / "other", 0.0, w, parameters={"wrench_sign": -1}, node="/clik")
-    assert other.tolist() == [1, 2, 3, 4, 5, 6]
+)  # fmt: skip
+def test_a_wrench_is_that_of_the_contact_at_the_tip_in_base_axes(tmp_path, q, w, told, expected):
+    run = recorded(tmp_path / "run", [q], wrenches=[w], **{"node": f"/left{NODE}"} | told)
+    assert run.wrench is not None
+    assert_close(np.concatenate((run.wrench.f[0], run.wrench.mu[0])), expected)
 
 
 def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path):
@@ -566,19 +555,6 @@ def test_the_centre_of_compliance_can_be_in_another_link(tmp_path):
     with pytest.raises(BagError, match="not valid: compliance_frame: the frame 'base' is not fix"):
         measure("moment_residual", wrong)
     assert "compliance_frame" in wrong.why_no_lyapunov
-
-
-@pytest.mark.parametrize(
-    ("told", "weight"),
-    [
-        ({"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0.0, 0.0]}, 5.0),
-        ({"tool_mass": 2.0, "compensate_tool_weight": False}, 0.0),
-    ],
-)
-def test_the_weight_is_that_beyond_the_sensor(tmp_path, told, weight):
-    parameters = {"gravity": [0.0, 0.0, -10.0]} | told
-    w = sensed(tmp_path, 0.0, [0.0] * 6, parameters=parameters, node=NODE)
-    assert_close(w, [0, 0, weight, 0, -0.1 * weight, 0])
 
 
 def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_path):

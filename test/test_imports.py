@@ -12,6 +12,7 @@ SOURCES = sorted([*ROOT.glob("eulerparams_control/**/*.py"), *ROOT.glob("sim_bri
 MESSAGES = {
     *("builtin_interfaces", "rosgraph_msgs", "lifecycle_msgs", "rcl_interfaces", "sensor_msgs"),
     *("geometry_msgs", "trajectory_msgs", "std_msgs", "std_srvs", "diagnostic_msgs"),
+    "visualization_msgs",
 }
 ROS = {"rclpy", "ament_index_python", *MESSAGES}
 
@@ -32,9 +33,8 @@ FLOORS = (
     ("sim_bridge",),
     ("analysis",),
     ("lab",),
+    ("live",),
 )
-FOR_A_ROBOT = {"laws", "motion", "robot", "control", "parameters", "messages"}
-NOT_FOR_A_ROBOT = {"bags", "analysis", "lab"}
 BLOCK = """
 import importlib, sys
 class Block:
@@ -119,14 +119,9 @@ def test_only_the_ros_layer_imports_the_ros_layer():
 
 
 def test_no_arrow_goes_upward():
+    """So what a robot needs imports nothing of bags, analysis or lab."""
     for module, arrows in ARROWS.items():
         assert {to for to in arrows if floor_of(to) > floor_of(module)} == set(), module
-
-
-def test_what_a_robot_needs_imports_nothing_of_bags_analysis_or_lab():
-    for module, arrows in ARROWS.items():
-        if room_of(module) in FOR_A_ROBOT:
-            assert {to for to in arrows if room_of(to) in NOT_FOR_A_ROBOT} == set(), module
 
 
 def test_no_imports_go_in_a_circle():
@@ -167,6 +162,6 @@ def test_all_that_is_not_the_ros_layer_imports_where_there_is_no_ros():
     modules += ["eulerparams_control.messages.from_ros"]
     code = BLOCK.format(ros=ROS, modules=modules)
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False
     )
     assert result.stdout.strip().endswith(f"imported {len(modules)}"), result.stderr

@@ -1,4 +1,4 @@
-"""What comes from a robot beyond its own states: others' joints, NaN, stuck and rival sources."""
+"""Inputs of a controller: states of the arm and of others, wrenches, targets."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -7,18 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, pose, reference, values
+from samples import about
 from sensor_msgs.msg import JointState
-from tolerances import LAW_IN_A_NODE
+from std_srvs.srv import Trigger
+from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import set_steady
+from eulerparams_control.control.controller import Controller
 from eulerparams_control.errors import InvalidMessageError, RobotError
+from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.to_ros import stamp_to_ros
+from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.state_input import StateInput
@@ -85,15 +90,6 @@ def without_velocities(arm: Any) -> None:
         return msg
 
     arm.message = message
-
-
-def test_clik_controls_an_arm_that_reports_no_velocities(world):
-    node = Controlled(world, "clik", FRAMES)
-    without_velocities(node.arm)
-    node.follow(reference(goal(0.05), times=(0.5,)))
-    node.arm.ticks(800)
-    np.testing.assert_allclose(pose(node.arm.q)[0], goal(0.05).p_d, atol=LAW_IN_A_NODE)
-    assert "joint_states rejected" not in values(node.status())
 
 
 # --- others' joints -----------------------------------------------------------------------------
@@ -361,3 +357,137 @@ def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
     Robot(urdf, "base_link", "wrist_1_link").refuse_locked()
     with pytest.raises(RobotError, match=r"wrist_3_joint can move .* set joints"):
         Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_locked()
+
+
+# --- the inputs of a controller ----------------------------------------------------------------
+
+
+class Asked(list[tuple[str, Any, Any]]):
+    """What a controller was asked for: aim or jog, the target, and when."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        for name in ("aim", "jog"):
+            ask = lambda _, target, now, n=name: self.append((n, target, now))  # noqa: E731
+            monkeypatch.setattr(Controller, name, ask, raising=False)
+
+
+def stamped(seconds: float) -> Time:
+    return Time(sec=int(seconds), nanosec=round(seconds % 1 * 1e9))
+
+
+def twist(frame: str, linear: tuple[float, ...], stamp: float = 0.0) -> TwistStamped:
+    msg = TwistStamped()
+    msg.header.frame_id, msg.header.stamp = frame, stamped(stamp)
+    msg.twist.linear.x, msg.twist.linear.y, msg.twist.linear.z = linear
+    return msg
+
+
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control", "impedance_control"])
+def test_targets_are_taken_in_the_frame_of_a_link_where_it_is_now(world, executable, monkeypatch):
+    asked = Asked(monkeypatch)
+    node = Controlled(world, executable, FRAMES)
+    poses = node.peer.publisher(PoseStamped, "/target_pose")
+    twists = node.peer.publisher(TwistStamped, "/target_twist")
+    p, R = pose(node.arm.q)
+    ahead = np.array([0.0, 0.0, 0.1])
+    poses.publish(pose_to_ros(ahead, about(2, 0.3), Time(), "tool0"))
+    poses.publish(pose_to_ros(p, R, Time(), ""))
+    twists.publish(twist("tool0", (0.1, 0.0, 0.0)))
+    twists.publish(twist("base_link", (0.1, 0.0, 0.0)))
+    (a, goal, now), (_, here, _), (j, in_tip, _), (_, in_base, _) = asked
+    assert (a, j, now) == ("aim", "jog", None)  # in simulated time the stamps count
+    np.testing.assert_allclose(goal.p_d, p + R @ ahead, atol=RELATIVE)
+    assert angle_between(goal.R_d, R @ about(2, 0.3)) < THROUGH_A_QUATERNION
+    assert not goal.dp_d.any()
+    np.testing.assert_allclose(here.p_d, p, atol=RELATIVE)
+    np.testing.assert_allclose(in_tip[:3], R @ [0.1, 0.0, 0.0], atol=RELATIVE)
+    np.testing.assert_allclose(in_base, [0.1, 0, 0, 0, 0, 0], atol=RELATIVE)
+
+
+def test_targets_that_mean_nothing_are_refused_counted_and_said(world, monkeypatch):
+    asked = Asked(monkeypatch)
+    node = Controlled(world, "clik", FRAMES)
+    poses = node.peer.publisher(PoseStamped, "/target_pose")
+    twists = node.peer.publisher(TwistStamped, "/target_twist")
+    p, R = pose(HOME)
+    long = pose_to_ros(p, R, Time(), "")
+    long.pose.orientation.w = 3.0
+    for publisher, msg, words in (
+        (poses, pose_to_ros(p * math.nan, R, Time(), ""), "the pose has a non-finite position"),
+        (poses, long, "; expected 1"),
+        (poses, pose_to_ros(p, R, Time(), "camera"), "unknown frame 'camera'; known: base, base_l"),
+        (twists, twist("", (math.inf, 0.0, 0.0)), "the twist has a non-finite value"),
+        (twists, twist("tool", (0.1, 0.0, 0.0)), "unknown frame 'tool' (did you mean 'tool0'?)"),
+    ):
+        publisher.publish(msg)
+        assert words in node.process.log
+    node.status(lambda s: {"target_pose rejected", "target_twist rejected"} <= values(s).keys())
+    assert asked == []
+
+
+def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(world, monkeypatch):
+    asked = Asked(monkeypatch)
+    node = Controlled(world, "clik", FRAMES)
+    twists = node.peer.publisher(TwistStamped, "/target_twist")
+    for stamp in (5.0, 5.1, 5.05, 0.0):
+        twists.publish(twist("", (stamp, 0.0, 0.0), stamp))
+    assert [target[0] for _, target, _ in asked] == [5.0, 5.1, 0.0]
+    assert "target_twist rejected: the stamp 5.050 s comes after 5.100 s" in node.process.log
+    twists.publish(twist("", (5.2, 0.0, 0.0), 5.2))
+    world.advance(1.5)
+    twists.publish(twist("", (1.0, 0.0, 0.0), 1.0))
+    assert [target[0] for _, target, _ in asked[3:]] == [5.2, 1.0]
+
+
+@pytest.mark.parametrize("topic", ["target_pose", "target_twist"])
+def test_two_publishers_of_targets_are_refused_and_both_named_but_not_a_successor(
+    world, topic, monkeypatch
+):
+    asked = Asked(monkeypatch)
+    node = Controlled(world, "clik", FRAMES)
+    kind = {"target_pose": PoseStamped, "target_twist": TwistStamped}[topic]
+    p, R = pose(HOME)
+    msg = twist("", (0.1, 0.0, 0.0)) if topic == "target_twist" else pose_to_ros(p, R, Time(), "")
+
+    def sender(name: str) -> tuple[Any, Any]:
+        another = node.peer.another_node(name)
+        return another, another.create_publisher(kind, f"/{topic}", 10)
+
+    first, publisher = sender("first")
+    publisher.publish(msg)
+    assert len(asked) == 1
+    second, other = sender("second")
+    other.publish(msg)
+    assert len(asked) == 1
+    assert f"two publishers on '{topic}': /first, /second; expected one" in node.process.log
+    second.destroy_node()
+    publisher.publish(msg)
+    assert len(asked) == 2
+    _, successor = sender("first")  # while the one before is still in the graph
+    successor.publish(msg)
+    assert len(asked) == 3
+    first.destroy_node()
+
+
+def test_nothing_listens_to_targets_before_a_controller_is_active(world):
+    world.start("clik", {**FRAMES, "autostart": False})
+    for topic in ("target_pose", "target_twist"):
+        assert world.peer.node.count_subscribers(f"/{topic}") == 0
+
+
+# --- what becomes of them ----------------------------------------------------------------------
+
+
+def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world):
+    node = Controlled(world, "clik", FRAMES)
+    twists = node.peer.publisher(TwistStamped, "/target_twist")
+    node.peer.call(Trigger, "/clik/halt", Trigger.Request())
+    for _ in range(50):
+        twists.publish(twist("", (0.0, 0.0, 0.1)))
+        node.arm.ticks(20)
+    assert values(node.status())["target_twist rejected"] == "50"
+    np.testing.assert_allclose(node.arm.q, HOME, atol=1e-9)
+    node.peer.call(Trigger, "/clik/resume", Trigger.Request())
+    twists.publish(twist("", (0.0, 0.0, 0.1)))
+    node.arm.ticks(50)
+    assert np.abs(node.arm.dq).max() > 1e-3

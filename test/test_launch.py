@@ -23,6 +23,7 @@ from eulerparams_control.parameters.watchdog import WatchdogParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
+ADMITS = "impedance_control"
 POSITIONS, EFFORTS = ("clik", "admittance"), ("dynamic_control", "impedance_control")
 TAKES = {
     **dict.fromkeys(("bringup", "ur", "any"), (*POSITIONS, *EFFORTS, "push_test")),
@@ -49,8 +50,10 @@ def launched(monkeypatch):
     """Return a function that returns the nodes of a launch file, without ``launch``."""
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     for name, kinds in {
-        "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.actions": ("DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction"),
+        "launch": ("Action", "LaunchContext", "LaunchDescription"),
+        "launch.actions": (
+            *("DeclareLaunchArgument", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction"),
+        ),
         "launch.substitutions": ("LaunchConfiguration",),
         "launch_ros": (),
         "launch_ros.actions": ("Node",),
@@ -90,7 +93,6 @@ def by_name(nodes: Sequence[SimpleNamespace]) -> dict[str, SimpleNamespace]:
 
 @cache
 def sources() -> str:
-    """Return the text of the nodes."""
     folders = ROOT / "eulerparams_control" / "ros", ROOT / "sim_bridge"
     return "".join(path.read_text() for folder in folders for path in folder.glob("*.py"))
 
@@ -159,6 +161,14 @@ def test_in_an_admittance_clik_follows_the_compliant_frame_and_nothing_else(laun
     assert dict(nodes["clik"].remappings).items() >= renamed.items()
 
 
+def test_the_page_is_attached_to_the_controller_that_takes_the_targets(launched):
+    nodes = by_name(launched("bringup", controller="admittance", live="true", namespace="left"))
+    page = nodes["live"]
+    assert (page.arguments, page.namespace) == (["--attach", "--controller", ADMITS], "left")
+    assert values(nodes["pybullet_bridge"])["external_wrench_timeout"] > 0
+    assert "live" not in by_name(launched("bringup"))
+
+
 def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launched, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text("/**: {ros__parameters: {k_Vp: 30.0}}")
@@ -175,6 +185,31 @@ def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launc
     assert dict(bridge.remappings)["joint_effort"] == "driver_effort"
     with pytest.raises(UnknownNameError, match="did you mean 'watchdog'"):
         launched("bringup", parameters="{watchdogs: {}}")
+
+
+@pytest.mark.parametrize("given", ["rviz", "foxglove"])
+def test_what_shows_the_arm_is_started_where_it_is_installed(
+    launched, tmp_path, monkeypatch, given
+):
+    package = {"rviz": "rviz2", "foxglove": "foxglove_bridge"}[given]
+    kinds = [each.kind for each in launched("bringup", **{given: "true"})]
+    assert kinds.count("Node") == 2  # the robot and its controller
+    (line,) = (each for each in launched("bringup", **{given: "true"}) if each.kind == "LogInfo")
+    assert f"apt install ros-jazzy-{package.replace('_', '-')}" in line.msg
+    (index := tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
+    (index / package).touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}:{sys.prefix}")
+    arm = {"namespace": "left", "topics": "{wrench: /sensor/wrench}"}
+    nodes = [each for each in launched("bringup", **{given: "true"}, **arm) if each.kind == "Node"]
+    (viewer,) = [node for node in nodes if node.package == package]
+    if given == "foxglove":
+        assert viewer.parameters == [{"address": "127.0.0.1"}]  # not the network
+    if given == "rviz":
+        assert viewer.namespace == "left"
+        assert dict(viewer.remappings)["wrench"] == "/sensor/wrench"
+        _, file, _, base = viewer.arguments
+        assert Path(file).is_file()
+        assert base == "base_link"
 
 
 @pytest.mark.slow

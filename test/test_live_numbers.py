@@ -1,4 +1,4 @@
-"""What the nodes publish while they run is what analyze recomputes from the bag."""
+"""Nodes publish the numbers that analyze recomputes from the bag."""
 
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,8 @@ from eulerparams_control.bags import Bag
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import Variant
-from eulerparams_control.lab.experiments.processes import Nodes
 from eulerparams_control.lab.experiments.runner import node_parameters, wait_for_end
+from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import ns_from_ros
 

@@ -38,7 +38,6 @@ from eulerparams_control.messages.to_ros import (
     pose_to_ros,
     quaternion_to_ros,
     stamp_to_ros,
-    vector_to_ros,
     wrench_to_ros,
 )
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
@@ -58,7 +57,6 @@ def travelled(msg: Any) -> Any:
 
 
 def frames(count: int, key: int) -> list[DesiredFrame]:
-    """Return random desired frames with velocities and accelerations."""
     vectors = generator(20, key).normal(size=(count, 5, 3))
     return [
         DesiredFrame(p, R, dp, omega, ddp, domega)
@@ -88,12 +86,6 @@ def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds):
     assert isinstance(msg, Duration)
     assert 0 <= msg.nanosec < 10**9
     assert abs(ns_from_ros(msg) / 1e9 - seconds) <= NANOSECOND
-
-
-@given(st.lists(finite, min_size=3, max_size=3))
-def test_a_vector_is_the_same_to_the_bit_there_and_back(values):
-    found = vector_from_ros(travelled(vector_to_ros(np.array(values))))
-    assert found.tolist() == values
 
 
 def test_a_rotation_is_the_same_there_and_back_at_every_angle():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from samples import (
     about,
+    by_angles,
     derivative,
     generator,
     pairs_apart,
@@ -21,13 +22,16 @@ from tolerances import (
     RAMPED,
     RELATIVE,
     THROUGH_POINTS,
+    assert_close,
 )
 
-from eulerparams_control.errors import ConfigurationError, SingularityError
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.orientation import SEQUENCES
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
+from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 
 X = np.eye(3)[0]
 S_IN_NS = 1_000_000_000
@@ -53,7 +57,7 @@ def trajectory_turning(theta, key=0):
 def assert_same_frame(a, b, atol):
     """Assert that pose, velocities and accelerations agree."""
     for of_a, of_b in zip(a, b, strict=True):
-        np.testing.assert_allclose(of_a, of_b, rtol=0, atol=atol)
+        assert_close(of_a, of_b, atol)
 
 
 def assert_rates_are_derivatives(motion, t, atol=MOTION_DIFFERENCES):
@@ -143,10 +147,10 @@ def test_way_points_turn_about_the_equivalent_axis_and_move_on_a_line(theta):
             speed = 30 * (u * (1 - u)) ** 2 / 3.0
             frame = trajectory.sample(3.0 * u)
             expected = rodrigues(share * theta, r) @ R_start
-            np.testing.assert_allclose(frame.R_d, expected, rtol=0, atol=THROUGH_POINTS)
+            assert_close(frame.R_d, expected, THROUGH_POINTS)
             np.testing.assert_allclose(frame.omega_d, speed * theta * r, atol=THROUGH_POINTS)
             line = p_start + share * (p_end - p_start)
-            np.testing.assert_allclose(frame.p_d, line, rtol=0, atol=THROUGH_POINTS)
+            assert_close(frame.p_d, line, THROUGH_POINTS)
 
 
 # --- circles ------------------------------------------------------------------------------
@@ -165,8 +169,8 @@ def test_a_circle_starts_and_ends_at_the_pose(ramp, tilt):
     assert trajectory.duration == pytest.approx(CIRCLE.period + ramp, rel=RELATIVE)
     for t in (0.0, trajectory.duration):
         frame = trajectory.sample(t)
-        np.testing.assert_allclose(frame.p_d, P_0, rtol=0, atol=ALGEBRAIC)
-        np.testing.assert_allclose(frame.R_d, R_0, rtol=0, atol=ALGEBRAIC)
+        assert_close(frame.p_d, P_0, ALGEBRAIC)
+        assert_close(frame.R_d, R_0, ALGEBRAIC)
         speed = 0.0 if ramp else 2 * math.pi * CIRCLE.radius / CIRCLE.period
         assert np.linalg.norm(frame.dp_d) == pytest.approx(speed, abs=ALGEBRAIC)
 
@@ -191,8 +195,8 @@ def test_a_circle_turns_by_the_right_hand_about_its_normal_at_the_speed_of_its_p
     for t in np.linspace(1.0, 4.0, 31):  # after the ramp up, before the ramp down
         frame = trajectory.sample(t)
         dp = np.cross(omega, frame.p_d - centre)
-        np.testing.assert_allclose(frame.dp_d, dp, rtol=0, atol=RAMPED)
-        np.testing.assert_allclose(frame.ddp_d, np.cross(omega, dp), rtol=0, atol=RAMPED)
+        assert_close(frame.dp_d, dp, RAMPED)
+        assert_close(frame.ddp_d, np.cross(omega, dp), RAMPED)
 
 
 def test_the_tool_of_a_circle_turns_on_a_cone_once_a_turn():
@@ -205,7 +209,7 @@ def test_the_tool_of_a_circle_turns_on_a_cone_once_a_turn():
         on_cone = frame.R_d @ axis
         assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=RAMPED)
         omega = 2 * math.pi / circle.period * (n - on_cone)
-        np.testing.assert_allclose(frame.omega_d, omega, rtol=0, atol=RAMPED)
+        assert_close(frame.omega_d, omega, RAMPED)
 
 
 @pytest.mark.parametrize("ramp", [0.0, 1.0, 4.0])
@@ -242,9 +246,9 @@ def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
     set_point = SetPoint(frame, lasting=0.2)
     for t, moved in ((-1.0, 0.0), (0.0, 0.0), (0.07, 0.07), (0.2, 0.2), (0.21, 0.2), (9.0, 0.2)):
         sample = set_point.sample(t)
-        np.testing.assert_allclose(sample.p_d, P_0 + moved * dp, rtol=0, atol=ALGEBRAIC)
+        assert_close(sample.p_d, P_0 + moved * dp, ALGEBRAIC)
         expected = rodrigues(speed * moved, omega / speed) @ R_0
-        np.testing.assert_allclose(sample.R_d, expected, rtol=0, atol=ALGEBRAIC)
+        assert_close(sample.R_d, expected, ALGEBRAIC)
         still = t > 0.2
         np.testing.assert_array_equal(sample.dp_d, 0 * dp if still else dp)
         np.testing.assert_array_equal(sample.omega_d, 0 * omega if still else omega)
@@ -260,14 +264,6 @@ def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
 
 
 # --- start and hold -----------------------------------------------------------------------
-
-
-def test_a_motion_without_a_start_begins_at_the_first_sample():
-    desired = Shaper(DesiredFrame(P_0, R_0))
-    trajectory = trajectory_turning(1.0)
-    desired.follow(trajectory, None)
-    for t in (0, 300_000_000, 1_900_000_000):
-        assert_same_frame(desired.sample(77 * S_IN_NS + t), trajectory.sample(t / 1e9), 0)
 
 
 def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
@@ -296,18 +292,9 @@ def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame()
     desired.follow(way_points([2.0], [goal]), None)
     assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), THROUGH_POINTS)
     halfway = desired.sample(S_IN_NS)
-    np.testing.assert_allclose(halfway.p_d, P_0 + 0.05 * X, rtol=0, atol=THROUGH_POINTS)
-    np.testing.assert_allclose(halfway.R_d, about(0, 0.15) @ R_0, rtol=0, atol=THROUGH_POINTS)
+    assert_close(halfway.p_d, P_0 + 0.05 * X, THROUGH_POINTS)
+    assert_close(halfway.R_d, about(0, 0.15) @ R_0, THROUGH_POINTS)
     assert_same_frame(desired.sample(2 * S_IN_NS), DesiredFrame(*goal), 0)
-
-
-def test_a_new_motion_takes_over_velocity_and_acceleration():
-    desired = Shaper(DesiredFrame(P_0, R_0))
-    desired.follow(trajectory_turning(1.0), 0)
-    last = desired.sample(500_000_000)
-    desired.follow(way_points([1.0], [(P_0, R_0)]), 500_000_000)
-    assert np.linalg.norm(last.dp_d) > 0.1
-    assert_same_frame(desired.sample(500_000_000), last, THROUGH_POINTS)
 
 
 def test_holding_forgets_the_motion_and_its_velocity():
@@ -317,3 +304,102 @@ def test_holding_forgets_the_motion_and_its_velocity():
     desired.hold(last)
     for t in (S_IN_NS, 5 * S_IN_NS):
         assert_same_frame(desired.sample(t), DesiredFrame(last.p_d, last.R_d), 0)
+
+
+# --- rows of numbers ----------------------------------------------------------------------
+
+AXIS = np.array([2.0, -1.0, 2.0]) / 3
+ANGLE = 1.9
+R = rodrigues(ANGLE, AXIS)
+XYZW = [*(math.sin(ANGLE / 2) * AXIS), math.cos(ANGLE / 2)]
+
+
+def pose(orientation, orientation_format, position=(0.1, 0.2, 0.3)):
+    """Return position and orientation of a single way-point."""
+    frame = parse_way_points([0.0], position, orientation, orientation_format).sample(0.0)
+    return frame.p_d, frame.R_d
+
+
+def test_a_quaternion_is_read_as_x_y_z_w_and_is_the_format_unless_told_otherwise():
+    for sign in (1, -1):
+        p, R_d = pose(sign * np.array(XYZW), "quaternion_xyzw")
+        np.testing.assert_array_equal(p, [0.1, 0.2, 0.3])
+        assert_close(R_d, R, ALGEBRAIC)
+    unless_told = parse_way_points([0.0], [0, 0, 0], XYZW)
+    assert_close(unless_told.sample(0.0).R_d, R, ALGEBRAIC)
+
+
+def test_a_rotation_vector_is_the_angle_times_the_axis():
+    assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, ALGEBRAIC)
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_angles_are_those_of_the_sequence_in_radians(sequence):
+    for angles in generator(90).uniform(-3, 3, size=(20, 3)):
+        expected = by_angles(sequence, *angles)
+        assert_close(pose(angles, sequence)[1], expected, ALGEBRAIC)
+
+
+def test_rows_follow_each_other_and_the_motion_rests_at_each():
+    trajectory = parse_way_points(
+        [0.0, 1.0, 3.0], [1, 2, 3, 4, 5, 6, 7, 8, 9], [0, 0, 0, 0, 0, 0.5, 0.7, 0, 0], "XYZ"
+    )
+    expected = (np.eye(3), about(2, 0.5), about(0, 0.7))
+    assert trajectory.times == [0.0, 1.0, 3.0]
+    for i, (t, R_d) in enumerate(zip(trajectory.times, expected, strict=True)):
+        frame = trajectory.sample(t)
+        np.testing.assert_allclose(frame.p_d, np.arange(3) + 3 * i + 1, atol=THROUGH_POINTS)
+        assert_close(frame.R_d, R_d, THROUGH_POINTS)
+        for rate in frame[2:]:
+            assert_close(rate, 0, THROUGH_POINTS)
+
+
+def test_a_quaternion_printed_with_four_digits_is_normalised():
+    _, R_d = pose(np.round(XYZW, 4), "quaternion_xyzw")
+    assert_close(R_d @ R_d.T, np.eye(3), ALGEBRAIC)
+    assert_close(R_d, R, 4e-4)  # of four digits
+
+
+@pytest.mark.parametrize(
+    ("values", "norm"), [([0, 0, 0, 0], "0"), ([0, 0, 0, 1.01], "1.01"), ([1, 1, 0, 0], "1.41421")]
+)
+def test_a_quaternion_that_is_not_of_norm_1_is_refused_with_its_norm(values, norm):
+    with pytest.raises(ConfigurationError, match=f"has norm {norm}; expected 1"):
+        pose(values, "quaternion_xyzw")
+
+
+@pytest.mark.parametrize(
+    ("times", "positions", "orientations", "orientation_format", "width"),
+    [
+        ([], [], [], "XYZ", 3),
+        ([0.0], [0, 0], [0, 0, 0], "XYZ", 3),
+        ([0.0], [0, 0, 0], [0, 0, 0, 1], "XYZ", 3),
+        ([0.0], [0, 0, 0], [0, 0, 0], "quaternion_xyzw", 4),
+        ([0.0, 1.0], [0, 0, 0], [0, 0, 0], "rotation_vector", 3),
+        ([0.0], [0, 0, 0, 0, 0, 0], [0, 0, 0], "ZYZ", 3),
+    ],
+)
+def test_rows_that_do_not_fit_are_refused_with_their_numbers(
+    times, positions, orientations, orientation_format, width
+):
+    counts = f"{len(times)} times, {len(positions)} numbers .*, {len(orientations)} in orientations"
+    with pytest.raises(ConfigurationError, match=f"{counts}; expected N, 3 N and {width} N"):
+        parse_way_points(times, positions, orientations, orientation_format)
+
+
+def test_an_unknown_format_is_refused_with_those_that_exist():
+    with pytest.raises(UnknownNameError, match="did you mean 'quaternion_xyzw'") as refusal:
+        parse_way_points([0.0], [0, 0, 0], [0, 0, 0], "quaternion_wxyz")
+    assert all(known in str(refusal.value) for known in FORMATS)
+    assert set(FORMATS) == {"quaternion_xyzw", "rotation_vector", *SEQUENCES}
+
+
+@pytest.mark.parametrize("orientation_format", ["quaternion_xyzw", "rotation_vector", "XYZ"])
+@pytest.mark.parametrize("where", ["times", "positions", "orientations"])
+def test_numbers_that_are_not_finite_are_refused(orientation_format, where):
+    turn = [0.0, 0.0, 0.0, 1.0] if orientation_format == "quaternion_xyzw" else [0.0, 0.0, 0.0]
+    for bad in (math.nan, math.inf, -math.inf):
+        rows = {"times": [0.0], "positions": [0.0, 0.0, 0.0], "orientations": [*turn]}
+        rows[where][0] = bad
+        with pytest.raises(ConfigurationError, match="expected finite numbers"):
+            parse_way_points(**rows, orientation_format=orientation_format)

@@ -9,8 +9,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted(
     path for name in ("eulerparams_control", "sim_bridge", "tools", "benchmarks")
@@ -131,47 +129,9 @@ def test_no_product_file_decides_by_words():
         if name.isupper()
     }  # fmt: skip
     caught = {
-        f"{path.relative_to(ROOT)}: {text}"
+        text.replace("'", '"'): str(path.relative_to(ROOT))
         for path, source in sources.items()
         for text in found(source, named)
-        if text.replace("'", '"') not in JUSTIFIED
     }
-    assert sorted(caught) == []
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        'A, B = "following a reference", "slowed down"\nA in self.message and B in self.message',
-        'restarted = controller.resets and "after a" in doing',
-        'DEFECT = "internal error"\n[said for said in record.said if DEFECT in said.message]',
-        'NOTHING, ACTIVE = "no commands until", "active with"\nif NOTHING in message: pass',
-        "while self.log(executable).count(words) < times: pass",
-        "if BEYOND.search(said): pass",
-        "said, commanded = (nodes.log(node).count(text) for text in (words, COMMANDED))",
-        'BEYOND = re.compile(r"not finite|must be \\d+ finite numbers")',
-        'NOT = "nothing is overwritten"\nNOT not in log.read_text(encoding="utf-8")',
-        're.findall(r"simulated ([\\d.]+) s", log)',
-        'errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]',
-        'if "was not finished" in digest.warning: pass',
-        'return lambda line: line["who"] == who and words in line["says"]',
-        'if status.message == "no valid joint_states": pass',
-        'if "timed out" in str(error): pass',
-    ],
-)
-def test_what_decides_by_words_is_caught(source):
-    assert found(source, {})
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        'BEGAN = "reference began at [ns]"\nvalue.key == BEGAN',
-        'line.startswith("{")',
-        "name in topics and status.mode == Mode.STOPPED",
-        'say(console, f"warning: {digest.warning}")',
-        "self._said.get(node) != report",
-    ],
-)
-def test_what_reads_keys_is_not_caught(source):
-    assert not found(source, {})
+    assert {text: path for text, path in caught.items() if text not in JUSTIFIED} == {}
+    assert caught.keys() >= JUSTIFIED.keys()  # it sees what looks like words

@@ -1,9 +1,13 @@
-"""The package as pip and colcon install it, and as `ros2 run` looks for it."""
+"""The package as pip and colcon install it and `ros2 run` looks for it, and its set-up."""
 
+import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
+import sysconfig
+import tomllib
 import xml.etree.ElementTree as ET
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -12,14 +16,15 @@ import pytest
 import yaml
 
 from eulerparams_control import command_line
-from eulerparams_control.analysis.page_assets import SCRIPTS
+from eulerparams_control.analysis.html import SCRIPTS
 from eulerparams_control.command_line import EXTRAS, executables, extra_of, package_name
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
-    *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "teleop", "watchdog"),
+    *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "live", "teleop"),
+    "watchdog",
 }
 PARTS = (
     *("eulerparams_control", "sim_bridge", "config", "launch"),
@@ -54,8 +59,8 @@ def executables_for_ros2_run(prefix):
     return {file.name for file in folder.iterdir() if os.access(file, os.X_OK)}
 
 
-def yaml_files(folder):
-    return {path.relative_to(folder) for path in folder.rglob("*.yaml")}
+def files_of(folder):
+    return {path.relative_to(folder) for path in folder.rglob("*.*") if path.is_file()}
 
 
 def assert_is_installed(prefix):
@@ -63,24 +68,39 @@ def assert_is_installed(prefix):
     assert executables_for_ros2_run(prefix) == EXECUTABLES
     assert (share / "ament_index/resource_index/packages/eulerparams_control").is_file()
     assert (share / "eulerparams_control/package.xml").is_file()
-    assert yaml_files(share / "eulerparams_control/config") == yaml_files(ROOT / "config")
+    assert files_of(share / "eulerparams_control/config") == files_of(ROOT / "config")
     installed = {path.name for path in (share / "eulerparams_control/launch").glob("*.py")}
     assert installed == {path.name for path in (ROOT / "launch").glob("*.launch.py")}
 
 
 @pytest.mark.slow
-def test_pip_installs_executables_where_ros2_run_looks(source, tmp_path):
-    environment = shutil.copytree(source, tmp_path / "source", symlinks=True)
-    # without --ignore-installed pip would take the package out of this environment
-    pip = (sys.executable, "-m", "pip", "install", "--ignore-installed", "--no-index")
-    options = ("--no-deps", "--no-build-isolation", "--prefix", str(tmp_path / "prefix"))
-    run(*pip, *options, ".", cwd=environment)
-    prefix = tmp_path / "prefix"
-    assert_is_installed(prefix)
+def test_a_wheel_runs_in_an_empty_environment_from_an_empty_folder(source, tmp_path):
+    pip, alone = (sys.executable, "-m", "pip"), ("--no-deps", "--no-index")
+    copy = shutil.copytree(source, tmp_path / "source", symlinks=True)
+    run(*pip, "wheel", *alone, "--no-build-isolation", "-w", str(tmp_path), ".", cwd=copy)
+    (wheel,) = tmp_path.glob("*.whl")
+    prefix, empty = tmp_path / "venv", tmp_path / "empty"
+    run(sys.executable, "-m", "venv", "--without-pip", str(prefix), cwd=tmp_path)
+    python = str(prefix / "bin" / "python")
+    run(*pip, "--python", python, "install", *alone, str(wheel), cwd=tmp_path)
     site = next(prefix.glob("lib/python*/site-packages"))
-    env = {**os.environ, "PYTHONPATH": str(site), "AMENT_PREFIX_PATH": str(prefix)}
-    script = prefix / "lib" / "eulerparams_control" / "experiment"
-    assert "demo" in run(str(script), "--list", cwd=tmp_path, env=env)
+    others = sysconfig.get_path("purelib")  # the packages that it needs: not fetched again
+    (site / "others.pth").write_text(f"import site; site.addsitedir({others!r})\n")
+    assert_is_installed(prefix)
+    empty.mkdir()
+    env = os.environ | {"AMENT_PREFIX_PATH": f"{prefix}:{sys.prefix}"}
+    script = str(prefix / "lib" / "eulerparams_control" / "experiment")  # of `ros2 run`
+    assert "demo" in run(script, "--list", cwd=empty, env=env)
+
+    def first(command, *arguments):
+        return run(str(prefix / "bin" / command), *arguments, cwd=empty, env=env)
+
+    code = "import eulerparams_control, sim_bridge; print(eulerparams_control.__path__[0])"
+    assert first("python", "-c", code).strip() == str(site / "eulerparams_control")
+    variant = "clik_euler_parameters"
+    first("experiment", "demo", "--variant", variant, "--out", "out")
+    assert (empty / "out" / "demo" / "report.html").is_file()
+    assert "orientation" in first("analyze", f"out/demo/{variant}")
 
 
 @pytest.mark.slow
@@ -104,7 +124,10 @@ def test_setup_installs_executables_and_definitions_where_they_are_looked_for(so
     assert_is_installed(tmp_path)
     assets = "eulerparams_control/analysis/assets"  # of the pages
     found = {path.name for path in (tmp_path / assets).iterdir()}
-    assert found == {*SCRIPTS, "page.css", "plain.css"}
+    assert found == {*SCRIPTS, "page.css"}
+    templates = "eulerparams_control/analysis/templates"
+    installed = {path.name for path in (tmp_path / templates).iterdir()}
+    assert installed == {path.name for path in (ROOT / templates).iterdir()}
 
 
 def python(code, *blocked):
@@ -116,7 +139,8 @@ def python(code, *blocked):
     )  # fmt: skip
 
 
-PACKAGES = {*map(package_name, (*EXTRAS["lab"], *EXTRAS["analysis"])), "distributed", "jinja2"}
+PACKAGES = {package_name(each) for extra in EXTRAS.values() for each in extra}
+PACKAGES |= {"distributed", "collada"}
 
 
 def test_the_executables_of_a_robot_need_no_extra():
@@ -130,9 +154,10 @@ def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
     with pytest.raises(SystemExit, match="0"):
         getattr(command_line, name)(["--help"])
     code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
-    result = python(code, "rich", "plotly")
+    is_page = extra_of(name) == "live"
+    result = python(code, *(("collada", "viser") if is_page else ("rich", "plotly")))
     (line,) = result.stderr.splitlines()
-    assert f"{name} needs plotly, rich" in line
+    assert f"{name} needs {'viser, pycollada' if is_page else 'plotly, rich'}" in line
     assert f"pip install 'eulerparams_control[{extra_of(name)}]'" in line
     assert result.returncode == 2
 
@@ -156,6 +181,43 @@ def test_no_file_of_the_package_names_a_registry_or_a_path_of_a_machine():
             assert word not in text, f"{name} names {word}"
 
 
+# What pip calls the packages of rosdep, and conda those of pip.
+BY_ROSDEP = {"pinocchio": "pin", "python3-yaml": "pyyaml"}
+BY_CONDA = {"matplotlib-base": "matplotlib", "pinocchio": "pin"}
+WITH_MCAP = {"mcap", "lz4", "zstandard"}  # which mcap-ros2-support brings
+BY_ROS = {"ros-jazzy-rclpy", "ros-jazzy-common-interfaces"}
+FOR_ROS = {"ros2launch", "launch", "launch_ros", "ament_index_python"}
+TO_BUILD = {"python", "colcon-common-extensions", "pip", "setuptools", "ros-jazzy-rmw-fastrtps-cpp"}
+
+
+def test_the_image_and_the_pixi_workspace_install_what_the_package_needs():
+    code = "import setuptools; setuptools.setup = lambda **given: print(given['install_requires'])"
+    given = run(sys.executable, "-c", f"{code}; exec(open('setup.py').read())", cwd=ROOT)
+    needs = {*ast.literal_eval(given)}.union(*EXTRAS.values())
+    needs = {package_name(each).lower() for each in needs} - BY_ROS
+    depends = [each.text for each in ET.parse(ROOT / "package.xml").iter("exec_depend")]
+    messages = {each for each in depends if each.endswith(("_msgs", "_srvs", "_interfaces"))}
+    keys = {*depends} - messages - FOR_ROS - {"rclpy"}
+    by_apt = {BY_ROSDEP.get(key, re.sub("^python3-|-pip$", "", key)) for key in keys} | WITH_MCAP
+    assert by_apt <= needs
+
+    for name in "Dockerfile", "README.md", "docs/index.md":
+        text = (ROOT / name).read_text(encoding="utf-8")
+        lines = re.findall(r"pip install --(?:no-cache-dir|break-\S+) ([^\\#\n]*)", text)
+        by_pip = {package_name(each.strip('"')) for each in " ".join(lines).split()}
+        assert by_pip == needs - by_apt, name
+        assert "rosdep install --from-paths src --ignore-src -y" in text
+
+    pixi = tomllib.loads((ROOT / "pixi.toml").read_text(encoding="utf-8"))
+    ros = {f"ros-jazzy-{each.replace('_', '-')}" for each in messages | FOR_ROS | {"rclpy"}}
+    assert ros < pixi["dependencies"].keys()
+    by_conda = pixi["dependencies"].keys() - ros - TO_BUILD
+    assert {BY_CONDA.get(each, each) for each in by_conda} | pixi[
+        "pypi-dependencies"
+    ].keys() == needs
+    assert pixi["workspace"]["channels"] == ["robostack-jazzy", "conda-forge"]
+
+
 def test_what_a_repository_has_agrees_with_the_package():
     version = ET.parse(ROOT / "package.xml").findtext("version")
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
@@ -167,3 +229,71 @@ def test_what_a_repository_has_agrees_with_the_package():
     assert all(os.access(ROOT / command, os.X_OK) for command in commands)
     for form in (ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml"):
         assert {"name", "description", "body"} == set(yaml.safe_load(form.read_text("utf-8")))
+
+
+# --- set-up, with stand-ins for Python and pip -----------------------------------------------
+
+
+SETUP = ROOT / "tools" / "setup"
+PYTHON = """#!/bin/sh
+case "$*" in
+  *"-m venv"*) for last; do :; done; mkdir -p "$last/bin"
+               cp "$0" "$last/bin/python"; cp "$0" "$last/bin/pip"; touch "$last/pyvenv.cfg";;
+  *egg_info*) for last; do :; done; mkdir -p "$last/x.egg-info"
+              printf 'numpy\\npybullet>=3\\n\\n[dev]\\nmypy\\n' >"$last/x.egg-info/requires.txt";;
+  *"show -q pybullet"*) exit 1;;
+  *needed.txt*) for last; do :; done; ! grep -q mypy "$last" || exit 1;;
+  *"$FAILS"*) exit 1;;
+esac
+"""
+
+
+@pytest.fixture
+def set_up(tmp_path):
+    """Return a function that runs set-up where a command with some words fails."""
+    for name in ("python3.12", "g++"):
+        (tmp_path / name).write_text(PYTHON, encoding="utf-8")
+        (tmp_path / name).chmod(0o755)
+
+    def run(fails, part="first"):
+        env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "FAILS": fails}
+        return subprocess.run(
+            ["bash", SETUP, str(tmp_path / "venv"), part],
+            env=env, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+
+    return run
+
+
+def minutes_left(output):
+    """Return what each step says how long it takes from there."""
+    *steps, last = output.splitlines()[1:]
+    assert last.split() == [last.split()[0], "s", "done"]
+    for line in steps:
+        found = re.fullmatch(r" *\d+ s  .*, (about \d+ min|less than a minute) left", line)
+        yield int(re.sub(r"\D", "", found[1]) or 0)
+
+
+@pytest.mark.parametrize(("part", "longest"), [("first", 3), ("rest", 2)])
+def test_each_step_says_how_long_it_takes_from_there(set_up, tmp_path, part, longest):
+    for each in ("first", part):
+        result = set_up("nothing fails", each)
+        assert result.returncode == 0, result.stdout + result.stderr
+    minutes = list(minutes_left(result.stdout))
+    assert minutes[0] >= longest
+    assert minutes[-1] == 0
+    assert (tmp_path / "venv" / f".{part}").exists()
+
+
+@pytest.mark.parametrize(
+    ("fails", "words"),
+    [("--upgrade pip", "pip could not be set up"), ("compile_laws", "laws could not be compiled"),
+     ("wheel --no-deps", "pybullet could not be built")],
+)  # fmt: skip
+def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
+    result = set_up(fails)
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("set-up failed: ")
+    assert words in line
+    assert result.returncode == 1
+    assert not (tmp_path / "venv" / ".first").exists()

@@ -1,12 +1,6 @@
-"""The page in a browser: plots, cursor and replay do what they should, and nothing is loaded.
-
-It needs chromium (``apt install chromium``); without it the tests are skipped, unless the
-environment variable REQUIRE_CHROMIUM is set.
-"""
+"""The page in a browser: plots, cursor and replay do what they should, and nothing is loaded."""
 
 import math
-import os
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -15,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page
 from synthetic_runs import write_run
 from tolerances import assert_close
 
@@ -41,7 +35,6 @@ END = 1.0  # [s] of the runs
 STEPS = 101
 LAST_FINITE = 60  # step of the run that diverges
 PIXEL = 1e-5  # [m] of the replay, which has single precision
-FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 SIZE: Any = {"width": 1280, "height": 800}
 
 
@@ -76,20 +69,6 @@ def digests(folder: Path) -> list[Digest]:
         digest = Digest.of(load(path))
         runs.append(replace(digest, robot=robot(), urdf=URDF, track=track(values)))
     return runs
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    names = ("chromium", "chromium-browser", "google-chrome")
-    path = next(filter(None, map(shutil.which, names)), None)
-    if path is None:
-        (pytest.fail if os.environ.get("REQUIRE_CHROMIUM") else pytest.skip)(
-            "no browser was found: apt install chromium"
-        )
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +140,8 @@ def wait_for(page: Page, condition: str) -> None:
 
 
 def wait_for_plots(page: Page) -> None:
-    wait_for(page, "window.page.plots.filter(p => p.inSight).every(p => p.line && !p.stale)")
+    shown = "window.page.plots.filter(p => p.inSight)"
+    wait_for(page, f"{shown}.length > 2 && {shown}.every(p => p.line && !p.stale)")
 
 
 def in_sight(page: Page, expression: str) -> list[Any]:

@@ -1,23 +1,24 @@
 """The page of the paper reproduced: what it says of what was met, missed, and never ran."""
 
-import io
 import json
 import math
 import re
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
-from rich.console import Console
 
+from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
-from eulerparams_control.lab.experiments.charts import Chart, ChartOf, Line
+from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.display import Display
 from eulerparams_control.lab.experiments.equations import equation
 from eulerparams_control.lab.experiments.evaluate import chart_svg, look
-from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.library import Result, library_names, run_library
+from eulerparams_control.lab.experiments.model import Criterion, Experiment
 from eulerparams_control.lab.experiments.paper import (
     headline,
     number_of,
@@ -26,7 +27,8 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_page,
     write_paper_summary,
 )
-from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, write_summary
+from eulerparams_control.lab.experiments.predictions import FORMS, Predicted
+from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, judge, write_summary
 from eulerparams_control.lab.experiments.schedule import Schedule
 from eulerparams_control.resources import config_names
 
@@ -127,19 +129,6 @@ def test_an_experiment_is_met_or_missed_only_if_it_was_judged(tmp_path, verdicts
         assert json.loads(path.read_text())["met"] is met
 
 
-def test_the_terminal_says_that_nothing_was_judged_and_why(tmp_path):
-    experiment = load_experiment("e9")
-    console = Console(file=io.StringIO(), width=200)
-    with Display(console, [], details=True) as display:
-        display.finished(Outcome(experiment, tmp_path, sentence="A sentence."))
-    said = console.file.getvalue()
-    assert "nothing was judged: its criteria need variants that did not run, of " in said
-    needed = {name for c in experiment.criteria for name in c.together or c.variants}
-    assert needed
-    assert all(name in said for name in needed)
-    assert "criterion" not in said  # no empty table
-
-
 def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     values = [verdict(8.0), verdict(7.9, variant="b"), verdict(7.95, variant="c")]
     found = [
@@ -197,7 +186,7 @@ def test_what_is_missing_is_said_and_an_error_with_the_last_words_of_the_node(tm
     assert page.count("not judged") == 3  # in the sentence, its row and its section
     page = text_of(tmp_path, outcome(tmp_path, "e17", error=said))
     assert "could not run" in page
-    assert "the node clik died with exit code 1:\n  parameter &#x27;k_Po&#x27; is -5" in page
+    assert "the node clik died with exit code 1:\n  parameter &#39;k_Po&#39; is -5" in page
     assert "No figure: the experiment could not run" in page
 
 
@@ -287,3 +276,68 @@ def test_what_was_looked_at_is_not_looked_at_again_unless_it_changed(tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     (folder / "summary.json").write_text(json.dumps(summary | {"stamp": "of other code"}))
     assert look(experiment, folder, {}).figure != "kept"
+
+
+# --- experiments in the library alone --------------------------------------------------------
+
+
+# Runge-Kutta's method in steps of 2 ms leaves 1e-9 deg of errors of 180 deg.
+INTEGRATED = 1e-6
+
+
+result_of = cache(run_library)
+
+
+@pytest.fixture(params=library_names())
+def found(request: pytest.FixtureRequest) -> tuple[str, Result]:
+    return request.param, result_of(request.param)
+
+
+def test_every_criterion_on_the_library_is_met(found):
+    name, result = found
+    experiment = load_experiment(name)
+    assert experiment.library == name
+    verdicts = judge(experiment, {}, result.numbers)
+    assert len(verdicts) == sum(bool(criterion.number) for criterion in experiment.criteria) >= 2
+    assert [verdict for verdict in verdicts if not verdict.met] == []
+    assert {verdict.variant for verdict in verdicts} == {"library"}
+
+
+def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do():
+    with pytest.raises(UnknownNameError, match="unknown library experiment 'e9'; known: e1, e2"):
+        run_library("e9")
+
+
+def test_a_number_that_the_library_does_not_have_is_refused():
+    criterion = Criterion(number="slop", below=1.0)
+    experiment = Experiment("x", "claim", (), {}, (criterion,), library="e2")
+    assert judge(experiment, {}) == []
+    with pytest.raises(UnknownNameError, match=r"'slop' \(did you mean 'slope'\?\)"):
+        judge(experiment, {}, result_of("e2").numbers)
+
+
+# --- predictions over time --------------------------------------------------------------------
+
+
+def test_a_small_error_by_41_decays_as_the_linear_equation_says():
+    k_V = 10.0  # with k_Po = 50 the roots are -5 (1 +- j sqrt(0))
+    t, error = FORMS["error_41"](2.0, error=1e-3, k_Po=k_V**2 / 2, k_Vo=k_V)
+    expected = 1e-3 * (1 + 5 * t) * np.exp(-5 * t)
+    np.testing.assert_allclose(error, expected, atol=1e-3 * INTEGRATED)
+
+
+def test_an_error_next_to_Q1_grows_at_the_rate_of_the_paper_and_comes_the_long_way():
+    t, error = FORMS["error_41"](6.0, error=359.999, k_Po=100.0, k_Vo=14.142)
+    rate = (-14.142 + math.sqrt(14.142**2 + 200)) / 2
+    early = (t > 0.5) & (t < t[np.argmax(error > 1.0)])
+    assert np.polyfit(t[early], np.log(error[early]), 1)[0] == pytest.approx(rate, rel=1e-3)
+    assert error.max() == pytest.approx(180, abs=1)
+    assert error[-1] < 1
+
+
+def test_a_value_is_a_line_over_the_time_of_the_runs_and_points_stay_what_they_are():
+    curve = Predicted("force", "theory", ((0.0, 9.5),)).over(3.0)
+    assert (curve.quantity, curve.text) == ("force", "theory")
+    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 3.0], [9.5, 9.5]])
+    curve = Predicted("force", "theory", ((0.0, 1.0), (2.0, 5.0))).over(3.0)
+    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 2.0], [1.0, 5.0]])

@@ -13,16 +13,15 @@ from synthetic_runs import URDF, recorded, write_run
 from eulerparams_control.analysis.decimation import packed, packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import drawn_robot
+from eulerparams_control.analysis.html import as_json
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.meshes import (
     Mesh,
-    clustered,
     find_mesh,
     mesh_folders,
     read_meshes,
     simplified,
 )
-from eulerparams_control.analysis.page import as_json
 from eulerparams_control.analysis.replay import ARROW, replay
 from eulerparams_control.errors import RobotError
 from eulerparams_control.resources import config_names
@@ -85,18 +84,6 @@ def test_a_mesh_of_fewer_triangles_is_the_same_surface():
     assert (outward * np.sign(outward.sum()) > -1e-9).mean() > 0.99  # all face the same way
 
 
-def test_vertices_of_one_cell_become_one_and_no_triangle_is_twice():
-    vertices = np.array([[0, 0, 0], [0.1, 0, 0], [1.5, 0, 0], [0, 1.5, 0], [0, 0, 0.1]])
-    mesh = Mesh(vertices, np.array([[0, 2, 3], [1, 2, 3], [0, 1, 2], [4, 3, 2]]))
-    merged = clustered(mesh, 1.0)
-    assert len(merged.triangles) == 1
-    assert sorted(map(tuple, merged.vertices.round(3).tolist())) == [
-        (0.0, 1.5, 0.0),
-        (0.033, 0.0, 0.033),
-        (1.5, 0.0, 0.0),
-    ]
-
-
 def test_a_mesh_is_read_from_its_file_and_a_broken_one_is_not(tmp_path):
     (found,) = read_meshes(write_stl(tmp_path / "ball.stl", sphere(10)))
     assert len(found.triangles) == pytest.approx(170, abs=15)  # those at the poles are lines
@@ -113,11 +100,13 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><u
 <diffuse><color>1 0.5 0 1</color></diffuse></phong></technique></profile_COMMON></effect>
 </library_effects><library_materials><material id="m"><instance_effect url="#e"/></material>
 </library_materials><library_geometries><geometry id="g"><mesh>
-<source id="s"><float_array>0 0 0 100 0 0 100 200 0 0 200 0</float_array></source>
+<source id="s"><float_array id="a" count="12">0 0 0 100 0 0 100 200 0 0 200 0</float_array>
+<technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
 <vertices id="v"><input semantic="POSITION" source="#s"/></vertices>
 <polylist material="orange"><input semantic="VERTEX" source="#v" offset="1"/>
 <input semantic="NORMAL" source="#s" offset="0"/>
-<vcount>4 3</vcount><p>9 0 9 1 9 2 9 3 9 0 9 1 9 2</p></polylist>
+<vcount>4 3</vcount><p>3 0 3 1 3 2 3 3 3 0 3 1 3 2</p></polylist>
 <triangles><input semantic="VERTEX" source="#v" offset="0"/><p>3 2 1</p></triangles>
 </mesh></geometry></library_geometries><library_visual_scenes><visual_scene><node>
 <translate>0 0 300</translate><node><rotate>0 0 1 90</rotate><scale>1 1 2</scale>
@@ -128,7 +117,6 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><u
 
 @pytest.fixture
 def share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in which meshes are looked for."""
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     (tmp_path / "share").mkdir()
     return tmp_path / "share"
@@ -139,9 +127,10 @@ def test_a_collada_file_is_read_with_its_units_placements_and_colours(share):
     orange, plain = read_meshes(share / "part.dae")
     assert (orange.colour, plain.colour) == ("#ffba00", "")
     corners = [[0, 0, 3], [0, 1, 3], [-2, 1, 3], [-2, 0, 3]]
-    assert orange.vertices == pytest.approx(np.array(corners))
+    assert orange.vertices == pytest.approx(np.array(corners), abs=1e-6)
     assert orange.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
-    assert plain.vertices[plain.triangles[0]] == pytest.approx(np.array(corners)[[3, 2, 1]])
+    corner = pytest.approx(np.array(corners)[[3, 2, 1]], abs=1e-6)
+    assert plain.vertices[plain.triangles[0]] == corner
     urdf = with_visual(f"<mesh filename='file://{share}/part.dae'/>")
     assert [visual["colour"] for visual in drawn(urdf)[0]["visuals"]] == ["#ffba00", ""]
 

@@ -1,18 +1,27 @@
-"""The robot: kinematics and dynamics against differences and by hand, and what it refuses."""
+"""The robot: kinematics and dynamics against differences and by hand; the catalogue."""
 
 import math
 import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import robot_named
-from samples import about, derivative, generator, skew
-from tolerances import ALGEBRAIC, DIFFERENCES, DYNAMICS, KINEMATICS, assert_close
+import yaml
+from arms import reduced_model
+from samples import about, generator
+from tolerances import DYNAMICS, KINEMATICS, assert_close
 
-from eulerparams_control.errors import RobotError
-from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.resources import config_names
+from eulerparams_control.robot import catalogue
+from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot, Tool
+from eulerparams_control.robot.urdf import UrdfTree, joint_limits
 
 CATALOGUE = ("kuka_iiwa", "panda", "ur10", "ur5")
 SAMPLES = 25
@@ -58,8 +67,6 @@ ARM = """
 """
 LINKS = ("base", "carriage", "column", "floor", "forearm", "hand", "left_finger", "wrist")
 
-MOUNT = np.array([0.1, 0.2, 0.3]), about(2, 0.5) @ about(1, -0.4) @ about(0, 0.3)
-
 
 def arm_pose(turn=0.0, lift=0.0, bend=0.0):
     """Return position and orientation of ARM's hand in ARM's base, by hand."""
@@ -76,60 +83,6 @@ def configurations(n, key):
     random = generator(50, key)
     q, dq = random.uniform(-2, 2, size=(SAMPLES, n)), random.normal(size=(SAMPLES, n))
     return list(zip(q, dq, strict=True))
-
-
-# --- eqs. (18)-(20) -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        *(robot_named(name)[0] for name in CATALOGUE),
-        *(Robot(ARM, base, "hand") for base in ("", "floor", "base", "column", "carriage")),
-    ],
-    ids=[*CATALOGUE, "root", "floor", "base", "column", "carriage"],
-)
-def test_the_twist_is_the_derivative_of_the_pose_for_every_kind_of_joint_and_base(robot):
-    """Eq. (20) against differences of (18), (19)."""
-    still = np.zeros(robot.n)
-    for q, dq in configurations(robot.n, key=0):
-        state = robot.state(q, dq)
-        dp = derivative(lambda t, q=q, dq=dq: robot.state(q + t * dq, still).p_e)
-        dR = derivative(lambda t, q=q, dq=dq: robot.state(q + t * dq, still).R_e)
-        assert_close(state.dp_e, dp, DIFFERENCES)
-        assert_close(dR, skew(state.omega_e) @ state.R_e, DIFFERENCES)
-
-
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_the_jacobian_times_dq_is_the_twist_column_by_column(name):
-    robot, _ = robot_named(name)
-    for q, _ in configurations(robot.n, key=2):
-        J = robot.state(q, np.zeros(robot.n)).J
-        assert J.shape == (6, robot.n)
-        for i, dq in enumerate(np.eye(robot.n)):
-            state = robot.state(q, dq)
-            twist = np.concatenate((state.dp_e, state.omega_e))
-            assert_close(J[:, i], twist)
-            # the linear part comes first: a revolute joint turns at 1 rad/s
-            assert np.linalg.norm(J[3:, i]) == pytest.approx(1, abs=ALGEBRAIC)
-
-
-def test_the_pose_of_an_arm_with_every_kind_of_joint_is_that_by_hand():
-    robot = Robot(ARM, "base", "hand")
-    for q, dq in configurations(3, key=3):
-        state = robot.state(q, dq)
-        p, R = arm_pose(*q)
-        assert_close(state.p_e, p, KINEMATICS)
-        assert_close(state.R_e, R, KINEMATICS)
-        assert_close(state.J[3:, 1], 0, KINEMATICS)  # prismatic
-
-
-def test_a_continuous_joint_turns_any_number_of_times():
-    robot = Robot(ARM, "base", "hand")
-    still = np.zeros(3)
-    once, more = (robot.state(np.array([a, 0.1, 0.2]), still) for a in (0.3, 0.3 + 20 * math.pi))
-    assert_close(once.p_e, more.p_e, KINEMATICS)
-    assert_close(once.J, more.J, KINEMATICS)
 
 
 # --- dynamics, eq. (32) -------------------------------------------------------------------
@@ -182,6 +135,8 @@ ARMS = {
     **{name: catalogue_urdf(name) for name in CATALOGUE},
     "every kind of joint": (with_inertia(ARM), "base", "hand", ()),
     "base is the root": (with_inertia(ARM), "", "hand", ()),
+    "base that turns": (with_inertia(ARM), "column", "hand", ()),
+    "base that slides": (with_inertia(ARM), "carriage", "hand", ()),
     "a joint held still": (with_inertia(ARM), "base", "hand", ("turn", "bend")),
 }
 every_arm = pytest.mark.parametrize("arm", ARMS)
@@ -224,23 +179,6 @@ def assert_same_dynamics(one, other):
 
 
 @every_arm
-def test_the_terms_of_the_model_add_up_to_the_efforts_of_newton_and_euler(arm):  # eq. (32)
-    robot = Robot(*ARMS[arm])
-    whole, still = WholeModel(ARMS[arm][0], robot.joints), np.zeros(robot.n)
-    accelerations = generator(52).normal(size=(SAMPLES, robot.n))
-    for (q, dq), ddq in zip(configurations(robot.n, key=6), accelerations, strict=True):
-        state = robot.dynamic_state(q, dq)
-        assert_close(state.B @ ddq + state.C_dq + state.g, whole.effort(q, dq, ddq), DYNAMICS)
-        assert_close(state.g, whole.effort(q, still, still), DYNAMICS)
-        np.testing.assert_array_equal(robot.dynamic_state(q, still).C_dq, still)
-        assert state.B.shape == (robot.n, robot.n)
-        np.testing.assert_array_equal(state.B, state.B.T)
-        assert np.linalg.eigvalsh(state.B)[0] > 1e-4
-        for of_dynamics, kinematic in zip(state.arm, robot.state(q, dq), strict=True):
-            np.testing.assert_array_equal(of_dynamics, kinematic)
-
-
-@every_arm
 @pytest.mark.parametrize("tool", [None, TOOL], ids=["bare", "tool"])
 def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool):
     urdf, base, tip, _ = ARMS[arm]
@@ -250,6 +188,8 @@ def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool):
     tip = model.getFrameId(tip, pin.FrameType.BODY)
     base = model.getFrameId(base, pin.FrameType.BODY) if base else 0  # the universe
     both = list(configurations(robot.n, key=8))
+    turns = np.where(np.isinf(robot.limits.upper), 20 * math.pi, 0.0)  # as often as it likes
+    both += [(q + turns, dq) for q, dq in both[:5]]
     stacked = robot.states(*map(np.array, zip(*both, strict=True)))
     for k, (q, dq) in enumerate(both):
         at, v = whole.configuration(q), whole.velocities(dq)
@@ -268,6 +208,16 @@ def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool):
         assert_close(B, pin.crba(model, data, at)[np.ix_(moving, moving)])
         assert_close(C_dq + g, whole.effort(q, dq, 0 * dq))
         assert_close(g, whole.effort(q, 0 * dq, 0 * dq))
+        np.testing.assert_array_equal(B, B.T)
+        assert np.linalg.eigvalsh(B)[0] > 1e-4
+        for of_dynamics, kinematic in zip(arm, robot.state(q, dq), strict=True):
+            np.testing.assert_array_equal(of_dynamics, kinematic)
+        kept = [array.copy() for array in (*arm, dJ_dq, B, C_dq, g)]
+        at_rest = robot.dynamic_state(q, 0 * dq)
+        for before, after in zip(kept, (*arm, dJ_dq, B, C_dq, g), strict=True):
+            np.testing.assert_array_equal(before, after)  # by another state it does not change
+        assert not at_rest.C_dq.any()
+        assert not at_rest.dJ_dq.any()
         for one, of_all in zip(arm, stacked, strict=True):
             np.testing.assert_array_equal(one, of_all[k])
 
@@ -277,18 +227,6 @@ def test_an_arm_of_which_the_formulas_make_another_one_is_refused(monkeypatch):
     monkeypatch.setattr(Robot, "_chain", lambda self: (1 + 1e-8) * right(self))
     with pytest.raises(RobotError, match="Pinocchio, which read the URDF, differ"):
         Robot(ARM, "base", "hand")
-
-
-@every_arm
-def test_dJ_dq_is_the_derivative_of_the_jacobian_times_dq(arm):
-    robot = Robot(*ARMS[arm])
-    still = np.zeros(robot.n)
-    for q, dq in configurations(robot.n, key=10):
-        dJ = derivative(lambda t, q=q, dq=dq: robot.state(q + t * dq, still).J)
-        dJ_dq = robot.dynamic_state(q, dq).dJ_dq
-        assert_close(dJ_dq, dJ @ dq, 10 * DIFFERENCES)
-        assert np.linalg.norm(dJ_dq) > 1e-3
-        np.testing.assert_array_equal(robot.dynamic_state(q, still).dJ_dq, np.zeros(6))
 
 
 # A bead of 2 kg slides on a rod of 3 kg that turns about the horizontal y.
@@ -308,33 +246,23 @@ BEAD = """
 """
 
 
-@pytest.mark.parametrize("phi", [0.0, 0.7, 2.9, -1.2, 7.5])
-@pytest.mark.parametrize("r", [0.2, 0.9])
-def test_a_bead_on_a_turning_rod_has_the_dynamics_of_the_textbook(phi, r):
-    robot, dphi, dr = Robot(BEAD, "", "bead"), 1.3, -0.8
-    state = robot.dynamic_state(np.array([phi, r]), np.array([dphi, dr]))
-    along = np.array([math.cos(phi), 0, -math.sin(phi)])
-    across = np.array([-math.sin(phi), 0, -math.cos(phi)])
-    B = np.diag([0.16 + 3 * 0.4**2 + 0.02 + 2 * r**2, 2.0])
-    C_dq = [2 * 2 * r * dr * dphi, -2 * r * dphi**2]
-    g = [-9.81 * (3 * 0.4 + 2 * r) * math.cos(phi), -9.81 * 2 * math.sin(phi)]
-    dJ_dq = [*(2 * dr * dphi * across - r * dphi**2 * along), 0, 0, 0]
-    for found, expected in ((state.B, B), (state.C_dq, C_dq), (state.g, g), (state.dJ_dq, dJ_dq)):
-        assert_close(found, expected, DYNAMICS)
-
-
 def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
     friction = Robot(BEAD, "", "bead", ("slide", "turn")).friction
     assert friction.viscous.tolist() == [0.3, 4.0]
     assert friction.coulomb.tolist() == [0.7, 0.0]
     assert not friction.is_none
     assert Robot(ARM, "base", "hand").friction.is_none
+    assert not JointFriction(np.zeros(2), np.ones(2)).is_none
 
 
 def test_joints_that_could_turn_the_base_are_named():
-    assert Robot(ARM, "base", "hand").mount == ()
+    assert Robot(ARM, "", "hand").base_frame == "floor"
     assert Robot(ARM, "column", "hand").mount == ("turn",)
     assert Robot(ARM, "carriage", "hand").mount == ("turn",)  # not the lift, which only slides
+    on_the_mount = Robot(ARM, "base", "hand")
+    assert on_the_mount.mount == ()
+    R = about(2, 0.5) @ about(1, -0.4) @ about(0, 0.3)  # rpy: about fixed axes
+    assert_close(on_the_mount.gravity, R.T @ GRAVITY)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (9.81, 0.0, 0.0), (1.0, -3.0, 8.0)])
@@ -351,56 +279,7 @@ def test_gravity_is_the_vector_that_is_given_in_the_root(gravity):
             assert np.abs(state.g - before.g).max() > 1
 
 
-@every_arm
-def test_a_tool_is_the_same_as_a_body_of_the_urdf(arm):
-    urdf, base, tip, joints = ARMS[arm]
-    held = Robot(urdf, base, tip, joints, tool=TOOL)
-    described = Robot(with_a_tool(urdf, tip, TOOL), base, tip, joints)
-    bare = Robot(urdf, base, tip, joints)
-    for q, dq in configurations(held.n, key=17)[:10]:
-        state = held.dynamic_state(q, dq)
-        assert_same_dynamics(state, described.dynamic_state(q, dq))
-        without = bare.dynamic_state(q, dq)
-        np.testing.assert_array_equal(state.dJ_dq, without.dJ_dq)
-        # the moment of its weight, by the principle of virtual work
-        arm_state = state.arm
-        lever = arm_state.R_e @ TOOL.com
-        J_com = arm_state.J[:3] - np.cross(lever, arm_state.J[3:], axisb=0, axisc=0)
-        weight = TOOL.mass * np.array(GRAVITY)
-        if arm in ("every kind of joint", "a joint held still"):
-            weight = MOUNT[1].T @ weight  # the base is not the root
-        assert_close(without.g - state.g, J_com.T @ weight, DYNAMICS)
-
-
-def test_a_dynamic_state_does_not_change_when_another_is_computed():
-    for arm in ("ur5", "every kind of joint", "base is the root"):
-        robot = Robot(*ARMS[arm])
-        q = np.linspace(0.1, 0.5, robot.n)
-        state = robot.dynamic_state(q, np.ones(robot.n))
-        kept = [array.copy() for array in (*state.arm, *state[1:])]
-        robot.dynamic_state(q + 1, -2 * np.ones(robot.n))
-        for before, after in zip(kept, (*state.arm, *state[1:]), strict=True):
-            np.testing.assert_array_equal(before, after)
-
-
 # --- frames and joints --------------------------------------------------------------------
-
-
-def test_a_base_that_is_not_the_root_moves_and_turns_kinematics_and_leaves_the_efforts():
-    urdf = with_inertia(ARM)
-    in_root, in_base = Robot(urdf, "", "hand"), Robot(urdf, "base", "hand")
-    assert (in_root.base_frame, in_base.base_frame) == ("floor", "base")
-    p_mount, R_mount = MOUNT
-    for q, dq in configurations(3, key=4):
-        of_root, of_base = in_root.dynamic_state(q, dq), in_base.dynamic_state(q, dq)
-        assert_same_dynamics(of_root, of_base)
-        a, b = of_root.arm, of_base.arm
-        assert_close(a.p_e, p_mount + R_mount @ b.p_e, KINEMATICS)
-        assert_close(a.R_e, R_mount @ b.R_e, KINEMATICS)
-        assert_close((a.dp_e, a.omega_e), (R_mount @ b.dp_e, R_mount @ b.omega_e), KINEMATICS)
-        for part in (slice(3), slice(3, 6)):
-            assert_close(a.J[part], R_mount @ b.J[part], KINEMATICS)
-            assert_close(of_root.dJ_dq[part], R_mount @ of_base.dJ_dq[part], DYNAMICS)
 
 
 @pytest.mark.parametrize(
@@ -476,3 +355,235 @@ def test_joint_values_of_the_wrong_number_are_refused_with_the_right_one():
         for state in (robot.state, robot.dynamic_state):
             with pytest.raises(RobotError, match=r"expected \(3,\)"):
                 state(q, dq)
+
+
+# --- where a link is ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("base", "links"),
+    [
+        ("floor", ("floor", "base", "column", "carriage", "forearm")),
+        ("column", ("column", "carriage", "forearm")),
+    ],
+)
+def test_a_link_is_where_the_whole_urdf_says(base, links):
+    robot = Robot(ARM, base, "hand")
+    whole = WholeModel(ARM, robot.joints)
+    for q, _ in configurations(robot.n, key=16):
+        pin.framesForwardKinematics(whole.model, whole.data, whole.configuration(q))
+        place = {f.name: whole.data.oMf[i] for i, f in enumerate(whole.model.frames)}
+        expected, found = place["hand"].actInv(place["wrist"]), robot.placement("wrist")
+        assert_close(found.p, expected.translation)
+        assert_close(found.R, expected.rotation)
+        for link in links:
+            expected, found = place[base].actInv(place[link]), robot.link_at(link, q)
+            assert_close(found.p, expected.translation)
+            assert_close(found.R, expected.rotation)
+
+
+@pytest.mark.parametrize(
+    ("base", "frame", "words"),
+    [
+        ("floor", "left_finger", "where the frame 'left_finger' is depends on a_finger, parallel"),
+        ("column", "floor", "where the frame 'floor' is depends on turn, which is not among"),
+        ("floor", "hnd", r"unknown frame 'hnd' \(did you mean 'hand'\?\); known: base, carriage"),
+        ("floor", "x" * 10**6, "unknown frame 'xxx"),
+    ],
+)
+def test_a_frame_that_is_not_there_or_not_measured_is_refused(base, frame, words):
+    robot = Robot(ARM, base, "hand")
+    with pytest.raises(RobotError, match=words) as refusal:
+        robot.link_at(frame, np.zeros(robot.n))
+    assert len(str(refusal.value)) < 2100
+
+
+def test_a_link_that_moves_against_the_tip_or_is_none_has_no_place_on_it():
+    robot = Robot(ARM, "base", "hand")
+    with pytest.raises(RobotError, match=r"'carriage' is not fixed to the tip.*bend"):
+        robot.placement("carriage")
+    with pytest.raises((RobotError, UnknownNameError), match="did you mean 'hand'"):
+        robot.placement("hnd")
+
+
+# --- the catalogue ------------------------------------------------------------------------
+
+TWO_LINKS = """
+<robot name="two">
+  <link name="base"/> <link name="arm"/> <link name="finger"/>
+  <joint name="swing" type="revolute">
+    <parent link="base"/> <child link="arm"/> <axis xyz="0 0 1"/>
+    <limit lower="0.5" upper="1" velocity="2" effort="3"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="arm"/> <child link="finger"/> <mimic joint="swing"/>
+    <limit lower="0" upper="1" velocity="2" effort="3"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A valid entry for TWO_LINKS, without its mimic joint."""
+    urdf = re.sub("<mimic[^>]*>", "", TWO_LINKS)
+    (tmp_path / "two.urdf").write_text(urdf)
+    monkeypatch.setattr(catalogue, "config_file", lambda _, name: tmp_path / f"{name}.yaml")
+    return {
+        "description": "two links",
+        "urdf": "two.urdf",
+        "base_frame": "base",
+        "tip_frame": "finger",
+        "sensor_frame": "finger",
+        "joints": ["swing", "slide"],
+        "home": [0.75, 0.5],
+    }
+
+
+def load_entry(entry: dict[str, Any], folder: Path) -> RobotDescription:
+    (folder / "two.yaml").write_text(yaml.safe_dump(entry))
+    return load_robot("two")
+
+
+def load_urdf(text: str, folder: Path) -> RobotDescription:
+    (folder / "my.urdf").write_text(text)
+    return load_robot(str(folder / "my.urdf"))
+
+
+@pytest.mark.parametrize("name", config_names("robots"))
+def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name):
+    robot = load_robot(name)
+    model = reduced_model(robot.urdf, robot.joints)
+    assert robot.name == name
+    assert robot.urdf == robot.urdf_path.read_text()
+    assert tuple(model.names)[1:] == robot.joints
+    for frame in (robot.base_frame, robot.tip_frame, robot.sensor_frame):
+        assert model.existFrame(frame), frame
+
+
+def test_the_arms_end_where_the_experiments_take_them_to_end():
+    ur5, panda = load_robot("ur5"), load_robot("panda")
+    assert (ur5.base_frame, ur5.tip_frame) == ("base_link", "tool0")
+    assert ur5.home == (-0.21662, -1.1967, 1.83698, 1.78954, -1.39217, -2.98951)
+    assert panda.joints == tuple(f"panda_joint{i}" for i in range(1, 8))  # no fingers
+    assert load_robot(str(panda.urdf_path)).joints == panda.joints  # the longest chain
+    assert panda.tip_frame == "panda_hand_tcp"
+
+
+def test_an_unknown_robot_is_refused_with_the_names_that_exist():
+    with pytest.raises(UnknownNameError) as caught:
+        load_robot("ur55")
+    known = ", ".join(config_names("robots"))
+    assert str(caught.value) == f"unknown robot 'ur55' (did you mean 'ur5'?); known: {known}"
+
+
+def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_path):
+    robot = load_urdf(TWO_LINKS, tmp_path)
+    assert robot == RobotDescription(
+        name="my",
+        urdf_path=tmp_path / "my.urdf",
+        urdf=TWO_LINKS,
+        base_frame="base",
+        tip_frame="finger",
+        sensor_frame="finger",
+        joints=("swing",),
+        home=(0.5,),
+    )
+
+
+def test_an_entry_is_read_with_its_urdf_beside_it(entry, tmp_path):
+    robot = load_entry(entry, tmp_path)
+    assert load_robot(str(tmp_path / "two.yaml")) == robot  # by its path, wherever it is
+    assert robot.urdf_path == tmp_path / "two.urdf"
+    assert robot.joints == ("swing", "slide")
+    assert robot.home == (0.75, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("robot", "sdf", "the root element is <sdf>, expected <robot>"),
+        ('<link name="finger"/>', "", "no link 'finger' as child"),
+        ('<child link="finger"/>', "", "joint 'slide' has no <child>"),
+        ('<link name="base"/>', "<link/>", "a <link> has no attribute 'name'"),
+        ('lower="0.5"', 'lower="2"', "impossible limits of joint 'swing'"),
+        ('lower="0.5"', 'lower="half"', "limits of joint 'swing': could not convert"),
+        ('velocity="2"', 'velocity="-2"', "impossible limits of joint 'swing'"),
+        ('"revolute"', '"fixed"', "joints must be some of"),
+    ],
+)
+def test_a_broken_urdf_is_refused(old, new, reason, tmp_path):
+    assert old in TWO_LINKS
+    with pytest.raises(RobotError, match=re.escape(reason)) as caught:
+        load_urdf(TWO_LINKS.replace(old, new), tmp_path)
+    assert "robot 'my'" in str(caught.value)
+
+
+def test_a_limit_that_is_not_stated_is_infinite():
+    stated = UrdfTree(TWO_LINKS).joints["swing"]
+    assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)
+    stated.set("type", "continuous")
+    assert joint_limits(stated) == (-np.inf, np.inf, 2.0, 3.0)
+    bare = UrdfTree(re.sub("<limit[^>]*>", "", TWO_LINKS)).joints["swing"]
+    assert joint_limits(bare) == (-np.inf, np.inf, np.inf, np.inf)
+
+
+def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
+    with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
+        load_robot(str(tmp_path / "missing.urdf"))
+    (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RobotError, match="cannot be read"):
+        load_robot(str(tmp_path / "binary.urdf"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("base_frame", "bse", "unknown frame 'bse' (did you mean 'base'?)"),
+        ("base_frame", "finger", "unknown joint 'swing'; known: none"),
+        ("base_frame", ["base"], "unknown frame '['base']'"),
+        ("tip_frame", "base", "unknown joint 'swing'; known: none"),
+        ("tip_frame", "hand", "unknown frame 'hand'; known: arm, base, finger"),
+        ("sensor_frame", "hand", "unknown frame 'hand'"),
+        ("joints", ["swing", "slyde"], "unknown joint 'slyde' (did you mean 'slide'?)"),
+        ("joints", ["slide", "swing"], "from base to tip"),
+        ("joints", ["swing", "swing"], "from base to tip"),
+        ("joints", "swing", "joints must be a list of names, got 'swing'"),
+        ("home", [0.75], "home has 1 numbers, there are 2 joints"),
+        ("home", [0.75, "x"], "home must be 2 numbers"),
+        ("home", [0.75, float("nan")], "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
+        ("home", [0.2, 0.5], "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
+        ("urdf", "pybullet_data:none.urdf", "'none.urdf' of the package 'pybullet_data'"),
+        ("urdf", "no-such-package:none.urdf", "is it installed?"),
+        ("urdf", "none.urdf", "cannot be read"),
+    ],
+)
+def test_an_impossible_entry_is_refused_with_the_reason(key, value, reason, entry, tmp_path):
+    with pytest.raises((RobotError, UnknownNameError), match=re.escape(reason)):
+        load_entry({**entry, key: value}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("hom: [0, 0]\nurdf: two.urdf", "unknown key 'hom' (did you mean 'home'?)"),
+        ("description: nothing", "the key 'urdf' is missing"),
+        ("- a list", "expected the keys description, urdf"),
+        ("urdf: [", "two.yaml"),
+    ],
+)
+@pytest.mark.usefixtures("entry")
+def test_a_broken_file_is_refused_with_its_path(text, reason, tmp_path):
+    (tmp_path / "two.yaml").write_text(text)
+    with pytest.raises(ConfigurationError, match=re.escape(reason)) as caught:
+        load_robot("two")
+    assert "two.yaml" in str(caught.value)
+
+
+def test_loading_a_robot_needs_neither_pybullet_nor_its_data():
+    code = (
+        "import sys; from eulerparams_control.robot.catalogue import load_robot; load_robot('ur5');"
+        "sys.exit(bool({'pybullet', 'pybullet_data', 'rclpy'} & set(sys.modules)))"
+    )
+    root = Path(__file__).parents[1]
+    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0

@@ -1,22 +1,37 @@
-"""Section II: rotation matrices and Euler parameters, eqs. (1), (4)-(17)."""
+"""Section II: rotations, Euler parameters and their sign, eqs. (1), (4)-(17); Euler angles."""
 
+import itertools
 import math
+import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from representations import make
 from samples import (
+    POLE_DISTANCES,
     about,
     all_rotations,
+    axes_of,
+    by_angles,
+    clear_of_poles,
     derivative,
+    generator,
+    near_pole,
     pairs_apart,
+    pole_clearance,
+    poles,
     rodrigues,
     turning,
     uniform,
     unit_vectors,
     vectors,
 )
-from tolerances import ALGEBRAIC, DIFFERENCES, ETA_NEAR_PI, RELATIVE, assert_close
+from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ETA_NEAR_PI, RELATIVE, UNBOUNDED, assert_close
 
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.orientation import SEPARATE, SEQUENCES, SIGNS, EulerSequence, SignRule
+from eulerparams_control.laws.orientation.sequences import wrapped as wrapped_angle
 from eulerparams_control.laws.rotations import (
     SMALL_ANGLE,
     SMALL_JACOBIAN_ANGLE,
@@ -90,13 +105,6 @@ def test_R_and_euler_parameters_of_angle_and_axis_are_their_formulas(theta):
         assert_close(Q.R, rodrigues(theta, r))  # eq. (7)
 
 
-def test_both_signs_of_the_euler_parameters_are_the_same_rotation():
-    for Q in random_parameters(COUNT):
-        np.testing.assert_array_equal(as_array(-Q), -as_array(Q))
-        np.testing.assert_array_equal((-Q).R, Q.R)
-        assert (-Q).theta == Q.theta
-
-
 def test_extraction_inverts_eq_7_at_every_angle():
     for R in all_rotations():
         Q = EulerParameters.from_R(R)
@@ -147,6 +155,9 @@ def test_composition_is_the_mutual_rotation():
         Q_1, Q_2 = EulerParameters.from_R(R_1), EulerParameters.from_R(R_2)
         composed = mutual(Q_1, Q_2)  # eqs. (12), (13)
         assert_close(composed.R, R_1.T @ R_2)  # eq. (11)
+        Q = mutual_R(R_1, R_2)
+        assert Q.eta >= 0
+        assert_close(R_1 @ Q.R, R_2)
 
 
 def test_mutual_parameters_are_those_of_eqs_12_and_13():
@@ -157,25 +168,13 @@ def test_mutual_parameters_are_those_of_eqs_12_and_13():
     assert_close(eps, [0.1, 0.1, -0.7])
 
 
-def test_mutual_of_two_matrices_has_positive_eta_and_is_of_frame_2_in_frame_1():
-    for R_1, R_2 in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
-        Q = mutual_R(R_1, R_2)
-        assert Q.eta >= 0
-        assert_close(R_1 @ Q.R, R_2)  # eq. (11)
-
-
 def test_product_composes_and_conjugate_inverts():
     for Q_1, Q_2 in zip(random_parameters(COUNT), random_parameters(COUNT, key=1), strict=True):
         assert_close(product(Q_1, Q_2).R, Q_1.R @ Q_2.R)
         assert_close(Q_1.conjugate.R, Q_1.R.T)
-        identity = as_array(product(Q_1, Q_1.conjugate))
-        assert_close(identity, [1, 0, 0, 0])
-
-
-def test_product_of_unit_quaternions_obeys_the_rule_of_hamilton():
-    i, j, k = (EulerParameters(0.0, axis) for axis in (X, Y, Z))
-    np.testing.assert_array_equal(as_array(product(i, j)), as_array(k))
-    np.testing.assert_array_equal(as_array(product(i, i)), [-1, 0, 0, 0])
+        assert_close(as_array(product(Q_1, Q_1.conjugate)), [1, 0, 0, 0])
+        np.testing.assert_array_equal(as_array(-Q_1), -as_array(Q_1))
+        np.testing.assert_array_equal((-Q_1).R, Q_1.R)
 
 
 # --- exponential and logarithm ---------------------------------------------------------------
@@ -198,11 +197,10 @@ def test_exp_inverts_log_at_every_angle():
     for R in all_rotations():
         assert_close(exp(log(R)), R)
         assert np.linalg.norm(log(R)) <= math.pi + ALGEBRAIC
-
-
-def test_log_and_exp_of_no_rotation_are_exact():
-    np.testing.assert_array_equal(log(np.eye(3)), np.zeros(3))
+    np.testing.assert_array_equal(log(np.eye(3)), np.zeros(3))  # exactly
     np.testing.assert_array_equal(exp(np.zeros(3)), np.eye(3))
+    for identity in (EulerParameters(1.0, np.zeros(3)), EulerParameters(-1.0, np.zeros(3))):
+        np.testing.assert_array_equal(rotation_vector(identity), np.zeros(3))
 
 
 @pytest.mark.parametrize("theta", LOG_ANGLES)
@@ -211,12 +209,6 @@ def test_rotation_vector_is_theta_r_and_of_negative_eta_the_long_way_round(theta
         Q = EulerParameters.from_angle_axis(theta, r)
         np.testing.assert_allclose(rotation_vector(Q), theta * r, rtol=RELATIVE, atol=0)
         assert_close(rotation_vector(-Q), -(2 * math.pi - theta) * r)
-
-
-def test_rotation_vector_of_no_rotation_is_zero_for_both_signs():
-    identity = EulerParameters(1.0, np.zeros(3))
-    np.testing.assert_array_equal(rotation_vector(identity), np.zeros(3))
-    np.testing.assert_array_equal(rotation_vector(-identity), np.zeros(3))
 
 
 # Angles [rad] on both sides of where the series of the right Jacobian ends.
@@ -266,3 +258,354 @@ def test_angle_between_two_frames_is_the_angle_of_their_mutual_rotation(theta):
         assert angle_between(R_1, R_2) == pytest.approx(theta, abs=ALGEBRAIC)
         assert angle_between(R_2, R_1) == pytest.approx(theta, abs=ALGEBRAIC)
         assert chord(R_1, R_2) == pytest.approx(2 * math.sin(theta / 2), abs=1e-7)
+
+
+# --- the sign of the mutual quaternion -----------------------------------------------------
+
+DELTA = 0.2
+NOISE = 0.02  # [rad]
+STEP_OF_THE_WALK = 0.05  # [rad], each component
+
+every_rule = pytest.mark.parametrize("name", SIGNS)
+
+
+def about_z(theta):
+    """Return the mutual quaternion of a rotation by theta [rad] about z, with eta >= 0."""
+    return EulerParameters.from_R(about(2, theta))
+
+
+def choose_all(rule, quaternions):
+    """Return what the rule chooses along a sequence of quaternions."""
+    chosen = []
+    for Q in quaternions:
+        chosen.append(rule.choose(Q, chosen[-1] if chosen else None))
+    return chosen
+
+
+def dot(Q_1, Q_2):
+    return Q_1.eta * Q_2.eta + Q_1.eps @ Q_2.eps
+
+
+def flips(chosen):
+    """Return how often the sign jumps from one sample to the next."""
+    return sum(dot(Q_1, Q_2) < 0 for Q_1, Q_2 in pairwise(chosen))
+
+
+def random_walk(steps=2000, step=STEP_OF_THE_WALK):
+    """Return the quaternions, eta >= 0, of an orientation that wanders everywhere."""
+    walk = [np.eye(3)]
+    for x in step * generator(20).normal(size=(steps, 3)) + step * Z:
+        walk.append(exp(x) @ walk[-1])
+    return [EulerParameters.from_R(R) for R in walk]
+
+
+# --- the rules -------------------------------------------------------------------------------
+
+
+@every_rule
+def test_the_first_quaternion_has_positive_eta(name):
+    for R in uniform(50):
+        Q = EulerParameters.from_R(R)
+        for given in (Q, -Q):
+            chosen = SignRule(name).choose(given, None)
+            assert chosen.eta >= 0
+            np.testing.assert_array_equal(chosen.eps, Q.eps)
+
+
+@every_rule
+def test_what_is_chosen_stands_for_the_same_rotation(name):
+    walk = random_walk()
+    for Q, chosen in zip(walk, choose_all(SignRule(name), walk), strict=True):
+        assert abs(dot(Q, chosen)) == pytest.approx(1.0, abs=ALGEBRAIC)
+
+
+@every_rule
+def test_the_choice_does_not_depend_on_the_sign_that_is_given(name):
+    walk = random_walk()
+    signs = generator(21).choice([-1, 1], size=len(walk))
+    mixed = [Q if sign > 0 else -Q for Q, sign in zip(walk, signs, strict=True)]
+    rule = SignRule(name)
+    for Q_1, Q_2 in zip(choose_all(rule, walk), choose_all(rule, mixed), strict=True):
+        assert Q_1.eta == Q_2.eta
+        np.testing.assert_array_equal(Q_1.eps, Q_2.eps)
+
+
+def test_shortest_never_returns_negative_eta_and_jumps_at_180_degrees():
+    chosen = choose_all(SignRule("shortest"), random_walk())
+    assert min(Q.eta for Q in chosen) >= 0
+    assert flips(chosen) > 0
+
+
+@pytest.mark.parametrize("delta", [0.0, 0.05, DELTA, 0.9])
+def test_hysteretic_flips_only_beyond_delta_and_never_returns_eta_below_minus_delta(delta):
+    chosen = choose_all(SignRule("hysteretic", delta), random_walk())
+    lowest = min(Q.eta for Q in chosen)
+    assert -delta <= lowest < -delta + STEP_OF_THE_WALK  # and it gets there
+    after_flips = [Q_2.eta for Q_1, Q_2 in pairwise(chosen) if dot(Q_1, Q_2) < 0]
+    assert len(after_flips) > 0
+    assert min(after_flips) > delta
+
+
+def test_continuous_never_flips_and_reaches_eta_of_minus_one():
+    chosen = choose_all(SignRule("continuous"), random_walk())
+    assert flips(chosen) == 0
+    assert min(Q.eta for Q in chosen) < -0.9
+
+
+def test_hysteretic_flips_at_the_angle_that_delta_stands_for():
+    rule = SignRule("hysteretic", DELTA)
+    edge, step = 2 * math.acos(-DELTA), 1e-6
+    before = choose_all(rule, [about_z(3.0), about_z(edge - step)])[-1]
+    after = choose_all(rule, [about_z(3.0), about_z(edge + step)])[-1]
+    assert before.eta == pytest.approx(-DELTA, abs=step)
+    assert after.eta == pytest.approx(DELTA, abs=step)
+
+
+def test_only_shortest_chatters_under_noise_at_180_degrees():
+    noise = [about_z(math.pi + NOISE * (-1) ** n) for n in range(100)]
+    for name, count in (("shortest", 99), ("hysteretic", 0), ("continuous", 0)):
+        assert flips(choose_all(SignRule(name), noise)) == count
+
+
+# --- where the sign must not be chosen: on each quaternion apart (E14) -------------------------
+
+
+@every_rule
+def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name):
+    law = make("euler_parameters", sign=name)
+    for theta in (0.1, 1.0, 3.0):
+        for R_d, R_e in pairs_apart(theta, 30):
+            eta = law.displacement(R_d, R_e).Q_de.eta
+            assert eta == pytest.approx(math.cos(theta / 2), abs=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("apart", [0.1, 1.0, 3.0])
+def test_separate_is_the_composition_of_two_quaternions_with_positive_eta(apart):
+    negative = 0
+    for R_d, R_e in pairs_apart(apart, 30):
+        expected = mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
+        for previous in (None, expected, -expected):  # it has no memory
+            Q = SignRule(SEPARATE).mutual(R_e, R_d, previous)
+            assert Q.eta == expected.eta
+            np.testing.assert_array_equal(Q.eps, expected.eps)
+        assert_close(expected.R, R_e.T @ R_d)
+        negative += expected.eta < 0
+    assert negative > 0  # which eta >= 0 of each does not prevent
+
+
+def test_with_an_initial_sign_of_minus_one_eta_begins_negative_and_stays_on_its_sheet():
+    walk = random_walk()
+    rule, other = SignRule("continuous", initial=-1), SignRule("continuous")
+    assert rule.choose(walk[100], None).eta < 0
+    assert rule.choose(-walk[100], None).eta < 0
+    chosen = choose_all(rule, walk)
+    assert flips(chosen) == 0
+    for Q, Q_other in zip(chosen, choose_all(other, walk), strict=True):
+        assert Q.eta == -Q_other.eta
+        np.testing.assert_array_equal(Q.eps, -Q_other.eps)
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "known", "name"),
+    [
+        *((SignRule, SIGNS, name) for name in ("shortes", "", "Hysteretic")),
+        *((EulerSequence, SEQUENCES, name) for name in ("XYY", "xyz", "", "ABC", "XYZX")),
+    ],
+)
+def test_an_unknown_rule_or_sequence_lists_the_known_ones(kind, known, name):
+    with pytest.raises(UnknownNameError, match=f"'{name}'") as caught:
+        kind(name)
+    assert all(each in str(caught.value) for each in known)
+    assert isinstance(caught.value, ConfigurationError)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        *(
+            (("hysteretic", delta), rf"hysteresis.*{delta}.*\[0, 1\)")
+            for delta in (-1e-9, 1.0, 2.0, math.nan, math.inf, -math.inf)
+        ),
+        *(
+            ((name, DELTA, -1), "initial sign of eta is -1.*1, or -1 with cont")
+            for name in (SEPARATE, "shortest", "hysteretic")
+        ),
+        *(
+            (("continuous", DELTA, initial), f"initial sign of eta is {initial}")
+            for initial in (0, 2, -2, math.nan)
+        ),
+    ],
+)
+def test_impossible_options_are_refused_with_their_value_and_the_bounds(given, text):
+    with pytest.raises(ConfigurationError, match=text):
+        SignRule(*given)
+
+
+# --- Euler angles, eqs. (2), (3) ----------------------------------------------------------
+
+FEW = 50
+
+every_sequence = pytest.mark.parametrize("name", SEQUENCES)
+
+
+def random_angles(count, key=0):
+    """Return angles (3,) in (-pi, pi), beta included: T is defined everywhere."""
+    return list(generator(10, key).uniform(-math.pi, math.pi, size=(count, 3)))
+
+
+def principal_angles(name, count):
+    """Return angles (3,) with beta in the range of extraction, off the poles."""
+    lower, upper = poles(name)
+    low, high = [-math.pi, lower + 0.05, -math.pi], [math.pi, upper - 0.05, math.pi]
+    return list(generator(11).uniform(low, high, size=(count, 3)))
+
+
+def assert_extracts(name, R, previous=None):
+    """Assert that R(extract(R)) = R, and return the angles."""
+    phi = EulerSequence(name).extract(R, previous)
+    assert_close(by_angles(name, *phi), R)
+    return phi
+
+
+def rounded(R, key):
+    """Return R after two products that cancel: the same but for rounding, as from an arm."""
+    (turn,) = uniform(1, key)
+    return turn.T @ (turn @ R)
+
+
+# --- the registry ----------------------------------------------------------------------------
+
+
+def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_kind():
+    letters = itertools.product("XYZ", repeat=3)
+    assert set(SEQUENCES) == {i + j + k for i, j, k in letters if i != j and j != k}
+    assert len(SEQUENCES) == 12
+    for name in SEQUENCES:
+        assert EulerSequence(name).axes == axes_of(name)
+        assert EulerSequence(name).is_proper == (name[0] == name[2])
+    assert EulerSequence() == EulerSequence("XYZ")  # that of the paper
+
+
+# --- eqs. (2), (3) ---------------------------------------------------------------------------
+
+
+@every_sequence
+def test_R_is_the_product_of_the_elementary_rotations(name):
+    for phi in random_angles(FEW):
+        assert_close(EulerSequence(name).R(phi), by_angles(name, *phi))  # eq. (2)
+
+
+@every_sequence
+def test_T_takes_the_rates_of_the_angles_to_the_angular_velocity(name):
+    for phi, dphi in zip(random_angles(FEW), vectors(FEW), strict=True):
+        dR = derivative(lambda t, phi=phi, dphi=dphi: by_angles(name, *(phi + t * dphi)))
+        omega = EulerSequence(name).T(phi) @ dphi  # eq. (3)
+        assert_close(dR, S(omega) @ by_angles(name, *phi), DIFFERENCES)  # eq. (1)
+
+
+@every_sequence
+def test_dT_is_the_derivative_of_T(name):
+    sequence = EulerSequence(name)
+    for phi, dphi in zip(random_angles(FEW), vectors(FEW), strict=True):
+        dT = derivative(lambda t, phi=phi, dphi=dphi: sequence.T(phi + t * dphi))
+        assert_close(sequence.dT(phi, dphi), dT, DIFFERENCES)
+
+
+# --- distance to the pole --------------------------------------------------------------------
+
+
+@every_sequence
+def test_pole_distance_is_the_angle_between_the_first_and_the_last_axis(name):
+    for R in all_rotations():
+        distance = EulerSequence(name).pole_distance(R)
+        assert distance == pytest.approx(pole_clearance(name, R), abs=ASIN)
+
+
+@every_sequence
+def test_pole_distance_is_accurate_near_both_poles(name):
+    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
+        for R in near_pole(name, pole, distance):
+            assert EulerSequence(name).pole_distance(R) == pytest.approx(distance, abs=RELATIVE)
+
+
+# --- rates -----------------------------------------------------------------------------------
+
+
+@every_sequence
+def test_rates_invert_T(name):
+    sequence = EulerSequence(name)
+    for phi, omega in zip(principal_angles(name, FEW), vectors(FEW), strict=True):
+        assert_close(sequence.T(phi) @ sequence.rates(phi, omega), omega)
+
+
+@every_sequence
+def test_the_rates_at_a_pole_are_refused_with_the_way_out_or_unbounded(name):
+    refusals = []
+    for pole in poles(name):
+        phi = np.array([0.4, pole, -0.9])
+        omega = np.cross(*EulerSequence(name).T(phi).T[:2])
+        try:
+            rates = EulerSequence(name).rates(phi, omega)
+        except SingularityError as error:
+            refusals.append(str(error))
+            continue
+        assert np.abs(rates).max() > UNBOUNDED
+    assert refusals or not EulerSequence(name).is_proper  # T(0) is exactly singular
+    assert all(re.search(f"{name}.*euler_parameters", text) for text in refusals)
+
+
+# --- extraction ------------------------------------------------------------------------------
+
+
+@every_sequence
+def test_extraction_inverts_R_everywhere(name):
+    for R in all_rotations():
+        assert_extracts(name, R)
+
+
+@every_sequence
+def test_extraction_near_and_at_both_poles_inverts_R_and_bears_its_rounding(name):
+    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
+        for key, R in enumerate(near_pole(name, pole, distance)):
+            phi = assert_extracts(name, R)
+            assert abs(phi[1] - pole) == pytest.approx(distance, abs=RELATIVE)
+            assert_extracts(name, rounded(R, key))
+
+
+@every_sequence
+def test_extraction_returns_the_angles_in_their_principal_range(name):
+    for phi in principal_angles(name, FEW):
+        extracted = EulerSequence(name).extract(by_angles(name, *phi))
+        assert_close(extracted, phi)
+
+
+@every_sequence
+def test_the_previous_gamma_is_kept_at_the_pole(name):
+    previous = np.array([0.1, 0.2, -2.3])
+    for pole in poles(name):
+        for R in near_pole(name, pole, distance=0.0):
+            assert assert_extracts(name, R, previous)[2] == previous[2]
+            assert assert_extracts(name, R)[2] == 0.0
+
+
+@every_sequence
+def test_away_from_the_pole_the_previous_angles_do_not_matter(name):
+    previous = np.array([0.1, 0.2, -2.3])
+    for R in clear_of_poles(name, FEW):
+        sequence = EulerSequence(name)
+        np.testing.assert_array_equal(sequence.extract(R, previous), sequence.extract(R))
+
+
+def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
+    just_above_pi = np.nextafter(math.pi, 4.0)
+    edges = [math.pi, -math.pi, just_above_pi, 3 * math.pi, 5 * math.pi]
+    angles = np.concatenate((generator(13).uniform(-20, 20, size=3000), edges))
+    wrapped = wrapped_angle(angles)
+    turns = (angles - wrapped) / (2 * math.pi)
+    assert_close(turns, np.round(turns))
+    assert (wrapped > -math.pi).all()
+    assert (wrapped <= math.pi).all()
+    np.testing.assert_array_equal(wrapped[-5:-3], math.pi)

@@ -2,13 +2,16 @@
 
 import io
 import json
+import os
 import shutil
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,16 +19,17 @@ import pytest
 from rich.console import Console
 
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
-from eulerparams_control.lab.experiments import domains, fingerprint, run_cache, runner, schedule
 from eulerparams_control.lab.experiments import main as executable
+from eulerparams_control.lab.experiments import runner, schedule
 from eulerparams_control.lab.experiments.display import Display
-from eulerparams_control.lab.experiments.domains import Domain
-from eulerparams_control.lab.experiments.model import Experiment, Variant
-from eulerparams_control.lab.experiments.processes import RunStopped
+from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
 from eulerparams_control.lab.experiments.result import Outcome
-from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
 from eulerparams_control.lab.experiments.runner import IncompleteBagError
-from eulerparams_control.lab.experiments.schedule import Schedule, Task
+from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.run import domains, fingerprint, jobs, run_cache
+from eulerparams_control.lab.run.domains import Domain
+from eulerparams_control.lab.run.processes import RunStopped
+from eulerparams_control.lab.run.run_cache import Making, Run, RunRecord
 from eulerparams_control.robot.catalogue import load_robot
 
 PATIENCE = 30.0  # [s] a guard against hanging, not a measure
@@ -64,19 +68,26 @@ def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back(take):
     assert numbers(take(1)) == [held[2].number]
 
 
+@contextmanager
+def another_process(code: str, *args: object) -> Iterator[None]:
+    """Run Python code in a process that goes on as it is, and is killed at the end."""
+    code = f"import sys; {code}; print('ready', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, args)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        yield
+        process.kill()
+
+
 def test_a_domain_that_another_process_has_is_left_alone(take):
     code = (
-        "import sys; from eulerparams_control.lab.experiments import domains; "
-        "domains.DOMAINS = range(101, 104); held = [domains.Domain() for _ in range(3)]; "
-        "print('held', flush=True); sys.stdin.read()"
+        "from eulerparams_control.lab.run import domains; domains.DOMAINS = range(101, 104); "
+        "held = [domains.Domain() for _ in range(3)]"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"held\n"
+    with another_process(code):
         assert numbers(take(1)) == [104]
-        other.communicate()
     assert numbers(take(3)) == [101, 102, 103]  # what a process had is free when it has ended
 
 
@@ -110,7 +121,6 @@ MAKING = Making("definition", "code")
 
 
 def bag_of(folder: Path) -> Path:
-    """Write what a recorder leaves."""
     bag = folder / "first"
     bag.mkdir(parents=True)
     (bag / "metadata.yaml").write_text("meta")
@@ -154,7 +164,7 @@ def test_a_run_is_known_unless_its_definition_changed(tmp_path):
         Experiment("e", "claim", (), {"first": Variant({}, seconds)}, ()) for seconds in (5.0, 6.0)
     )
     settings = same.variants["first"]
-    record = ended(tmp_path, Making.of(settings, runner.node_parameters(settings)))
+    record = ended(tmp_path, runner.making_of(settings, runner.node_parameters(settings)))
     assert runner.known_run(same, "first", tmp_path) == (Run(record.bag, 5.0, None, 7.5), "")
     assert runner.known_run(longer, "first", tmp_path) == (None, "its definition changed")
 
@@ -247,24 +257,14 @@ def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_en
     tmp_path, capsys
 ):
     code = (
-        "import sys; from pathlib import Path; "
-        "from eulerparams_control.lab.experiments.run_cache import locked\n"
-        "with locked(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
+        "from pathlib import Path; from eulerparams_control.lab.run.run_cache import locked; "
+        "lock = locked(Path(sys.argv[1])); lock.__enter__()"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code, tmp_path / "e2"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"held\n"
+    with another_process(code, tmp_path / "e2"):
         assert executable.main(["e2", "--out", str(tmp_path)]) == 2
-        said = capsys.readouterr().out
-        assert said == (
-            f"error: another call of experiment writes to {tmp_path / 'e2'}; wait for its end, "
-            "or choose another --out\n"
-        )
+        words = f"error: another call of experiment writes to {tmp_path / 'e2'}; wait for its end"
+        assert capsys.readouterr().out.startswith(words)
         assert not (tmp_path / "e2/summary.json").exists()
-        other.kill()
-        other.communicate()
     assert executable.main(["e2", "--out", str(tmp_path)]) == 0
 
 
@@ -314,10 +314,10 @@ def test_a_making_says_what_has_changed(now, words):
 def test_a_making_depends_on_the_parameters_the_whole_robot_and_the_duration(
     monkeypatch, settings, parameters, robot
 ):
-    before = Making.of(Variant({}, 5.0), {})
-    assert Making.of(Variant({}, 5.0), {}) == before
+    before = runner.making_of(Variant({}, 5.0), {})
+    assert runner.making_of(Variant({}, 5.0), {}) == before
     monkeypatch.setattr(run_cache, "load_robot", lambda name: replace(load_robot(name), **robot))
-    assert Making.of(settings, parameters).differs(before) == "its definition"
+    assert runner.making_of(settings, parameters).differs(before) == "its definition"
 
 
 @pytest.mark.parametrize("library", ["pin", "pybullet", "numpy"])
@@ -329,14 +329,14 @@ def test_a_making_depends_on_the_versions_of_the_libraries(monkeypatch, library)
 
 
 def test_what_was_looked_at_depends_on_the_assets_of_its_page(monkeypatch, tmp_path):
-    assets = tmp_path / "eulerparams_control/analysis/assets"
-    assets.mkdir(parents=True)
+    analysis = tmp_path / "eulerparams_control/analysis"
     monkeypatch.setattr(fingerprint, "_ROOT", tmp_path)
     versions = {fingerprint.code.__wrapped__()}
-    for name in ("page.css", "run.js"):
-        (assets / name).write_text(name)
+    for name in ("assets/page.css", "assets/run.js", "templates/base.html"):
+        (analysis / name).parent.mkdir(parents=True, exist_ok=True)
+        (analysis / name).write_text(name)
         versions.add(fingerprint.code.__wrapped__())
-    assert len(versions) == 3
+    assert len(versions) == 4
 
 
 # --- the schedule ----------------------------------------------------------------------------
@@ -352,7 +352,6 @@ class Watch:
         self._folder, self._monkeypatch = folder, monkeypatch
 
     def add(self, name: str, *variants: str) -> None:
-        """Let there be an experiment with these variants."""
         made = {variant: Variant({}, 1.0) for variant in variants}
         experiment = Experiment(name, "claim", (), made, ())
         self.tasks.append(Task(experiment, self._folder / name, list(variants)))
@@ -360,8 +359,6 @@ class Watch:
     def run(
         self, function: Callable[[str, threading.Event], object], jobs: int = 1, again: bool = False
     ) -> list[Outcome]:
-        """Run all experiments; a run is a call of ``function``."""
-
         def run(experiment, variant, folder, progress, stop):  # type: ignore[no-untyped-def]
             function(variant, stop)
             return Run(folder / variant, 1.0, None, 2.0)
@@ -386,8 +383,7 @@ class Watch:
 
 @pytest.fixture
 def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Watch:
-    """Let a thread look at the runs."""
-    monkeypatch.setattr(schedule, "_looker", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setattr(schedule, "Processes", ThreadPoolExecutor)
     monkeypatch.setattr(
         schedule, "look", lambda e, folder, runs: Outcome(e, folder, sentence="-".join(runs))
     )
@@ -502,10 +498,10 @@ def test_the_terminal_says_that_a_run_is_repeated(watch):
         display.started("e1", "a", 1.0)
         display.simulated("e1", "a", 0.7)
         display.repeated("e1", "a", "460 stamps")
-        assert display._simulated == 0
+        assert not display._times
         display.started("e1", "a", 1.0)
         display.ended("e1", "a", "2.0 s", 1.0)
-        assert display._simulated == 1
+        assert display._times == {("e1", "a"): 1.0}
     assert console.file.getvalue().splitlines() == [
         "  e1 a: incomplete, to be run once more by itself: 460 stamps",
         "  e1 a: 2.0 s",
@@ -554,20 +550,27 @@ def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(watch, monkeypatc
             pass  # both have started
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(schedule, "wait", interrupted)
+    monkeypatch.setattr(jobs, "as_completed", interrupted)
     watch.add("e1", "a", "b", "c", "d")
     with pytest.raises(KeyboardInterrupt):
         watch.run(run, jobs=2)
     assert sorted(ends) == ["a", "b"]
 
 
-def test_the_looker_dies_and_the_next_experiment_gets_another(watch, monkeypatch):
-    class Dead(ThreadPoolExecutor):
-        def submit(self, *_: object, **__: object):  # type: ignore[no-untyped-def,override]
-            raise schedule.BrokenProcessPool("killed")
+# --- processes ---------------------------------------------------------------------------------
 
-    lookers: list[ThreadPoolExecutor] = [Dead(1), ThreadPoolExecutor(1)]
-    monkeypatch.setattr(schedule, "_looker", lambda: lookers.pop(0))
-    watch.add("e1", "a")
-    (outcome,) = watch.run(lambda *_: None)
-    assert outcome.sentence == "a"
+
+def test_where_a_process_died_another_takes_its_place():
+    with jobs.Processes(1) as pool:
+        with pytest.raises(BrokenExecutor):
+            pool.submit(os._exit, 1).result()
+        assert pool.submit(len, "ab").result() == 2
+
+
+def test_at_the_end_processes_are_ended_whatever_they_do():
+    with jobs.Processes(1) as pool:
+        waiting = pool.submit(time.sleep, PATIENCE)
+        pool.submit(len, "never")
+        while not waiting.running():
+            pass
+    assert isinstance(waiting.exception(PATIENCE / 2), BrokenExecutor)

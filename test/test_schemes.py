@@ -5,11 +5,13 @@ import importlib
 import numpy as np
 import pytest
 from arms import HOME, STILL, UR5
+from tolerances import HELD, NULL_SPACE, assert_close
 
 from eulerparams_control.command_line import executables
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.lab.campaign.plan import make_plan
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS, SchemeInfo, schemes
 from eulerparams_control.ros.control_node import node_class
@@ -40,15 +42,22 @@ def test_its_node_is_an_executable_that_has_its_parameters(scheme):
     assert callable(importlib.import_module(scheme.node).main)
 
 
-def test_an_arm_at_rest_is_held_by_its_defaults(scheme):
-    parameters = from_mapping(scheme.parameters, FRAMES)
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_an_arm_at_rest_is_held_without_an_error(scheme, orientation):
+    parameters = from_mapping(scheme.parameters, FRAMES | {"orientation": orientation})
     controller = Controller(parameters.make_scheme(UR5, None), ControllerOptions(), HOME)
     command = controller.step(STEP, HOME, STILL)
     assert command is not None
     if scheme.control == "position":
         assert (command.q == HOME).all()
+        assert_close(command.dq, 0, HELD)
     else:
-        np.testing.assert_allclose(command.effort, UR5.dynamic_state(HOME, STILL).g)
+        assert_close(command.effort, UR5.dynamic_state(HOME, STILL).g, NULL_SPACE)
+    tick = controller.guidance.tick_now
+    assert tick is not None
+    np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
+    np.testing.assert_array_equal(tick.desired.p_d, UR5.state(HOME, STILL).p_e)
+    assert_close(tick.x_de.error, 0)
 
 
 def test_its_parameters_are_described_and_its_defaults_are_possible(scheme):

@@ -1,7 +1,6 @@
 """The simulator against Pinocchio and against what a robot's drivers promise."""
 
 import dataclasses
-import hashlib
 import itertools
 import re
 import sys
@@ -13,8 +12,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import reduced_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tolerances import assert_close
 
 from eulerparams_control.errors import ConfigurationError, RobotError, SimulationError
 from eulerparams_control.laws.limits import JointLimits
@@ -158,19 +159,20 @@ def simulator(name: str, **parameters: Any) -> Simulator:
 class Model:
     """Pinocchio's view of a robot, other joints locked at zero, with a tool."""
 
-    def __init__(self, description: RobotDescription, tool: Body | None = None) -> None:
+    def __init__(
+        self, description: RobotDescription, tool: Body | None = None, gravity: Any = GRAVITY
+    ) -> None:
         urdf = re.sub('type="continuous"', 'type="revolute"', description.urdf)  # nq = nv
         urdf = urdf.replace("<dynamics", '<limit effort="1e9" velocity="1e9"/><dynamics', 1)
-        model = pin.buildModelFromXML(urdf if description is ODD else description.urdf)
-        names = list(model.names)[1:]
-        others = [model.getJointId(name) for name in names if name not in description.joints]
-        self.model = pin.buildReducedModel(model, others, pin.neutral(model))
+        urdf = urdf if description is ODD else description.urdf
+        self.model = reduced_model(urdf, description.joints)
         self.frame = self.model.getFrameId(description.sensor_frame)
         self.placement = self.model.frames[self.frame].placement
         self.joint = self.model.frames[self.frame].parentJoint
         if tool is not None:
             inertia = pin.Inertia(tool.mass, tool.com, tool.inertia)
             self.model.appendBodyToJoint(self.joint, inertia, self.placement)
+        self.model.gravity.linear = np.array(gravity)
         self.data = self.model.createData()
         self.n = self.model.nv
 
@@ -185,12 +187,17 @@ class Model:
         """The efforts that hold the arm at rest."""
         return self.tau(q, 0.0 * q, 0.0 * q)
 
+    def friction_of(self, parameters: dict[str, Any]) -> tuple[Any, Any]:
+        """Viscous and Coulomb friction as it is given, or else as the URDF states it."""
+        given = (parameters.get(f"friction_{kind}", ()) for kind in ("viscous", "coulomb"))
+        stated = (self.model.damping, self.model.friction)
+        return tuple(s if g == () else np.array(g) for g, s in zip(given, stated, strict=True))
+
     def friction(self, dq: Any) -> Any:
-        """What the URDF states, as Pinocchio reads it."""
+        """The effort of what the URDF states."""
         return self.model.damping * dq + self.model.friction * np.tanh(dq / COULOMB_SPEED)
 
     def R(self, q: Any) -> Any:
-        """Orientation of the sensor frame."""
         pin.forwardKinematics(self.model, self.data, q)
         return pin.updateFramePlacement(self.model, self.data, self.frame).rotation
 
@@ -225,39 +232,61 @@ def run(sim: Simulator, steps: int) -> SimulatorState:
 # --- dynamics ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tool", [{}, TOOL], ids=["bare", "tool"])
-@pytest.mark.parametrize("name", [*ROBOTS, "odd"])
+GIVEN = [((), ()), (0.0, ()), ((), 0.0), ((1.5,), (0.2,)), ((), 0.3), ("each", "each")]
+ROTORS = (0.5, 0.4, 0.3, 0.05, 0.04, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        *((name, tool) for name in (*ROBOTS, "odd") for tool in ({}, TOOL)),
+        *((name, {"rate": 500.0}) for name in ROBOTS),
+        *(
+            (name, {"rate": 8000.0, "friction_viscous": viscous, "friction_coulomb": coulomb})
+            for name in ("kuka_iiwa", "odd")
+            for viscous, coulomb in GIVEN
+        ),
+        *(
+            ("ur5", {"disturbance_effort": effort, "friction_viscous": friction})
+            for effort in (2.0, (3.0,), (0.0, 3.0, -3.0, 1.0, 1.0, -1.0))
+            for friction in (0.0, 1.0)
+        ),
+        ("ur5", {"rotor_inertia": ROTORS}),
+        ("ur5", {"gravity": (0.0, 3.0, 0.5), **TOOL}),
+    ],
+)
 @given(seed=seeds)
 @settings(deadline=None, max_examples=10)
-def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_under_effort_and_push(name, tool, seed):
-    sim = simulator(name, control="torque", enforce_limits=False, **tool)
-    model = Model(robot(name), sim.parameters.tool)
-    rng = np.random.default_rng(seed)
+def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_with_all_that_acts(name, parameters, seed):
+    """What a URDF states of friction holds where none is given; what disturbs is not reported."""
+    n = len(robot(name).joints)
+    each = tuple(0.05 * k for k in range(n))
+    given = {key: each if value == "each" else value for key, value in parameters.items()}
+    sim = simulator(name, control="torque", enforce_limits=False, **given)
+    model = Model(robot(name), sim.parameters.tool, given.get("gravity", GRAVITY))
+    rate, (d, c) = sim.parameters.rate, model.friction_of(given)
+    added, rotors = (
+        np.broadcast_to(given.get(key, 0.0), n) for key in ("disturbance_effort", "rotor_inertia")
+    )
+    rng, fastest = np.random.default_rng(seed), 0.0
     sim.reset(random_q(name, rng))
-    fastest = 0.0
     for _ in range(20):
         before = sim.read()
         push = rng.uniform(-20.0, 20.0, 6)
-        ddq = rng.uniform(-100.0, 100.0, model.n) - 10.0 * before.dq
+        ddq = 0.1 * rate * rng.uniform(-1.0, 1.0, n) - 10.0 * before.dq
         tau = model.tau(before.q, before.dq, ddq, push)
         sim.command_effort(tau)
         sim.set_external_wrench(push)
         after = run(sim, 1)
-        ddq_seen = (after.dq - before.dq) / 1e-3
-        moved = model.tau(before.q, before.dq, ddq_seen, push)
-        assert moved == pytest.approx(tau - model.friction(before.dq), abs=TORQUE)
-        assert after.q == pytest.approx(before.q + 1e-3 * after.dq, abs=ROUNDING)
+        ddq_seen = (after.dq - before.dq) * rate
+        moved = model.tau(before.q, before.dq, ddq_seen, push) + rotors * ddq_seen
+        friction = d * before.dq + c * np.tanh(before.dq / COULOMB_SPEED)
+        assert moved == pytest.approx(tau + added - friction, abs=TORQUE * max(1.0, 1e-3 * rate))
+        assert after.q == pytest.approx(before.q + after.dq / rate, abs=ROUNDING)
+        assert after.tau.tolist() == tau.tolist()
         fastest = max(fastest, np.abs(after.dq).max())
-    assert fastest > 0.1  # rad/s: it did move
-
-
-def test_gravity_is_a_vector_of_the_world():
-    sim = simulator("ur5", control="torque", gravity=(0.0, 3.0, 0.0), tool_mass=2.0)
-    model = Model(robot("ur5"), sim.parameters.tool)
-    model.model.gravity.linear = np.array([0.0, 3.0, 0.0])
-    state = run(sim, 10)  # braked
-    assert state.tau == pytest.approx(model.gravity(state.q), abs=HOLDING_TORQUE)
-    assert state.wrench[:3] == pytest.approx(model.R(state.q).T @ [0, 6.0, 0], abs=STATIC_WRENCH)
+    assert (after.step, after.t) == (20, pytest.approx(20 / rate))
+    assert fastest > 0.1  # rad/s: it did move, well above COULOMB_SPEED
 
 
 # --- brakes --------------------------------------------------------------------------
@@ -289,12 +318,15 @@ def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back():
     assert np.abs(run(sim, 20).dq).max() > 0.1
 
 
-def test_the_brakes_have_no_more_than_the_effort_limit():
+def test_brakes_and_servo_have_no_more_than_the_effort_limit():
     sim = simulator("ur5", control="position")
     sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 32.0])  # the wrist has 28 Nm
     state = run(sim, 10)
     assert abs(state.tau[5]) == pytest.approx(28.0)
     assert np.abs(state.dq[5]) > 1.0
+    sim.reset()
+    sim.command_position(np.array(robot("ur5").home) + 1.0, np.zeros(6))
+    assert run(sim, 1).tau == pytest.approx([150.0] * 3 + [28.0] * 3)
 
 
 # --- force/torque sensor -------------------------------------------------------------
@@ -319,15 +351,16 @@ def test_a_push_is_read_with_its_sign_its_axes_and_its_moment(name, seed):
     assert run(sim, 20).wrench == pytest.approx(unpushed.wrench, abs=TOUCH)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    ("name", "gravity"), [*((name, GRAVITY) for name in ROBOTS), ("ur5", (0.0, 3.0, 0.0))]
+)
 @given(seed=seeds)
 @settings(deadline=None, max_examples=5)
-def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name, seed):
-    sim, model = simulator(name, **TOOL), Model(robot(name))
+def test_a_hanging_tool_is_read_as_its_weight_at_its_centre_of_mass(name, gravity, seed):
+    sim, model = simulator(name, gravity=tuple(gravity), **TOOL), Model(robot(name))
     sim.reset(random_q(name, np.random.default_rng(seed)))
     for state, tolerance in ((sim.read(), WEIGHT), (run(sim, 50), STATIC_WRENCH)):
-        force = model.R(state.q).T @ GRAVITY
-        assert np.linalg.norm(force) == pytest.approx(9.81)
+        force = model.R(state.q).T @ gravity
         assert state.wrench[:3] == pytest.approx(force, abs=tolerance)
         assert state.wrench[3:] == pytest.approx(np.cross(TOOL_COM, force), abs=tolerance)
 
@@ -432,12 +465,6 @@ def test_a_position_reference_is_clipped_to_the_position_limits():
     assert state.tau == pytest.approx(gravity, abs=HOLDING_TORQUE)
 
 
-def test_the_servo_has_no_more_than_the_effort_limit():
-    sim = simulator("ur5")
-    sim.command_position(np.array(robot("ur5").home) + 1.0, np.zeros(6))
-    assert run(sim, 1).tau == pytest.approx([150.0] * 3 + [28.0] * 3)
-
-
 def test_a_joint_stops_at_its_limit_in_torque_control():
     sim = simulator("ur5", control="torque")
     sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
@@ -462,37 +489,6 @@ def test_coulomb_friction_brings_a_joint_to_rest_without_chatter():
     assert speeds[-1] < 0.01 * COULOMB_SPEED
 
 
-GIVEN = [((), ()), (0.0, ()), ((), 0.0), ((1.5,), (0.2,)), ((), 0.3), ("each", "each")]
-
-
-@pytest.mark.parametrize(
-    ("name", "rate", "viscous", "coulomb"),
-    [
-        *((name, rate, (), ()) for name in ROBOTS for rate in (500.0, 1000.0)),
-        *((name, 8000.0, *given) for name in ("kuka_iiwa", "odd") for given in GIVEN),
-    ],
-)
-def test_an_effort_that_contains_the_friction_given_or_else_of_the_urdf_cancels_it(
-    name, rate, viscous, coulomb
-):
-    model = Model(robot(name))
-    each = tuple(0.05 * k for k in range(model.n))
-    viscous, coulomb = (each if value == "each" else value for value in (viscous, coulomb))
-    friction = {"friction_viscous": viscous, "friction_coulomb": coulomb}
-    sim = simulator(name, control="torque", rate=rate, enforce_limits=False, **friction)
-    d = model.model.damping if viscous == () else np.array(viscous)
-    c = model.model.friction if coulomb == () else np.array(coulomb)
-    for _ in range(round(0.05 * rate)):
-        before = sim.read()
-        tau = model.tau(before.q, before.dq, np.full(model.n, 5.0))
-        sim.command_effort(tau + d * before.dq + c * np.tanh(before.dq / COULOMB_SPEED))
-        after = run(sim, 1)
-        moved = model.tau(before.q, before.dq, (after.dq - before.dq) * rate)
-        assert moved == pytest.approx(tau, abs=TORQUE * max(1.0, 1e-3 * rate))
-    assert (after.step, after.t) == (round(0.05 * rate), 0.05)
-    assert after.dq == pytest.approx(np.full(model.n, 0.25))  # rad/s, well above COULOMB_SPEED
-
-
 @pytest.mark.parametrize(
     ("name", "parameters"),  # that of the speed before would be unstable: viscous, Coulomb or both
     [
@@ -504,9 +500,7 @@ def test_an_effort_that_contains_the_friction_given_or_else_of_the_urdf_cancels_
 def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(name, parameters):
     sim = simulator(name, control="torque", enforce_limits=False, **parameters)
     model, rate = Model(robot(name)), sim.parameters.rate
-    given = (parameters.get(f"friction_{kind}") for kind in ("viscous", "coulomb"))
-    stated = (model.model.damping, model.model.friction)
-    d, c = (s if g is None else np.array(g) for g, s in zip(given, stated, strict=True))
+    d, c = model.friction_of(parameters)
     push = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1])
     sim.set_external_wrench(push)
     for k in range(200):
@@ -541,8 +535,7 @@ def test_the_order_of_the_joints_is_that_of_the_robot():
 
 def test_the_servo_overcomes_friction_and_its_effort_shows_it():
     still = {"gravity": (0.0, 0.0, 0.0), "friction_viscous": 2.0, "friction_coulomb": 1.0}
-    sim, model = simulator("ur5", **still), Model(robot("ur5"))
-    model.model.gravity.linear = np.zeros(3)
+    sim, model = simulator("ur5", **still), Model(robot("ur5"), gravity=np.zeros(3))
     speed = np.array([0.3, -0.2, 0.1, 0.3, -0.2, 0.1])
     for _ in range(100):
         before = sim.read()
@@ -609,12 +602,18 @@ def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_f
     assert protection.violation([1.2], [0.0]) != ""
 
 
-@pytest.mark.parametrize("enforced", [False, True])
-def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(enforced):
+@pytest.mark.parametrize(
+    ("enforced", "push"), [(False, 0.0), (True, 0.0), (True, 1.0)], ids=["free", "limits", "pushed"]
+)
+def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(
+    enforced, push
+):
+    """A push that is weak leaves the protective stop to the brakes."""
     still = {"control": "torque", "gravity": (0.0, 0.0, 0.0), "enforce_limits": enforced}
     sim = simulator("ur5", **still)
     for joint, effort, words in ((0, 150.0, "moves at"), (2, 20.0, "is at 3.14")):
         sim.reset()
+        sim.set_external_wrench([push, *[0.0] * 5])
         found = set()
         for _ in range(2000):
             tau = -5.0 * sim.read().dq  # holds the others
@@ -626,8 +625,11 @@ def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_wi
                 break
         assert any(words in text for text in found) == enforced
         assert any(f"joint '{robot('ur5').joints[joint]}'" in text for text in found) == enforced
+        assert sim.is_pushed or not enforced
         sim.brake()
         assert sim.violation == ""
+        sim.step()
+        assert not sim.is_standing or not enforced
         run(sim, 1000)
         assert sim.is_standing
 
@@ -663,7 +665,7 @@ def test_a_push_that_no_brakes_could_stop_is_let_go_and_the_arm_locked_where_it_
         assert sim.violation == ""
         return
     assert sim.violation.startswith("joint '")
-    assert sim.violation.endswith("could stop: locked where it was, and the push let go")
+    assert sim.violation.endswith("could stop: locked where it was, and the push released")
     np.testing.assert_array_equal(sim.read().q, before)
     np.testing.assert_array_equal(sim.read().dq, 0.0)
     assert not sim.is_pushed
@@ -671,24 +673,6 @@ def test_a_push_that_no_brakes_could_stop_is_let_go_and_the_arm_locked_where_it_
     state = run(sim, 20)
     assert sim.is_standing
     assert np.abs(state.wrench).max() < 1.0  # nothing is felt any more
-
-
-@pytest.mark.parametrize("wrench", [[0.0] * 6, [1.0, *[0.0] * 5]])
-def test_a_push_that_is_weak_leaves_a_protective_stop_to_the_brakes(wrench):
-    sim = simulator("ur5", control="torque", gravity=(0.0, 0.0, 0.0))
-    sim.set_external_wrench(wrench)
-    for _ in range(2000):
-        sim.command_effort([150.0, *(-5.0 * sim.read().dq[1:])])
-        sim.step()
-        if sim.violation:
-            break
-    assert "moves at" in sim.violation
-    assert sim.is_pushed
-    sim.brake()
-    sim.step()
-    assert not sim.is_standing
-    run(sim, 1000)
-    assert sim.is_standing
 
 
 def test_a_speed_limit_of_0_locks_no_other_joint():
@@ -702,7 +686,7 @@ def test_a_speed_limit_of_0_locks_no_other_joint():
     for _ in range(400):
         sim.step()
         assert sim.violation == ""
-    np.testing.assert_allclose(sim.read().q, goal, rtol=0, atol=1e-3)
+    assert_close(sim.read().q, goal, 1e-3)
 
 
 def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was():
@@ -716,13 +700,13 @@ def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was():
     np.testing.assert_array_equal(sim.read().dq, 0.0)
     sim.brake()
     run(sim, 10)
-    np.testing.assert_allclose(sim.read().q, before, rtol=0, atol=1e-5)
+    assert_close(sim.read().q, before, 1e-5)
 
 
 # --- refusals ------------------------------------------------------------------------
 
 BAD = {
-    "a sum beyond all numbers": [1.7e308, 1.7e308, float("nan"), 0.0, 0.0, 0.0],
+    "a sum that is not finite": [1.7e308, 1.7e308, float("nan"), 0.0, 0.0, 0.0],
     "nan": [0.0, 0.0, 0.0, 0.0, 0.0, float("nan")],
     "infinite": [0.0, 0.0, 0.0, 0.0, 0.0, float("inf")],
     "opposite infinities": [float("-inf"), float("inf"), 0.0, 0.0, 0.0, 0.0],
@@ -733,7 +717,6 @@ BAD = {
 
 
 def refuse(sim: Simulator, bad: list[float]) -> None:
-    """Give every command a bad value."""
     zero = np.zeros(6)
     calls = [
         lambda: sim.set_external_wrench(bad),
@@ -877,19 +860,10 @@ def test_another_number_of_joints_is_refused(name):
         Simulator(robot("ur5"), parameters)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ('type="continuous"', 'type="planar"', "joint 'turn' is of type 'planar'"),
-        ('<mass value="3"/>', "", "inertial of link 'column': a <inertial> has no <mass>"),
-        ('ixx="0.05"', 'ixx="heavy"', "inertial of link 'column': could not convert"),
-        ('rpy="1 0 0"', 'rpy="1 0"', "rpy of a <origin> is '1 0'; expected three numbers"),
-    ],
-)
-def test_a_robot_that_cannot_be_simulated_is_refused_with_the_reason(old, new, reason):
-    assert old in ODD_ROBOT
-    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace(old, new))
-    with pytest.raises(RobotError, match=re.escape(reason)):
+def test_a_joint_that_cannot_be_simulated_is_refused_with_the_reason():
+    """What is no URDF at all: ``test_fuzz_urdf.py``."""
+    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"continuous"', '"planar"'))
+    with pytest.raises(RobotError, match="joint 'turn' is of type 'planar'"):
         Simulator(broken, SimulatorParameters())
 
 
@@ -990,24 +964,6 @@ def test_noise_follows_its_seed_and_leaves_the_motion_alone(noise, names):
 # --- the seam ------------------------------------------------------------------------
 
 
-def trajectory() -> str:
-    """Return a digest of a run with all that is simulated."""
-    sim = Simulator(
-        load_robot("ur5"),
-        SimulatorParameters(
-            control="torque", friction_viscous=0.5, friction_coulomb=1.0, noise_position=1e-4,
-            noise_force=0.1, seed=7, **TOOL,
-        ),
-    )  # fmt: skip
-    digest = hashlib.sha256()
-    for k in range(500):
-        sim.command_effort(10.0 * np.sin(0.01 * k + np.arange(6)))
-        sim.set_external_wrench([0.0, 0.0, 5.0 * (k > 250), 0.0, 0.5, 0.0])
-        digest.update(np.concatenate(run(sim, 1)[2:]).tobytes())
-    sim.close()
-    return digest.hexdigest()
-
-
 def test_simulators_in_one_process_leave_each_other_alone():
     alone = Simulator(robot("ur5"), SimulatorParameters())
     target = np.array(robot("ur5").home) + 0.1
@@ -1040,13 +996,6 @@ def test_reset_starts_again_and_ends_pushes_and_commands(drives):
         assert (two.step, two.t) == (one.step, one.t)
         for name in ("q", "dq", "tau", "wrench"):
             assert getattr(two, name).tolist() == getattr(one, name).tolist(), name
-
-
-def test_reading_twice_gives_the_same_state():
-    sim = simulator("ur5", noise_position=1.0)
-    assert sim.read() is sim.read()
-    with pytest.raises(AttributeError):
-        sim.read().t = 0.0  # type: ignore[misc]
 
 
 def test_a_command_is_copied():

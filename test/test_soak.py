@@ -20,7 +20,8 @@ from synthetic_runs import URDF, write_run
 from test_faulty_runs import efforts
 
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.metrics import measure
+from eulerparams_control.analysis.quantities import measure
+from eulerparams_control.analysis.quantities.real_time import PERCENTILES, VECTORS
 from eulerparams_control.analysis.real_time import (
     OTHERS,
     PATIENCE,
@@ -29,7 +30,6 @@ from eulerparams_control.analysis.real_time import (
     Unanswered,
     reasons,
 )
-from eulerparams_control.analysis.real_time_quantities import PERCENTILES, VECTORS
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
@@ -37,7 +37,7 @@ from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.lab.experiments.runner import node_parameters
 from eulerparams_control.lab.experiments.soak import main, soak
-from eulerparams_control.lab.experiments.usage import usage_of, waited_of
+from eulerparams_control.lab.run.usage import usage_of, waited_of
 
 # A guard against hanging: the short run takes about a minute.
 PATIENT = 300.0

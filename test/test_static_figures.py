@@ -11,15 +11,11 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_runs import write_run
 
-from eulerparams_control.analysis.contact_quantities import VECTORS
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import (
-    JOINT_SPEED,
-    JOINT_SPEEDS,
-    ORIENTATION_ERROR,
-    POSITION_ERROR,
-)
+from eulerparams_control.analysis.quantities.contact import VECTORS
+from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR, POSITION_ERROR
+from eulerparams_control.analysis.quantities.motion import JOINT_SPEED, JOINT_SPEEDS
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.static import quantity_figure, svg, write_figures
 from eulerparams_control.analysis.static_image import plain

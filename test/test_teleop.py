@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import Twist, TwistStamped
-from in_process import Running, World, run_to_its_end
+from in_process import Running, World
 from ros_processes import values
 from sensor_msgs.msg import Joy
 
@@ -117,31 +117,6 @@ def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world):
     mouse.publish(Twist())
     world.advance(TICK)
     sent.assert_ended(world)
-
-
-def test_the_end_of_the_node_stops_the_tip(world):
-    process, sent = start(world, device="joy")
-    world.peer.publisher(Joy, "joy").publish(joy(1.0))
-    world.advance(TICK)
-    assert any(sent.last)
-    assert process.stop() == 0
-    assert sent.last == [0.0] * 6
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"device": "keyboard"}, "needs a terminal; start it with ros2 run"),
-        ({"device": "keybord"}, "did you mean 'keyboard'?"),
-        ({"axes": [1, 2]}, "axes has 2 values; expected 6"),
-        ({"linear_speed": 2.0}, "linear_speed"),
-    ],
-)
-def test_what_cannot_be_used_ends_it_with_one_line(tmp_path, parameters, words):
-    process = run_to_its_end("teleop", tmp_path, parameters)
-    assert process.exit_code == 1
-    assert words in process.stderr
-    assert len(process.stderr.splitlines()) == 1
 
 
 # --- the keyboard ----------------------------------------------------------------------------

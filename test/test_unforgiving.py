@@ -1,32 +1,29 @@
 """The simulated robot is as unforgiving as a real one, where it is told to be."""
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
+import test_drive
 from builtin_interfaces.msg import Time
 from ros_processes import values
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from test_drive import HOME, MS, UR5, at
+from test_simulator import ROTORS
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.messages.keys import MODE
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.acceleration import BRIDGED, CommandAcceleration
-from sim_bridge.bridge_parameters import BridgeParameters
-from sim_bridge.drive import IN_STOP, STOPS, Drive
+from sim_bridge.drive import IN_STOP, STOPS
 from sim_bridge.drive_modes import DriveCause, DriveMode, DrivePolicy, DriveReply, OnSilence
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.servo import wrapped
 from sim_bridge.simulator import Simulator
 
-UR5 = load_robot("ur5")
-HOME = np.array(UR5.home)
-NAMES = list(UR5.joints)
 # Its last joint turns for ever.
 TURNING = replace(
     UR5,
@@ -34,11 +31,7 @@ TURNING = replace(
                           'name="wrist_3_joint" type="continuous"'),
 )  # fmt: skip
 LIMIT = 10.0  # [rad/s^2]
-MS = 1_000_000  # ns
 DT = 1e-3  # [s] of a step
-
-# Efforts of up to 100 Nm over an inertia of down to 1e-2 kg m^2, 200 steps: 1e-16 grows so far.
-DYNAMICS = 1e-9
 # Of the motors of PyBullet, which leave 5e-8 rad/s in a step.
 MOTORS = 1e-3
 
@@ -153,18 +146,12 @@ def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
 # --- what it does then -----------------------------------------------------------------------
 
 
-class Bench:
+class Bench(test_drive.Bench):
     """A drive and a controller at each step of 1 ms."""
 
     def __init__(self, robot: Any = UR5, policy: Any = None, **parameters: Any) -> None:
-        given = {"policy": DrivePolicy(**policy or {})}
-        self.drive = Drive(Simulator(robot, SimulatorParameters(**parameters)), **given)
-        self.numbers = itertools.count(1)
-        self.step_number = 0
-
-    @property
-    def now(self) -> float:
-        return self.step_number * DT
+        usual = {"rate": 1000.0, "servo_bandwidth": SimulatorParameters.servo_bandwidth}
+        super().__init__(DrivePolicy(**policy or {}), robot, **(usual | parameters))
 
     @property
     def status(self) -> tuple[DriveMode, DriveCause]:
@@ -172,37 +159,19 @@ class Bench:
 
     @property
     def q(self) -> Any:
-        return self.drive.state.q
+        return self.state.q
 
     def send(self, **fields: Any) -> DriveReply:
-        msg = JointState(name=NAMES, **{name: list(map(float, v)) for name, v in fields.items()})
-        stamp = self.step_number * MS + MS
-        msg.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
-        return self.drive.command(msg, next(self.numbers), self.now)
+        given = {name: list(map(float, values)) for name, values in fields.items()}
+        return super().send(round(self.now * 1e9) + MS, **given)
 
-    def step(self, count: int = 1, command: Callable[[], dict[str, Any]] | None = None) -> None:
-        for _ in range(count):
-            if command is not None:
-                self.send(**command())
-            self.drive.step(self.now)
-            self.step_number += 1
+    def steps(self, count: int, command: Callable[[], dict[str, Any]] | None = None) -> None:
+        self.step(count * DT, (lambda: self.send(**command())) if command else (lambda: None))
 
 
 @pytest.fixture
-def bench() -> Iterator[Callable[..., Bench]]:
-    made: list[Bench] = []
-
-    def make(*args: Any, **keywords: Any) -> Bench:
-        made.append(Bench(*args, **keywords))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.drive.close()
-
-
-def at(q: Any) -> dict[str, Any]:
-    return {"position": q, "velocity": [0.0] * 6}
+def bench(closing: Any) -> Callable[..., Bench]:
+    return lambda *args, **keywords: closing(Bench(*args, **keywords))
 
 
 def beside(by: float, joint: int = 0) -> Any:
@@ -216,11 +185,11 @@ SUDDENLY = {"max_joint_acceleration": (LIMIT,)}
 @pytest.mark.parametrize("delay", [0, 5])
 def test_a_sudden_command_stops_the_robot_until_it_is_unlocked(bench, delay):
     it = bench(policy={**SUDDENLY, "command_delay": delay})
-    it.step(20, lambda: at(HOME))
-    it.step(1 + delay, lambda: at(beside(0.05)))
+    it.steps(20, lambda: at(HOME))
+    it.steps(1 + delay, lambda: at(beside(0.05)))
     assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
     assert "shoulder_pan_joint" in it.drive.status.violation
-    it.step(300, lambda: at(HOME))  # it is at rest for long
+    it.steps(300, lambda: at(HOME))  # it is at rest for long
     assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
     np.testing.assert_allclose(it.q, HOME, atol=1e-6)
     assert (it.drive.values[STOPS], it.drive.values[IN_STOP]) == (1, 300)
@@ -238,37 +207,37 @@ def test_a_moving_robot_is_not_unlocked(bench):
         speed = next(speeds)
         return {"position": it.q + DT * speed, "velocity": [speed] * 6}
 
-    it.step(100, faster)
-    it.step(1, lambda: at(it.q))
+    it.steps(100, faster)
+    it.steps(1, lambda: at(it.q))
     assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
     assert not it.drive.unlock(it.now)
-    it.step(100)
+    it.steps(100)
     assert it.drive.unlock(it.now)
 
 
 def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench):
     free, pushed = bench(), bench(policy=SUDDENLY, control="torque")
-    free.step(20, lambda: at(HOME))
-    free.step(1, lambda: at(beside(0.05)))
-    pushed.step(20, lambda: {"effort": [0.0] * 6})
-    pushed.step(1, lambda: {"effort": [20.0] * 6})
+    free.steps(20, lambda: at(HOME))
+    free.steps(1, lambda: at(beside(0.05)))
+    pushed.steps(20, lambda: {"effort": [0.0] * 6})
+    pushed.steps(1, lambda: {"effort": [20.0] * 6})
     assert free.status == pushed.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
 def test_of_several_commands_in_a_step_the_last_is_judged(bench):
     it = bench(policy=SUDDENLY)
-    it.step(20, lambda: at(HOME))
+    it.steps(20, lambda: at(HOME))
     it.send(**at(beside(0.05)))
-    it.step(1, lambda: at(HOME))
+    it.steps(1, lambda: at(HOME))
     assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
 def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(bench):
     it = bench(policy=SUDDENLY)
-    it.step(20, lambda: at(HOME))
-    it.step(200)
+    it.steps(20, lambda: at(HOME))
+    it.steps(200)
     assert it.status == (DriveMode.BRAKED, DriveCause.SILENCE)
-    it.step(1, lambda: at(beside(2 * LIMIT * BRIDGED**2)))
+    it.steps(1, lambda: at(beside(2 * LIMIT * BRIDGED**2)))
     assert it.status == (DriveMode.STOPPING, DriveCause.ACCELERATION)
 
 
@@ -283,9 +252,9 @@ def test_in_silence_it_can_hold_the_last_command_for_ever(bench, control):
     it = bench(policy={"on_silence": OnSilence.HOLD_LAST, "command_timeout": 0.01},
                control=control, gravity=(0.0, 0.0, 0.0), servo_bandwidth=5.0)  # fmt: skip
     it.send(**(at(beside(0.2)) if control == "position" else {"effort": [10.0, *[0.0] * 5]}))
-    it.step(60)
+    it.steps(60)
     before = it.q
-    it.step(300)
+    it.steps(300)
     assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
     assert abs(it.q[0] - before[0]) > 0.05
 
@@ -296,15 +265,15 @@ def test_in_silence_it_can_hold_the_last_command_for_ever(bench, control):
 @pytest.mark.parametrize("lag", [0.02, 0.05])
 def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
     it = bench(servo_lag=lag, servo_bandwidth=1000.0, gravity=(0.0, 0.0, 0.0))
-    it.step(round(lag / DT), lambda: at(beside(0.01)))
+    it.steps(round(lag / DT), lambda: at(beside(0.01)))
     assert it.q[0] - HOME[0] == pytest.approx(0.01 * (1 - np.exp(-1)), rel=MOTORS)
-    it.step(600, lambda: at(beside(0.01)))
+    it.steps(600, lambda: at(beside(0.01)))
     start, speed = it.now, 0.1
 
     def ramp() -> dict[str, Any]:
         return {"position": beside(0.01 + speed * (it.now + DT - start)), "velocity": [speed] * 6}
 
-    it.step(400, ramp)
+    it.steps(400, ramp)
     behind = ramp()["position"][0] - speed * DT - it.q[0]
     assert behind == pytest.approx(speed * (lag - 0.5 * DT), rel=MOTORS)
 
@@ -312,8 +281,8 @@ def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
 @pytest.mark.parametrize(("is_on", "expected"), [(True, -2.9), (False, 2 * np.pi - 2.9)])
 def test_a_joint_that_turns_is_wrapped_and_goes_the_short_way(bench, is_on, expected):
     it = bench(TURNING, wrap_continuous=is_on, gravity=(0.0, 0.0, 0.0))
-    it.step(1500, lambda: at([*HOME[:5], min(3.0, 2.0 * it.now)]))
-    it.step(1000, lambda: at([*HOME[:5], expected]))
+    it.steps(1500, lambda: at([*HOME[:5], min(3.0, 2.0 * it.now)]))
+    it.steps(1000, lambda: at([*HOME[:5], expected]))
     assert it.q[5] == pytest.approx(expected, abs=1e-3)
     assert it.drive._simulator.motion[0][5] == pytest.approx(2 * np.pi - 2.9, abs=1e-3)
 
@@ -330,57 +299,21 @@ def test_what_is_wrapped_is_in_the_half_open_interval_and_a_limited_joint_is_not
 
 def test_a_driver_without_velocities_reports_none_and_the_robot_knows_them(bench):
     it = bench(velocities=False)
-    it.step(50, lambda: at(beside(0.1)))
+    it.steps(50, lambda: at(beside(0.1)))
     assert np.isnan(it.drive.state.dq).all()
     assert not it.drive.is_standing
 
 
-ROTORS = np.array([0.5, 0.4, 0.3, 0.05, 0.04, 0.03])
-
-
-class Heavy:
-    """The arm with rotors, as Pinocchio has it."""
-
-    def __init__(self) -> None:
-        self.model = pin.buildModelFromXML(UR5.urdf)
-        self.data = self.model.createData()
-        self.model.armature = ROTORS
-        self.sensor = self.model.getFrameId(UR5.sensor_frame)
-
-    def ddq(self, q: Any, dq: Any, tau: Any, force: Any) -> Any:
-        frame = self.model.frames[self.sensor]
-        pushes = [pin.Force.Zero() for _ in range(self.model.njoints)]
-        pushes[frame.parentJoint] = frame.placement.act(pin.Force(np.array(force)))
-        return pin.aba(self.model, self.data, q, dq, tau, pushes)
-
-
-def test_rotors_are_a_part_of_the_inertia_that_efforts_and_pushes_feel():
-    sim = Simulator(UR5, SimulatorParameters(control="torque", rotor_inertia=tuple(ROTORS)))
-    heavy, q, dq = Heavy(), HOME, np.zeros(6)
-    random = np.random.default_rng(2)
-    for step in range(200):
-        tau, push = random.uniform(-20, 20, 6), random.uniform(-10, 10, 6) * (step > 100)
-        sim.command_effort(tau)
-        sim.set_external_wrench(push)
-        sim.step()
-        dq = dq + DT * heavy.ddq(q, dq, tau, push)
-        q = q + DT * dq
-    np.testing.assert_allclose(sim.motion[1], dq, atol=DYNAMICS)
-    np.testing.assert_allclose(sim.motion[0], q, atol=DYNAMICS)
-    assert np.abs(dq).max() > 0.1
-    sim.close()
-
-
 def test_a_servo_reports_the_effort_that_its_rotors_take():
     found = []
-    for rotors in ((), tuple(ROTORS)):
+    for rotors in ((), ROTORS):
         sim = Simulator(UR5, SimulatorParameters(rotor_inertia=rotors))
         for k in range(1, 50):
             sim.command_position(HOME + 0.5 * 2.0 * (k * DT) ** 2, np.full(6, 2.0 * k * DT))
             sim.step()
         found.append(sim.read().tau)
         sim.close()
-    np.testing.assert_allclose(found[1] - found[0], 2.0 * ROTORS, rtol=0.01)
+    np.testing.assert_allclose(found[1] - found[0], 2.0 * np.array(ROTORS), rtol=0.01)
 
 
 # --- in the node -----------------------------------------------------------------------------
@@ -405,13 +338,3 @@ def test_the_node_has_each_option_and_is_unlocked_by_its_service(world):
         commands.publish(msg)
         mode = values(world.peer.status("pybullet_bridge"))[MODE]
         assert mode == ("stopping" if step in (2, 3) else "obeying"), step
-
-
-def test_parameters_of_the_node_reach_the_drive_and_the_simulator():
-    p = BridgeParameters(on_silence="hold_last", max_joint_acceleration=(3.0,), servo_lag=0.1,
-                         wrap_continuous=True, velocities=False, rotor_inertia=(0.1,))  # fmt: skip
-    assert p.policy().on_silence is OnSilence.HOLD_LAST
-    assert p.policy().max_joint_acceleration == (3.0,)
-    given = p.simulator()
-    assert (given.servo_lag, given.wrap_continuous, given.velocities) == (0.1, True, False)
-    assert given.rotor_inertia == (0.1,)

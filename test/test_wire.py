@@ -133,7 +133,6 @@ class Sent(list):
 
 
 def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) -> Any:
-    """Return a command as a message."""
     q, dq, effort = ([] if each is None else each.tolist() for each in command[:3])
     if kind == "joint_state":
         msg = JointState(name=joints, position=q, velocity=dq, effort=effort)

@@ -77,8 +77,6 @@ BEYOND_A_STEP = 1.3
 
 # --- integration: steps of 1 ms unless said -------------------------------------------
 
-# E5: abs(eta - tanh(k t/2 + c)); the explicit step leaves 5e-4 at k = 10.
-CLOSED_FORM = 1e-3
 # Closed loops of gain k = 10, of the first error: the explicit step leaves k dt / (2 e) = 2e-3,
 # and the curvature of the joint motion as much again.
 CLOSED_LOOP = 5e-3
@@ -86,9 +84,10 @@ CLOSED_LOOP = 5e-3
 E7_DEG, E7_MM = 5e-3, 0.02
 # The same of any robot of the catalogue.
 ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
-# dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
-# effort is constant for a tick; the trapezium leaves dt^2 / 12 of the second derivative (4e3).
-LYAPUNOV_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
+# dV_3 over a tick against the mean of (69) at its ends, of its largest value: the trapezium leaves
+# dt^2 / 12 of the second derivative.
+V_3_SAMPLED = 5e-4
+
 # (69) by Simpson's rule over 2 steps of 2 ms [J], of about 50 J.
 ENERGY_BALANCE = 1e-7
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
@@ -104,8 +103,6 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 
 # --- contact and nodes ----------------------------------------------------------------
 
-# E19: relative error of the force with a spring.
-E19_FORCE = 1e-3
 # A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
 BY_CONTACT = 0.02
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export_table import columns
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.metrics import METRICS, measure
-from eulerparams_control.analysis.quantities import EVERYTHING
+from eulerparams_control.analysis.quantities import EVERYTHING, METRICS, measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import UnknownNameError
 

@@ -1,4 +1,4 @@
-"""What a bag says of an arm: its topics, its parameters, its robot."""
+"""The arms of a bag: their topics, parameters, robots."""
 
 import math
 from collections.abc import Mapping, Sequence

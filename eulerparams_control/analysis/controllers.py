@@ -1,4 +1,4 @@
-"""Which controllers ran, and what they were told, from the parameters in a bag."""
+"""The controllers that ran, and their settings, from the parameters in a bag."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

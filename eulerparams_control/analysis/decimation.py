@@ -34,7 +34,7 @@ def decimate(t: Array, y: Array, bins: int) -> tuple[Array, Array]:
 
 
 def _extremes(y: Array, places: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the places that stand for each row of places; its ends if nothing is finite."""
+    """Return the places that represent each row of places; its ends if nothing is finite."""
     values = y[places]
     finite = np.isfinite(values)
     lowest = np.where(finite, values, np.inf).argmin(axis=1)

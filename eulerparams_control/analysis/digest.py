@@ -161,7 +161,7 @@ class _Making:
     def add(self, part: Recording, share: float) -> None:
         """Take a part, which is a share of the whole."""
         for quantity in EVERYTHING:
-            t, y = quantity.of(part)
+            t, y = quantity.samples(part)
             self._take(quantity.name, t, y, max(2, math.ceil(BINS * share)))
         self._numbers.append(values(part))
         self._tracks.append(_track(part, max(2, math.ceil(STEPS * share))))

@@ -55,18 +55,39 @@ def drawn_robot(urdf: str, base: str, tip: str, joints: tuple[str, ...], most: i
     moving = set(tree.moving(tree.link(base), tree.link(tip)))
     if not set(joints) <= moving:
         raise RobotError(f"not between base and tip: {', '.join(sorted(set(joints) - moving))}")
-    shapes = _Shapes(mesh_folders(urdf), _materials(tree))
-    visuals = [visual for link in tree.element.findall("link") for visual in shapes.of(link)]
+    shapes = shapes_of(tree, urdf, most)
     data = {
         "base": base,
         "tip": tip,
         "links": tree.links,
-        "joints": [_joint(tree, name, joints) for name in tree.joints],
-        "visuals": visuals,
-        "meshes": _packed(shapes.meshes, most),
-        "bones": tree.chain(base, tip) if shapes.missing or not visuals else [],
+        "joints": [joint_data(tree, name, joints) for name in tree.joints],
+        "visuals": shapes.visuals,
+        "meshes": [_quantised(mesh) for mesh in shapes.meshes],
+        "bones": tree.chain(base, tip) if shapes.missing or not shapes.visuals else [],
     }
     return DrawnRobot(data, sorted(set(shapes.missing)))
+
+
+class Shapes(NamedTuple):
+    """What is seen of the links of a robot.
+
+    Attributes:
+        visuals: each with its link, its place in it, its colour, and a ``mesh`` by index or a
+            ``box``, ``sphere``, ``cylinder`` or ``capsule`` with its sizes [m].
+        meshes: that they name.
+        missing: the files of meshes that were not found, or not readable.
+    """
+
+    visuals: list[Data]
+    meshes: list[Mesh]
+    missing: list[str]
+
+
+def shapes_of(tree: UrdfTree, urdf: str, most: int) -> Shapes:
+    """Return the shapes of a robot, at most ``most`` triangles in all its meshes together."""
+    found = _Shapes(mesh_folders(urdf), _materials(tree))
+    visuals = [visual for link in tree.element.findall("link") for visual in found.of(link)]
+    return Shapes(visuals, _fewer(found.meshes, most), found.missing)
 
 
 class _Shapes:
@@ -139,7 +160,8 @@ def _rgb(material: ET.Element) -> str:
     return rgb(red, green, blue)
 
 
-def _joint(tree: UrdfTree, name: str, joints: Sequence[str]) -> Data:
+def joint_data(tree: UrdfTree, name: str, joints: Sequence[str]) -> Data:
+    """Return a joint: its links, its place, its axis, and its index among those that move."""
     element = tree.joints[name]
     axis = element.find("axis")
     direction = [1.0, 0.0, 0.0] if axis is None else _numbers(attribute(axis, "xyz"), 3)
@@ -173,11 +195,11 @@ def _numbers(text: str, count: int) -> list[float]:
     return values
 
 
-def _packed(meshes: Sequence[Mesh], most: int) -> list[Data]:
+def _fewer(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
     """Return meshes with few triangles, each in proportion to what it has."""
     total = sum(len(mesh.triangles) for mesh in meshes)
     share = min(1.0, most / max(1, total))
-    return [_quantised(simplified(m, math.ceil(share * len(m.triangles)))) for m in meshes]
+    return [simplified(m, math.ceil(share * len(m.triangles))) for m in meshes]
 
 
 def _quantised(mesh: Mesh) -> Data:

@@ -8,13 +8,13 @@ commanded motion where there is one, joint_reference, but for q and dq, which ar
 import numpy as np
 
 from eulerparams_control.analysis.quantities import EVERYTHING
-from eulerparams_control.analysis.quantity import JointQuantity, Quantity, VectorQuantity
+from eulerparams_control.analysis.quantity import Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
 
 _STATES = (("q", "rad", "m"), ("dq", "rad/s", "m/s"), ("tau", "Nm", "N"))
-_QUANTITIES = [each for each in EVERYTHING if not isinstance(each, JointQuantity)]
+_QUANTITIES = [each for each in EVERYTHING if not each.is_of_joints]
 
 
 def columns(recording: Recording) -> dict[str, Array]:
@@ -25,7 +25,7 @@ def columns(recording: Recording) -> dict[str, Array]:
         values += [*_held(measured.t, recording.effort.t, recording.effort.tau).T]
     found = dict(zip(_names_of_states(recording.robot), values, strict=False))
     for quantity in _QUANTITIES:
-        t, y = quantity.of(recording)
+        t, y = quantity.samples(recording)
         if len(t):
             held = _held(measured.t, t, y.reshape(len(t), -1))
             found |= dict(zip(_names(quantity), held.T, strict=True))
@@ -52,9 +52,7 @@ def _held(t: Array, own: Array, y: Array) -> Array:
     return held
 
 
-def _names(quantity: Quantity | VectorQuantity) -> list[str]:
+def _names(quantity: Quantity) -> list[str]:
     unit = f" [{quantity.unit}]" if quantity.unit else ""
-    if isinstance(quantity, VectorQuantity):
-        parts = [part.replace(" ", "_") for part in quantity.components]
-        return [f"{quantity.name}.{part}{unit}" for part in parts]
-    return [f"{quantity.name}{unit}"]
+    parts = [f".{part.replace(' ', '_')}" for part in quantity.components] or [""]
+    return [f"{quantity.name}{part}{unit}" for part in parts]

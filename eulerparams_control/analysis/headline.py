@@ -2,7 +2,7 @@
 
     "{peak_orientation_error.euler_angles} against {peak_orientation_error.euler_parameters}"
 
-``{metric.variant}`` stands for the metric of that variant, with its unit;
+``{metric.variant}`` is the metric of that variant, with its unit;
 ``{metric.variant/other}`` for its ratio to that of another one.  A metric that needs options
 has those of a criterion on it.
 """
@@ -13,7 +13,7 @@ from typing import Any
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import labels, number, quantity
-from eulerparams_control.analysis.metrics import get_metric, measure, quotient
+from eulerparams_control.analysis.quantities import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import UnknownNameError
 
@@ -28,7 +28,7 @@ _DESCRIBED = {
 }
 """The quantities that describe any run, with the metrics of their largest values."""
 
-_MOST_NAMED = 4  # runs; of more the largest and the smallest stand for all
+_MOST_NAMED = 4  # runs; of more the largest and the smallest are shown
 
 _NUMBER = re.compile(r"\{(\w+)\.(\w+)(?:/(\w+))?\}")
 

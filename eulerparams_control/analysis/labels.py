@@ -13,6 +13,9 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 DASHES = ("solid", "dash", "dot", "dashdot")
 """Of the lines, once the colours are used up."""
 
+PREDICTION_DASHES = ("dash", "dashdot", "dot")
+"""Of the lines that are predicted, in a page."""
+
 
 class NamedRun(Protocol):
     """A run that can be named."""

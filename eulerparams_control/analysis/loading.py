@@ -14,25 +14,28 @@ from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.decode import Rows
 from eulerparams_control.analysis.desired import DesiredFrames
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.parsing import Parsers
+from eulerparams_control.analysis.queues import (
+    LATEST,
+    NO_REFERENCES,
+    Diagnostics,
+    Queue,
+    SentReferences,
+)
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.sent_references import SentReferences
 from eulerparams_control.analysis.series import Efforts, Series
 from eulerparams_control.analysis.shaping import Departure, ShapedMotion
-from eulerparams_control.analysis.topic_buffer import LATEST, Ends, Queue
 from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.compiled import sample
-from eulerparams_control.laws.orientation import (
-    OrientationRepresentation,
-)
+from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 
-_ANSWERED = 500_000_000  # [ns] longest time by which a topic may end before another
+_ANSWERED = 500_000_000  # [ns] by which the answers to a state are in the bag
+_MOST = 10  # messages of all topics in a part, for each state that it was to have
 
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
@@ -90,12 +93,14 @@ class _Reader:
     def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
         self._bag, self._options, self._progress = bag, options, progress
         self._arm = arm = Arm(bag, options)
-        self._robot, self._topics = arm.robot, arm.topics
         controller = arm.topics.get("desired", "").rpartition("/")[0]
         self._reports = Reports(options.start, options.end, controller)
         self._rates, self._departure = np.zeros((0, 4)), Departure()
-        self._parsers = Parsers(bag, arm, self._reports)
-        self._references = SentReferences(self._parsers)
+        self._queues = {
+            name: kind(bag, arm) for name, kind in Queue.registry.items() if name in arm.topics
+        }
+        if isinstance(said := self._queues.get(Diagnostics.name), Diagnostics):
+            said.reports = self._reports
         self._desired = DesiredFrames(arm.lasting(), self._measured_pose)
         self._end_of_part = -math.inf
         self._jumped = False
@@ -107,11 +112,9 @@ class _Reader:
 
     def blocks(self, size: int) -> Iterator[Recording]:
         """Yield the parts of the run."""
-        queues = {name: Queue(parse) for name, parse in self._parsers.all().items()}
-        by_topic = {self._topics[name]: queue for name, queue in queues.items()}
-        states, ends = self._topics["joint_states"], Ends(size)
+        by_topic = {self._arm.topics[name]: queue for name, queue in self._queues.items()}
+        states, ends = self._arm.topics["joint_states"], _Ends(size)
         total = sum(self._bag.topics[topic].count for topic in by_topic)
-        self._messages = queues
         given = False
         for number, message in enumerate(self._bag.read_raw(by_topic)):
             if message.topic in by_topic:  # else its name is damaged
@@ -132,7 +135,7 @@ class _Reader:
     def _why_nothing(self) -> str:
         options = self._options
         if self._start is None:
-            joints = ", ".join(self._robot.joints)
+            joints = ", ".join(self._arm.robot.joints)
             return f"{self._bag.path}: no valid message of joint_states with the joints {joints}"
         return f"{self._bag.path}: no joint_states from {options.start:g} to {options.end:g} s"
 
@@ -141,18 +144,18 @@ class _Reader:
 
     def _end_where_the_clock_jumps(self) -> None:
         """Leave out what was sent after the stamps of joint_states jumped back."""
-        self._messages["joint_states"].settle()
-        jumped = self._messages["joint_states"].jumped
-        if jumped is None or self._jumped:
+        states = self._queues["joint_states"]
+        states.settle()
+        if (jumped := states.jumped) is None or self._jumped:
             return
         self._jumped = True
-        for queue in self._messages.values():
+        for queue in self._queues.values():
             queue.drop_after(jumped)
         self._reports.drop_after(jumped)
 
     def _part(self, count: int | None, last: bool) -> Iterator[Recording]:
         """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
-        states = self._messages["joint_states"]
+        states = self._queues["joint_states"]
         stamp = LATEST if count is None else states.nth(count)
         self._end_where_the_clock_jumps()
         stamp, last = (LATEST, True) if self._jumped else (stamp, last)
@@ -194,7 +197,7 @@ class _Reader:
 
         Where ~/desired was recorded, it is known by how much.
         """
-        if "desired" in self._topics:
+        if "desired" in self._arm.topics:
             return
         if self._reports.delayed < math.inf and self._desired.knows_trajectories:
             self._arm.warn(
@@ -230,8 +233,8 @@ class _Reader:
                 self._arm.warn(BagFlaw.INCOMPLETE, text)
 
     def _given(self) -> Iterator[tuple[str, Queue]]:
-        for name, queue in self._messages.items():
-            if name not in ("joint_states", "reference", "diagnostics"):
+        for name, queue in self._queues.items():
+            if queue.is_timed and name != "joint_states":
                 yield name, queue
 
     def _desired_at(
@@ -243,7 +246,7 @@ class _Reader:
         """
         overlap = self._last_desired
         commands = ("joint_reference", "joint_effort")
-        ticking = next((name for name in commands if name in self._messages), "")
+        ticking = next((name for name in commands if name in self._queues), "")
         ticks = taken.get(ticking) if ticking else measured
         ticks = measured.take(np.zeros(0, dtype=int)) if ticks is None else ticks
         rest = [found.stamp for found in (*taken.values(), measured) if found is not None]
@@ -251,12 +254,15 @@ class _Reader:
         if overlap is not None:
             ticks = ticks.take(ticks.stamp > overlap[0][-1])
             at = at[at > overlap[0][-1]]
-        if "reference" in self._messages:
-            self._references.add(self._messages["reference"].everything())
-        if "diagnostics" in self._messages:
-            self._messages["diagnostics"].everything()
-        frames, done = self._desired.follow(self._references.all(), ticks.stamp, ticks.sent, at)
-        self._references.forget(done)
+        said, sent = self._queues.get(Diagnostics.name), self._queues.get(SentReferences.name)
+        began: dict[int, int] = {}
+        if isinstance(said, Diagnostics):
+            said.settle()
+            began = said.began
+        references = sent.all(began) if isinstance(sent, SentReferences) else NO_REFERENCES
+        frames, done = self._desired.follow(references, ticks.stamp, ticks.sent, at)
+        if isinstance(sent, SentReferences):
+            sent.forget(done)
         own = at
         if overlap is not None:
             own = np.concatenate([overlap[0], own])
@@ -270,7 +276,7 @@ class _Reader:
         """Return the pose of the tip that was measured at a stamp, or last before."""
         index = max(0, int(np.searchsorted(self._measured.stamp, stamp, side="right")) - 1)
         q, dq = (values[index] for values in self._measured.values)
-        state = self._robot.state(q, dq)
+        state = self._arm.robot.state(q, dq)
         return DesiredFrame(state.p_e, state.R_e)
 
     def _recording(
@@ -286,22 +292,29 @@ class _Reader:
                 return None
             q, dq = found.values
             there = frames.at(own, found.stamp)
-            return Series(self._robot, self._times(found.stamp), q, dq, there)
+            return Series(self._arm.robot, self._times(found.stamp), q, dq, there)
 
         motion = series(measured)
         assert motion is not None
-        efforts, sensed = taken.get("joint_effort"), taken.get("wrench")
+        efforts = sensed = compliant = None
+        if found := taken.get("joint_effort"):
+            efforts = Efforts(self._times(found.stamp), found.values[0])
+        if found := taken.get("wrench"):
+            sensed = SensorSeries(self._times(found.stamp), *found.values)
+        if found := taken.get("compliant_frame"):
+            there = frames.at(own, found.stamp)
+            compliant = CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
         shaped = self._shaped(self._within(taken.get("desired")), own, frames)
         return Recording(
             self._bag.path,
-            self._robot,
+            self._arm.robot,
             motion,
             series(taken.get("joint_reference")),
-            Efforts(self._times(efforts.stamp), efforts.values[0]) if efforts else None,
+            efforts,
             self._arm.parameters,
             self._warnings(),
-            sensed=self._sensed(sensed),
-            compliant=self._compliant(taken.get("compliant_frame"), own, frames),
+            sensed=sensed,
+            compliant=compliant,
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             before=self._displacements if before is None else before,
@@ -321,20 +334,6 @@ class _Reader:
         shaped = ShapedMotion(self._times(found.stamp), asked, made, self._rates)
         self._departure.take(shaped)
         return shaped
-
-    def _sensed(self, found: Rows | None) -> SensorSeries | None:
-        if found is None:
-            return None
-        w, names = found.values
-        return SensorSeries(self._times(found.stamp), w, names.tolist())
-
-    def _compliant(
-        self, found: Rows | None, own: NDArray[np.int64], frames: Frames
-    ) -> CompliantMotion | None:
-        if found is None:
-            return None
-        there = frames.at(own, found.stamp)
-        return CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
 
     def _within(self, found: Rows | None) -> Rows | None:
         """Return what is within the time that is looked at; None if nothing is."""
@@ -360,7 +359,7 @@ class _Reader:
     def _warnings(self) -> tuple[BagWarning, ...]:
         """Return what is wrong with the bag, as far as it was read."""
         found = []
-        for name, queue in self._messages.items():
+        for name, queue in self._queues.items():
             if queue.invalid:
                 found.append(f"{queue.invalid} messages of {name} are not valid and left out")
             if queue.repeated:
@@ -373,6 +372,34 @@ class _Reader:
         words = self._departure.words
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
         return *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
+
+
+class _Ends:
+    """When a part is complete: its states are there, and the answers to them.
+
+    Args:
+        size: states of a part; 0 is all.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._states = self._others = self._states_at = 0
+        self._at: int | None = None
+
+    def see(self, log_time: int, is_state: bool) -> bool:
+        """Count a message; return whether the part is complete."""
+        self._states += is_state
+        self._others += not is_state
+        full = self._states >= self._size or self._others >= _MOST * self._size
+        if self._size and self._at is None and full and self._states > 1:
+            self._at, self._states_at = log_time, self._states
+        return self._at is not None and log_time > self._at + _ANSWERED
+
+    def count(self) -> int:
+        """Return the states of the part that is complete, and begin the next."""
+        self._states -= self._states_at
+        self._others, self._at = 0, None
+        return self._states_at
 
 
 def read_urdf(path: str) -> str:

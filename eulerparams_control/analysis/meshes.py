@@ -1,12 +1,12 @@
 """The meshes of a robot: where their files are, and fewer triangles for a page.
 
-All but COLLADA are read by coal, the collision library that comes with Pinocchio.
+COLLADA files (.dae) are read by pycollada, the others by coal, which comes with Pinocchio but
+leaves out colours.
 """
 
 import math
 import os
 import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.collada import read_collada
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_names
@@ -102,11 +101,8 @@ def read_meshes(path: Path) -> tuple[Mesh, ...]:
     try:
         if path.stat().st_size > _LARGEST:
             return ()
-        if path.suffix.lower() == ".dae":
-            parts = [Mesh(v, t, "" if c is None else rgb(*c)) for v, t, c in read_collada(path)]
-        else:
-            parts = [_loaded(path)]
-    except (ET.ParseError, OSError, RuntimeError, ValueError, LookupError, AttributeError):
+        parts = _coloured(path) if path.suffix.lower() == ".dae" else [_loaded(path)]
+    except (OSError, RuntimeError, ValueError, LookupError, AttributeError, TypeError):
         return ()
     return tuple(mesh for mesh in parts if len(mesh.triangles) and _is_finite(mesh))
 
@@ -114,6 +110,37 @@ def read_meshes(path: Path) -> tuple[Mesh, ...]:
 def rgb(red: float, green: float, blue: float) -> str:
     """Return a colour of three parts from 0 to 1 as #rrggbb."""
     return "#" + "".join(f"{round(255 * min(max(v, 0.0), 1.0)):02x}" for v in (red, green, blue))
+
+
+def _coloured(path: Path) -> list[Mesh]:
+    """Return the surfaces of a COLLADA file, each of one colour; ValueError if it is broken.
+
+    Units and placements count, the up axis does not: so ROS has it.
+    """
+    import collada  # takes a while, and not every robot needs it
+
+    meshes = []
+    try:
+        document = collada.Collada(str(path), ignore=[collada.common.DaeUnsupportedError])
+        scale = document.assetInfo.unitmeter or 1.0
+        found = (one for scene in document.scenes for one in scene.objects("geometry"))
+        for primitive in (part for one in found for part in one.primitives()):
+            if isinstance(primitive, collada.polylist.BoundPolylist):
+                primitive = primitive.triangleset()
+            if isinstance(primitive, collada.triangleset.BoundTriangleSet) and len(primitive):
+                used, renumbered = np.unique(primitive.vertex_index, return_inverse=True)
+                colour = getattr(getattr(primitive.material, "effect", None), "diffuse", None)
+                stated = rgb(*map(_lit, colour[:3])) if isinstance(colour, tuple) else ""
+                vertices = scale * primitive.vertex[used].astype(float)
+                meshes.append(Mesh(vertices, renumbered.reshape(-1, 3), stated))
+    except (collada.common.DaeError, SyntaxError) as error:  # SyntaxError: it is no XML
+        raise ValueError(f"{path} is broken: {error}") from error
+    return meshes
+
+
+def _lit(value: float) -> float:
+    """Return a part of a colour as screens have it: files state how much light is reflected."""
+    return float(np.clip(value, 0.0, 1.0) ** (1 / 2.2))
 
 
 def _loaded(path: Path) -> Mesh:

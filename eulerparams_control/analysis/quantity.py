@@ -4,14 +4,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
 
+XYZ = ("x", "y", "z")
+"""The components of a vector."""
+
+JOINTS = ("each joint",)
+"""In place of components: one for each joint of the arm."""
+
 
 @dataclass(frozen=True)
-class Curves:
-    """What all quantities over time have.
+class Quantity:
+    """A quantity of a run over time: values (N,), or (N, m) of components or joints.
 
     Attributes:
         name: by which an experiment can name it.
@@ -20,7 +29,11 @@ class Curves:
         caption: what it means, and the equation it belongs to.
         unit: for single values.
         floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
-        of: returns instants (N,) [s] and values; both empty if nothing was recorded.
+        of: returns instants (N,) [s] and values; raises BagError if it was not recorded.
+        limits: returns (n,) limits of the URDF to draw; None has none.
+        components: the names of the m components, or ``JOINTS``; () is one line.
+        group: its heading in the page.
+        logarithmic: whether the axis is logarithmic in any case.
     """
 
     name: str
@@ -30,50 +43,27 @@ class Curves:
     unit: str
     floor: float
     of: Callable[[Recording], tuple[Array, Array]]
-
-
-@dataclass(frozen=True)
-class Quantity(Curves):
-    """A quantity of a run over time, values (N,).
-
-    Attributes:
-        limits: returns (n,) limits of the URDF to draw; None has none.
-        logarithmic: whether the axis is logarithmic in any case.
-        group: its heading in the page.
-    """
-
     limits: Callable[[Robot], Array] | None = None
-    logarithmic: bool = False
+    components: tuple[str, ...] = ()
     group: str = "Over time"
+    logarithmic: bool = False
 
+    @property
+    def is_of_joints(self) -> bool:
+        """Whether its components are joints."""
+        return self.components is JOINTS
 
-@dataclass(frozen=True)
-class JointQuantity(Curves):
-    """A quantity of each joint over time, values (N, n).
+    @property
+    def is_vector(self) -> bool:
+        """Whether its components are others."""
+        return bool(self.components) and not self.is_of_joints
 
-    Attributes:
-        limits: returns (n,) limits of the URDF to draw.
-        group: its heading in the page.
-    """
-
-    limits: Callable[[Robot], Array]
-    group: str = "Each joint"
-
-
-@dataclass(frozen=True)
-class VectorQuantity(Curves):
-    """The components of a quantity over time, values (N, m).
-
-    Attributes:
-        components: the names of the m components.
-        group: its heading in the page.
-    """
-
-    components: tuple[str, ...] = ("x", "y", "z")
-    group: str = "Components"
-
-
-type AnyQuantity = Quantity | VectorQuantity | JointQuantity
+    def samples(self, recording: Recording) -> tuple[Array, Array]:
+        """Return instants (N,) [s] and values; both empty if it was not recorded."""
+        try:
+            return self.of(recording)
+        except BagError:
+            return np.zeros(0), np.zeros(0)
 
 
 class Prediction(NamedTuple):

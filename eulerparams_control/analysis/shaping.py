@@ -1,4 +1,4 @@
-"""What a controller made of the references: ``~/desired`` against what was asked."""
+"""The shaped motion: ``~/desired`` against the references."""
 
 from dataclasses import dataclass, field
 

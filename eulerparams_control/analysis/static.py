@@ -1,44 +1,30 @@
-"""Static figures for papers: one column wide, each quantity its own file.
+"""Static figures for papers: one column wide, drawn with matplotlib.
 
 digests = [Digest.of(load(bag)) for bag in bags]
 write_figures("figures", digests, formats=("pdf",))
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, LogFormatterSciNotation, NullLocator
 
+from eulerparams_control.analysis.charts import Chart, Line, panel
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.grids import joint_titles
-from eulerparams_control.analysis.labels import labels, sequences
-from eulerparams_control.analysis.plots import limits_of
+from eulerparams_control.analysis.labels import line, sequences
 from eulerparams_control.analysis.quantities import EVERYTHING
-from eulerparams_control.analysis.quantity import (
-    AnyQuantity,
-    JointQuantity,
-    Prediction,
-    VectorQuantity,
-)
-from eulerparams_control.analysis.static_axes import (
-    LIMIT,
-    POLE,
-    SINGULAR,
-    column,
-    draw,
-    draw_limits,
-    look,
-    predict,
-    predicted_look,
-    scales,
-    shade,
-)
+from eulerparams_control.analysis.quantity import Prediction, Quantity
+from eulerparams_control.analysis.scale import Scale
 from eulerparams_control.analysis.static_image import (
     FORMATS,
     STYLE,
@@ -51,16 +37,28 @@ from eulerparams_control.analysis.static_image import (
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.laws.rotations import Array
 
-__all__ = ["quantity_figure", "svg", "write_figures"]
+__all__ = ["chart_figure", "quantity_figure", "svg", "write_figures"]
 
 _ROW = 0.145  # [in] of a line of the legend
+_SHORT = 28  # characters of a name in a legend of two columns
+_POINTS = 0.5  # of print for a pixel of the screen
+_WIDE = 2.2  # of a line over a parameter
+_MARKERS = "osD^vP"
+_DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
+_PREDICTED_DASHES = ((4, 2), (4, 1.5, 1, 1.5), (2, 1.5), (10, 2))
+_DOTTED: dict[str, Any] = {"color": "0.45", "linestyle": (0, (1, 1.5)), "linewidth": 0.8}
+_POLE: dict[str, Any] = {"facecolor": "#cc79a7", "alpha": 0.25, "linewidth": 0, "zorder": 0}
+_SINGULAR: dict[str, Any] = {  # hatched: it shows on the other and in grey
+    **{"facecolor": "none", "edgecolor": "0.65", "hatch": "//////", "linewidth": 0, "zorder": 0}
+}
+
+type _Keys = dict[str, Line2D | Patch]
 
 
 def write_figures(
     folder: str | Path,
     digests: Sequence[Digest],
     formats: Sequence[str] = ("svg", "png"),
-    predictions: Sequence[Prediction] = (),
 ) -> list[Path]:
     """Write one file a format for each quantity that some run has; return them.
 
@@ -68,7 +66,6 @@ def write_figures(
         folder: made if it does not exist.
         digests: of the runs, laid over each other.
         formats: of "svg", "png" and "pdf".
-        predictions: drawn with the quantities that they belong to.
 
     Raises:
         UnknownNameError: for another format.
@@ -80,15 +77,19 @@ def write_figures(
     written = []
     for quantity in EVERYTHING:
         if any(quantity.name in digest.curves for digest in digests):
-            figure = quantity_figure(digests, quantity, predictions)
+            figure = quantity_figure(digests, quantity)
             for name in formats:
                 written.append(Path(folder) / f"{quantity.name}.{name}")
                 write(written[-1], image(figure, name))
     return written
 
 
+@mpl.rc_context(STYLE)
 def quantity_figure(
-    digests: Sequence[Digest], quantity: AnyQuantity, predictions: Sequence[Prediction] = ()
+    digests: Sequence[Digest],
+    quantity: Quantity,
+    predictions: Sequence[Prediction] = (),
+    bounds: Sequence[float] = (),
 ) -> Figure:
     """Return a quantity of all runs over time; vectors and joints as stacked axes.
 
@@ -96,45 +97,46 @@ def quantity_figure(
         digests: of the runs.
         quantity: which.
         predictions: those of other quantities are left out.
+        bounds: of criteria, drawn dotted where they are on the axis.
 
     Raises:
         ConfigurationError: no run has the quantity.
     """
-    theory = [prediction for prediction in predictions if prediction.quantity == quantity.name]
-    columns = _columns(digests, quantity, theory)
-    if not columns:
+    drawn = panel(quantity, digests, predictions)
+    if drawn is None:
         raise ConfigurationError(f"no run has recorded {quantity.name}: there is nothing to draw")
-    with mpl.rc_context(STYLE):
-        figure, axes = _figure(len(columns), isinstance(quantity, JointQuantity))
-        limited = _draw(axes, digests, quantity, theory, columns)
-        axes[0].set_xlim(min(d.start for d in digests), max(d.end for d in digests))
-        _name_axes(figure, axes, quantity, digests)
-        _add_legend(figure, _legend(digests, theory, limited))
-    return figure
+    texts = [prediction.text for prediction in drawn.predictions]
+    charts = [replace(chart, lines=tuple(_named(chart, texts))) for chart in drawn.charts]
+    figure, axes = _figure(len(charts), quantity.is_of_joints)
+    keys: _Keys = {}
+    for one, chart in zip(axes, charts, strict=True):
+        keys |= _draw(one, chart)
+        low, high = one.get_ylim()
+        for bound in bounds:
+            if low < bound < high:
+                one.axhline(bound, **_DOTTED)
+    if any(chart.near_pole for chart in charts):
+        keys[f"near the pole of {sequences(digests)}"] = Patch(**_POLE)
+    if any(chart.near_singular for chart in charts):
+        keys["near a kinematic singularity"] = Patch(**_SINGULAR)
+    return _finished(figure, charts, axes, keys)
 
 
-def _draw(
-    axes: Sequence[Axes],
-    digests: Sequence[Digest],
-    quantity: AnyQuantity,
-    theory: Sequence[Prediction],
-    columns: Sequence[Sequence[Array]],
-) -> bool:
-    """Draw each component into its axes; return whether a limit of the URDF is among it."""
-    limits = _limits(quantity, digests)
-    limited = False
-    for i, (one, shown) in enumerate(zip(axes, scales(quantity, columns, limits), strict=True)):
-        shown.apply(one)
-        shade(one, digests)
-        draw(one, digests, quantity.name, i, shown)
-        predict(one, theory, i, shown)
-        own = [x[i : i + 1] for x in limits] if isinstance(quantity, JointQuantity) else limits
-        limited |= draw_limits(one, own, shown)
-    return limited
+@mpl.rc_context(STYLE)
+def chart_figure(chart: Chart) -> Figure:
+    """Return a chart over a parameter."""
+    figure, axes = _figure(1, False)
+    return _finished(figure, [chart], axes, _draw(axes[0], chart))
+
+
+def _named(chart: Chart, texts: Sequence[str]) -> Iterator[Line]:
+    """Yield the lines of a chart, those that are predicted with their equations."""
+    for index, one in chart.indexed():
+        yield replace(one, label=texts[index]) if one.kind == "predicted" else one
 
 
 def _figure(components: int, wide: bool) -> tuple[Figure, list[Axes]]:
-    """Return a figure with axes that share time: one above the other, joints in two columns."""
+    """Return a figure with axes that share x: one above the other, joints in two columns."""
     columns = 2 if wide and components > 3 else 1
     rows = math.ceil(components / columns)
     height = 1.9 if components == 1 else 0.35 + 0.9 * rows
@@ -148,73 +150,101 @@ def _figure(components: int, wide: bool) -> tuple[Figure, list[Axes]]:
     return figure, list(grid.flat[:components])
 
 
-def _name_axes(
-    figure: Figure, axes: Sequence[Axes], quantity: AnyQuantity, digests: Sequence[Digest]
-) -> None:
-    label = quantity.label.format(sequence=sequences(digests))
-    if len(axes) == 1:
-        axes[0].set_ylabel(label, parse_math=False)
-        axes[0].set_xlabel("time [s]")
-        return
-    figure.supylabel(label, fontsize=8, parse_math=False)
-    figure.supxlabel("time [s]", fontsize=8)
-    names: Sequence[str] = joint_titles(digests)
-    if isinstance(quantity, VectorQuantity):
-        names = quantity.components
-    for one, name in zip(axes, names, strict=False):
-        one.set_title(plain(name, 30), loc="left", fontsize=7, pad=2, parse_math=False)
-
-
-def _columns(
-    digests: Sequence[Digest], quantity: AnyQuantity, predictions: Sequence[Prediction]
-) -> list[list[Array]]:
-    """Return what the axis of each component has to show."""
-    curves = [digest.curves.get(quantity.name, ()) for digest in digests]
-    columns = []
-    for i in range(max(map(len, curves), default=0)):
-        theory = [column(prediction, i) for prediction in predictions]
-        columns.append(
-            [run[i].y for run in curves if i < len(run)] + [y for y in theory if y is not None]
-        )
-    return columns
-
-
-def _limits(quantity: AnyQuantity, digests: Sequence[Digest]) -> list[Array]:
-    """Return the (n,) limits of the robots whose runs have the quantity."""
-    if isinstance(quantity, VectorQuantity) or quantity.limits is None:
-        return []
-    runs = [index for index, digest in enumerate(digests) if quantity.name in digest.curves]
-    return limits_of(quantity.limits, digests, runs)
-
-
-def _legend(
-    digests: Sequence[Digest], predictions: Sequence[Prediction], limits: bool
-) -> list[tuple[Line2D | Patch, str]]:
-    """Return the keys and their texts, for what is there to tell apart."""
-    runs = enumerate(labels(digests))
-    keys: list[tuple[Line2D | Patch, str]] = [
-        (Line2D([], [], **look(index, len(digests))), name) for index, name in runs
-    ]
-    for index, prediction in enumerate(predictions):
-        keys.append((Line2D([], [], **predicted_look(index)), prediction.text))
-    if limits:
-        keys.append((Line2D([], [], **LIMIT), "limit of the URDF"))
-    if any(digest.near_pole for digest in digests):
-        keys.append((Patch(**POLE), f"near the pole of {sequences(digests)}"))
-    if any(digest.near_singular for digest in digests):
-        keys.append((Patch(**SINGULAR), "near a kinematic singularity"))
+def _draw(axes: Axes, chart: Chart) -> _Keys:
+    """Draw a chart into its axes; return the keys of its lines by their labels."""
+    for spans, look in ((chart.near_singular, _SINGULAR), (chart.near_pole, _POLE)):
+        for start, end in spans:
+            axes.axvspan(start, end, **look)
+    keys: _Keys = {}
+    for index, one in chart.indexed():
+        x, y = one.xy
+        look = _look(one, index, chart.runs)
+        axes.plot(x, y if chart.scale is None else _clipped(y, chart.scale), **look)
+        if one.label:
+            keys.setdefault(one.label, Line2D([], [], **look))
+    if chart.scale is None:
+        _fit(axes, chart)
+    else:
+        _apply(axes, chart.scale)
+        on_it = [limit for limit in chart.limits if chart.scale.low < limit < chart.scale.high]
+        for limit in on_it:
+            axes.axhline(limit, **_DOTTED)
+        keys |= {"limit of the URDF": Line2D([], [], **_DOTTED)} if on_it else {}
+    if chart.span is not None:
+        axes.set_xlim(*chart.span)
     return keys
 
 
-def _add_legend(figure: Figure, keys: Sequence[tuple[Line2D | Patch, str]]) -> None:
-    """Put the legend above the axes, outside the curves; the figure grows by its lines."""
-    texts = [plain(text) for _, text in keys]
-    columns = 2 if max(map(len, texts)) <= 26 else 1
+def _look(one: Line, index: int, runs: int) -> dict[str, Any]:
+    if one.kind == "bound":
+        return _DOTTED
+    if one.kind == "predicted":
+        dashes = (0, _PREDICTED_DASHES[index % len(_PREDICTED_DASHES)])
+        return {"color": "black", "linestyle": dashes, "linewidth": 0.8, "zorder": 4}
+    screen = line(index, runs or index + 1)
+    look: dict[str, Any] = {"color": screen["color"], "linestyle": "none"}
+    if not one.markers:
+        dash = _DASHES[str(screen["dash"])]
+        width = _POINTS * float(screen["width"]) if runs else _WIDE  # shows beneath a prediction
+        return look | {"linestyle": dash, "linewidth": width}
+    if one.kind == "point":
+        return look | {"marker": "D", "markersize": 3}
+    hollow = {"markersize": 5, "markerfacecolor": "none", "markeredgewidth": 1.2}
+    return look | {"marker": _MARKERS[index % len(_MARKERS)], **hollow}  # what lies beneath shows
+
+
+def _clipped(y: Array, scale: Scale) -> Array:
+    """Return values moved to just outside the axis where they are far: 1e25 cannot be drawn."""
+    far = scale.high - scale.low
+    if scale.logarithmic:
+        return np.clip(y, scale.low / 10, 10 * scale.high)
+    return np.clip(y, scale.low - far, scale.high + far)
+
+
+def _apply(axes: Axes, scale: Scale) -> None:
+    """Give axes this scale of values."""
+    if scale.logarithmic:
+        axes.set_yscale("log")
+        decades = np.arange(np.ceil(np.log10(scale.low)), np.floor(np.log10(scale.high)) + 1)
+        shown = decades[decades % scale.step == 0]
+        axes.yaxis.set_major_locator(FixedLocator((10.0**shown).tolist()))
+        axes.yaxis.set_major_formatter(LogFormatterSciNotation())
+        axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(scale.low, scale.high)
+
+
+def _fit(axes: Axes, chart: Chart) -> None:
+    """Let axes show all lines of a chart without a scale."""
+    axes.margins(y=0.1)
+    if "x" in chart.log:
+        axes.set_xscale("log")
+    if "y" in chart.log:
+        axes.set_yscale("log")
+    elif all((one.xy[1] >= 0).all() for one in chart.lines):
+        axes.set_ylim(bottom=0.0)
+    if chart.ticks:
+        axes.set_xticks(range(len(chart.ticks)), chart.ticks)
+        axes.tick_params("x", labelrotation=90 if len(chart.ticks) > 6 else 0)
+        axes.set_xlim(-0.5, len(chart.ticks) - 0.5)
+
+
+def _finished(figure: Figure, charts: Sequence[Chart], axes: Sequence[Axes], keys: _Keys) -> Figure:
+    """Return a figure with its names, and the legend above the axes: it grows by its lines."""
+    if len(axes) == 1:
+        axes[0].set_xlabel(charts[0].xlabel, parse_math=False)
+        axes[0].set_ylabel(charts[0].ylabel, parse_math=False)
+    else:
+        figure.supxlabel(charts[0].xlabel, fontsize=8)
+        figure.supylabel(charts[0].ylabel, fontsize=8, parse_math=False)
+        for one, chart in zip(axes, charts, strict=True):
+            name = plain(chart.title, 30)
+            one.set_title(name, loc="left", fontsize=7, pad=2, parse_math=False)
+    texts = list(map(plain, keys))
+    columns = 2 if max(map(len, texts)) <= _SHORT else 1
     width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + _ROW * math.ceil(len(texts) / columns))
-    handles = [handle for handle, _ in keys]
-    legend = figure.legend(
-        handles, texts, loc="outside upper center", ncols=columns, handlelength=2.2, borderpad=0.1
-    )
+    look = {"ncols": columns, "handlelength": 2.2, "borderpad": 0.1}
+    legend = figure.legend([*keys.values()], texts, loc="outside upper center", **look)
     for text in legend.get_texts():
         text.set_parse_math(False)
+    return figure

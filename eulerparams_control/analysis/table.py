@@ -9,8 +9,7 @@ from rich.text import Text
 
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.labels import labels, number, sequences
-from eulerparams_control.analysis.metrics import get_metric
-from eulerparams_control.analysis.table_numbers import NUMBERS, TableNumber
+from eulerparams_control.analysis.quantities import NUMBERS, TableNumber, get_metric
 
 MISSING = "-"
 """Where a number was not recorded."""

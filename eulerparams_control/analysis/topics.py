@@ -2,20 +2,12 @@
 
 from collections.abc import Mapping
 
+from eulerparams_control.analysis.queues import Queue
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, UnknownNameError
 
-TYPES = {
-    "joint_states": "sensor_msgs/msg/JointState",
-    "joint_reference": "sensor_msgs/msg/JointState",
-    "joint_effort": "sensor_msgs/msg/JointState",
-    "reference": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    "desired": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    "compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    "wrench": "geometry_msgs/msg/WrenchStamped",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "robot_description": "std_msgs/msg/String",
-}
+TYPES = {name: kind.type for name, kind in Queue.registry.items()}
+TYPES["robot_description"] = "std_msgs/msg/String"
 """Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms

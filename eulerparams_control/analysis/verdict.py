@@ -8,6 +8,8 @@ from typing import Any
 
 from eulerparams_control.analysis.labels import quantity
 
+_FEW = 3  # runs that are named each, even if they are the same
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -77,6 +79,17 @@ class VerdictGroup:
         if least == most:
             return least
         return f"{least.removesuffix(self.first.unit).strip()} to {most}"
+
+    @property
+    def in_short(self) -> tuple[Verdict, ...]:
+        """The verdicts to show: the first alone if it is the same for many."""
+        are_same = len({(shown(verdict), verdict.met) for verdict in self.verdicts}) == 1
+        return self.verdicts[:1] if are_same and len(self.verdicts) > _FEW else self.verdicts
+
+    @property
+    def bound(self) -> str:
+        """What is asked for, with its unit."""
+        return f"{self.first.bound} {self.first.unit}".rstrip()
 
 
 def groups(verdicts: Sequence[Verdict]) -> list[VerdictGroup]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.series import Series
@@ -22,12 +23,12 @@ class SensorSeries(NamedTuple):
     Attributes:
         t: (N,) [s] from the beginning of the recording.
         w: (N, 6) [N, Nm] as it came, in the frame of the same index and about its origin.
-        frames: N names of links.
+        frames: (N,) names of links.
     """
 
     t: Array
     w: Array
-    frames: list[str]
+    frames: NDArray[Any]
 
 
 class Wrenches(NamedTuple):
@@ -77,8 +78,8 @@ def at_the_tip(
         options = told.wrench_options(measured.robot)
     w = options.sign * sensed.w - np.array(options.bias)
     f_t, mu_t = np.empty((2, len(w), 3))
-    for name in dict.fromkeys(sensed.frames):
-        here = np.array([frame == name for frame in sensed.frames])
+    for name in dict.fromkeys(sensed.frames.tolist()):
+        here = sensed.frames == name
         f_t[here], mu_t[here] = _shifted(w[here], _sensor(measured.robot, name))
     before = np.maximum(np.searchsorted(measured.t, sensed.t, side="right") - 1, 0)
     R_e = measured.R_e[before]

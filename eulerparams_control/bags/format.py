@@ -78,13 +78,8 @@ _Loader.yaml_constructors = {
 }
 
 
-def load_plain(text: str) -> Any:
-    """Return the only document of a YAML text: mappings, lists, text, numbers, true, false, null.
-
-    Raises:
-        ValueError: if it is too long, or stands for too much or for itself.
-        Exception: of any type, if it is no YAML, or has other tags.
-    """
+def _plain(text: str) -> Any:
+    """Return the only document of a YAML text; raises any error if it is none, or too large."""
     if len(text) > _LONGEST:
         raise ValueError(f"{len(text)} characters; expected at most {_LONGEST}")
     loader = _Loader(text)
@@ -276,7 +271,7 @@ def load_yaml(text: str, source: str) -> Any:
         BagError: if it is no YAML; names ``source``.
     """
     try:
-        return load_plain(text)
+        return _plain(text)
     except Exception as error:  # PyYAML leaks a dozen types on odd tags and deep nesting
         reason = " ".join(str(error).split())
         raise BagError(f"{source} is not valid YAML: {reason[:_LONGEST_REASON]}") from error

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from eulerparams_control.bags.columns import check, check_schema
@@ -66,7 +66,7 @@ class Bag:
         self.path = Path(path)
         self._files = [survey(file) for file in bag_files(self.path)]
         self._flaws: dict[BagWarning, None] = {}  # an ordered set
-        self._decoders: dict[str, Any] = {}
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
         for file in self._files:
             if file.scan is not None:
                 self._note(file.scan)
@@ -122,10 +122,7 @@ class Bag:
         Raises:
             BagError: if a topic is not in the bag.
         """
-        return (
-            RawMessage(scan.channels[message.channel_id].topic, *_times(message), message.data)
-            for scan, message in self._scan(self._chosen(topics))
-        )
+        return self._scan(self._chosen(topics))
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[DecodedMessage]:
         """Return the decoded messages in the order of recording, one at a time.
@@ -137,7 +134,7 @@ class Bag:
             BagError: if a topic is not in the bag; while iterating, if a message cannot
                 be decoded.
         """
-        return self._decoded(self._chosen(topics))
+        return (DecodedMessage(*raw[:3], self.decode(raw)) for raw in self.read_raw(topics))
 
     def schema(self, topic: str) -> Schema:
         """Return the definition of the type of a topic.
@@ -160,15 +157,39 @@ class Bag:
         """
         try:
             if message.topic not in self._decoders:
-                self._decoders[message.topic] = _decode_with("cdr", self.schema(message.topic))
-            decode = self._decoders[message.topic]
-            return decode(message.data) if decode else None
+                self._decoders[message.topic] = self._decoder(message.topic)
+            return self._decoders[message.topic](message.data)
         except BagError:
             raise
         except Exception as error:  # the decoder leaks any type
             raise BagError(
-                f"{self.path}: a message of {message.topic} cannot be decoded: {error}"
+                f"{self.path}: a message of {message.topic} at {message.log_time} ns cannot be "
+                f"decoded ({type(error).__name__}: {error}); read the other topics, or read_raw"
             ) from error
+
+    def _decoder(self, topic: str) -> Callable[[bytes], Any]:
+        """Return what decodes the messages of a topic.
+
+        The decoder of the library reads on behind the end of a message, for as long as its numbers
+        say, so the message is checked before.
+        """
+        schema = self.schema(topic)
+        formats = {file.contents.topics[topic].serialization_format
+                   for file in self._files if topic in file.contents.topics}  # fmt: skip
+        if (formats, schema.encoding) != ({"cdr"}, "ros2msg"):
+            raise BagError(
+                f"{self.path}: {topic} is encoded as {', '.join(sorted(formats))} with a schema of "
+                f"{schema.encoding}; only cdr with ros2msg can be decoded"
+            )
+        check_schema(schema)
+        decoder = DecoderFactory().decoder_for("cdr", schema)
+        assert decoder is not None
+
+        def decode(data: bytes) -> Any:
+            check(schema, data)
+            return decoder(data)
+
+        return decode
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of the recorded nodes, as ``ros2 param dump`` shows them.
@@ -217,8 +238,7 @@ class Bag:
             )
         return chosen
 
-    def _scan(self, topics: set[str]) -> Iterator[tuple[Scan, Message]]:
-        """Yield the messages of ``topics``, each with the scan that found it."""
+    def _scan(self, topics: set[str]) -> Iterator[RawMessage]:
         for file in self._files:
             scan = file.rescan()
             wanted = {number for number, c in scan.channels.items() if c.topic in topics}
@@ -229,28 +249,11 @@ class Bag:
                         wanted.add(record.id)
                 elif record.channel_id in wanted:
                     missing -= 1
-                    yield scan, record
+                    topic = scan.channels[record.channel_id].topic
+                    yield RawMessage(topic, record.log_time, record.publish_time, record.data)
             if missing:
                 scan.damage.append(f"{missing} messages")
             self._note(scan)
-
-    def _decoded(self, topics: set[str]) -> Iterator[DecodedMessage]:
-        decoders: dict[tuple[Path, int], Callable[[bytes], Any]] = {}
-        for scan, message in self._scan(topics):
-            key = (scan.path, message.channel_id)
-            topic = scan.channels[message.channel_id].topic
-            try:
-                if key not in decoders:
-                    decoders[key] = _decoder(scan, message.channel_id)
-                decoded = decoders[key](message.data)
-            except BagError:
-                raise
-            except Exception as error:  # the decoder leaks any type
-                raise BagError(
-                    f"{scan.path}: a message of {topic} at {message.log_time} ns cannot be "
-                    f"decoded ({type(error).__name__}: {error}); read the other topics, or read_raw"
-                ) from error
-            yield DecodedMessage(topic, *_times(message), decoded)
 
     def _note(self, scan: Scan) -> None:
         """Remember what a pass over a file could not read."""
@@ -262,43 +265,8 @@ class Bag:
             self._flaws[BagWarning(BagFlaw.UNFINISHED, text)] = None
 
 
-def _times(message: Message) -> tuple[int, int]:
-    return message.log_time, message.publish_time
-
-
 def _is_description(name: str, info: TopicInfo) -> bool:
     return name.rpartition("/")[2] == _DESCRIPTION and info.type == "std_msgs/msg/String"
-
-
-def _decoder(scan: Scan, number: int) -> Callable[[bytes], Any]:
-    channel = scan.channels[number]
-    schema: Schema | None = scan.schemas.get(channel.schema_id)
-    decoder = _decode_with(channel.message_encoding, schema)
-    if decoder is None:
-        raise BagError(
-            f"{scan.path}: {channel.topic} is encoded as {channel.message_encoding} with a schema "
-            f"of {schema.encoding if schema else 'none'}; only cdr with ros2msg can be decoded"
-        )
-    return decoder
-
-
-def _decode_with(encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
-    """Return what decodes the messages of a type; None for types that are described otherwise.
-
-    The decoder of the library reads on behind the end of a message, for as long as its numbers
-    say, so the message is checked before.
-    """
-    if schema is None or (encoding, schema.encoding) != ("cdr", "ros2msg"):
-        return None
-    check_schema(schema)
-    decoder = DecoderFactory().decoder_for(encoding, schema)
-    assert decoder is not None
-
-    def decode(data: bytes) -> Any:
-        check(schema, data)
-        return decoder(data)
-
-    return decode
 
 
 def bag_files(path: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Which measured states are believed, and what they say of the time between them."""
+"""Admission of measured states, and the time between them."""
 
 from collections import deque
 from enum import Enum, auto
@@ -18,10 +18,10 @@ from eulerparams_control.robot.robot import Robot
 # A speed that is this many times its limit is measured wrongly.
 _MOST_SPEED = 3.0
 
-# States that contradict so many others within this time [s] are those of two robots.
+# Number of contradicting states, within this time [s], that are those of two robots.
 _CONFLICTS, _CONTEST = 3, 1.0
 
-# So many stamps in a row that are behind, but rise, are those of a clock that was set back.
+# Number of stamps in a row that are behind, but rise: those of a clock that was set back.
 _SET_BACK = 3
 
 # The loop of a gain may turn by so much within a period: beyond the first it is not stable, but
@@ -29,7 +29,7 @@ _SET_BACK = 3
 # may be this part of the timeout of silence.  A verdict is left at this part of its bound.
 _MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 
-# No law integrates over more than so many usual periods at once.
+# The longest step that a law integrates over [usual periods].
 _LONGEST_STEP = 3.0
 
 
@@ -91,8 +91,9 @@ class Rate(Enum):
 class RateCheck:
     """Whether the states come often enough for the gains, and for the timeout of silence.
 
-    A loop of the rate k bears steps dt of k dt < 1; below 0.5 it does what it would in continuous
-    time.  A verdict is left only when it is clear of its bound, so that jitter does not toggle it.
+    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
+    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
+    toggle it.
 
     Args:
         period: of the states.

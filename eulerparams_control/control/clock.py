@@ -22,12 +22,12 @@ _LONGEST_LOSS, _LONGEST_PERIOD = 0.5, 10.0
 # Two clocks may drift apart by this [s/s], a slewed one included.
 _DRIFT = 1.5e-3
 
-# States that have come late for so long [s], without a pause of so long [s], are taken to be no
-# later from then on: the clock of the robot was set, or the network is slower now.
+# States that have come late for the first time [s], without a pause of the second time [s], are the
+# new normal: the clock of the robot was set, or the network is slower now.
 _PATIENCE, _PAUSE = 1.0, 0.2
 
-# Efforts bear no delay: for them it has to be for so long [s], and the same within so much [s],
-# as that of a clock is and that of a network which is overloaded is not.
+# Efforts tolerate no delay: for them the lateness has to last for the first time [s], and to be
+# constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
 
 _now: Callable[[], float] = time.monotonic
@@ -172,7 +172,7 @@ class Latency:
         Args:
             t: stamp [ns].
             now: when it came, steady clock [s].
-            patient: whether the arm bears states that stay late.
+            patient: whether states that stay late are accepted in the end.
         """
         behind = now - t / 1e9
         if self._least is None:

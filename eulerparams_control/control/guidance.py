@@ -1,4 +1,4 @@
-"""The law on its motion: what a reference becomes, at the rate of time that the arm bears."""
+"""The law on its motion: what a reference becomes, at the rate of time that the arm can follow."""
 
 import math
 
@@ -43,7 +43,7 @@ class Guidance:
         scheme: the control scheme.
         motion: what it follows, or the frame that it holds.
         scale: the rate of time of the motion.
-        pace: how fast the arm bears it.
+        pace: how fast the arm can follow it.
         is_braking: whether it brakes along its path, to hold what it comes to.
         tick_now: the last tick of the scheme; None before the first.
         of_law: the same; None until the law in force has made one.

@@ -1,4 +1,4 @@
-"""What the numbers of a state say, in one compiled call; the words for it are said elsewhere.
+"""Checks of the numbers of a state, in one compiled call; the words for them are elsewhere.
 
 A state is a table of n columns, of which the rows are named below.  What is asked of it is a bit
 of the code that :func:`code_of` returns.
@@ -21,18 +21,18 @@ FASTEST, ENDLESS, TURNING = range(3)
 SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(9))
 """Codes: the state is the last one, or has its stamp; a joint, whose number is above all codes, is
 too fast, or too far from the last state; the arm is another one; positions stay although it moves;
-it runs away, or would if it were to stand; positions are turns from what came."""
+it runs away, or would if it were to be at rest; positions are turns from what came."""
 JOINT = 9
 
 AT_REST = 0.01
 """Slower than this [rad/s or m/s] a joint is at rest."""
 
-# A measured position may be this far [rad or m] from where the last one could have led: further,
-# it is the measurement that is wrong.
+# Largest distance [rad or m] of a measured position from where the last one could have led: beyond
+# it the measurement is wrong.
 _MOST_ASTRAY = 0.1
 
-# Measured positions that stay the same to the bit, while the measured speeds would have led this
-# far [rad or m] away, are not measured any more.
+# Measured positions are stuck if they stay the same to the bit while the measured speeds would have
+# led this distance [rad or m] away.
 _FROZEN = 0.01
 
 # After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a

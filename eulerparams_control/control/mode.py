@@ -148,20 +148,25 @@ def latched(before: Latch, event: ModeEvent) -> Latch:
 
 AGAIN = "send the reference again"
 
-REPORT_IT = "report it; deactivate and activate to begin anew"
+REPORT_IT = "report it; deactivate and activate to start again"
 """What to do about a defect."""
 
 CALL_RESUME = "call ~/resume"
 """What to do about a halt."""
 
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
-DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to begin anew", note="deactivation")
+DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to start again", note="deactivation")
 
 ON_THE_PATH = frozenset(
     (Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS, Cause.STAMP_JUMP)
 )
 """Causes for which the tip brakes along its path: the law still holds."""
 
+NO_STATES = Why(
+    Cause.NO_STATES,
+    remedy="see to the robot and the network; when they are back the arm is held where it is",
+)
+STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
 NEVER_BEGINS = Why(
     Cause.NEVER_BEGINS,
     "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
@@ -192,10 +197,10 @@ def stuck(fault: str) -> Why:
 
 
 def runs_away(joint: str, speed: float) -> Why:
-    """Return why an arm is let go that runs away."""
+    """Return why the efforts of an arm that runs away are released."""
     return Why(
         Cause.RUNAWAY,
-        f"the arm runs away, {joint} at {speed:.3g} rad/s: no commands until it stands",
+        f"the arm runs away, {joint} at {speed:.3g} rad/s: no commands until it is at rest",
         f"see to delays and to the model of the arm, or lower the gains; then {AGAIN}",
     )
 
@@ -226,7 +231,7 @@ def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Wh
     Args:
         period: [s] of the states.
         gain: that is the fastest.
-        most: its loop may turn by so much [1] within a period.
+        most: the largest gain times period [1] at which its loop is stable.
         is_held: whether the arm is held; else it is a warning.
     """
     text = (

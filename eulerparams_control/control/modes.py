@@ -12,6 +12,7 @@ from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
 from eulerparams_control.control.mode import (
     CALL_RESUME,
+    STREAM_ENDED,
     Cause,
     Latch,
     Mode,
@@ -24,8 +25,8 @@ from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 
-# An arm that ran away has to be at rest for so long [s], within so much [rad or m], until it gets
-# efforts again: it may be at a turning point.  Its speed may be noisy.
+# An arm that ran away gets efforts again after it was at rest for this time [s], within this
+# distance [rad or m]: it may be at a turning point.  Its speed may be noisy.
 _REST_TIME, _SAME_PLACE = 0.2, 2e-3
 
 
@@ -148,7 +149,7 @@ class Following(ControlMode):
         """Return the command of the law."""
         command = guidance.tick(t, dt, q, dq)
         if guidance.motion.has_stopped(t):
-            self.why = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
+            self.why = STREAM_ENDED
         return command
 
 

@@ -1,4 +1,4 @@
-"""How a controller treats time and references."""
+"""Options of a controller on time and references."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -8,7 +8,7 @@ from eulerparams_control.motion.motion_limits import MotionLimits
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """How a controller treats time and references.
+    """Options of a controller on time and references.
 
     Attributes:
         state_timeout: [s] gap in the stamps of the state after which it starts again.

@@ -1,4 +1,4 @@
-"""Which references a controller follows: none that leaps, none that went on through a fault."""
+"""Admission of references: none that leaps, none that went on through a fault."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
-# A reference may start this far ahead [s]: further, the two clocks are not the same.
+# How far ahead [s] a reference may start: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
 # No arm reaches so far [m].

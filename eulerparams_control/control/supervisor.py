@@ -1,4 +1,4 @@
-"""What changes the mode of a controller: references, and what the states tell."""
+"""Changes of the mode of a controller: by references, and by the measured states."""
 
 from contextlib import suppress
 
@@ -32,7 +32,7 @@ from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.references import Goal, Jog
 from eulerparams_control.motion.shaper import Reference
 
-# Efforts that were to stop an arm for so long [s] should have.
+# Time [s] in which efforts should have stopped an arm.
 _HALTED = 0.5
 
 
@@ -198,7 +198,7 @@ class Supervisor:
             self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
 
     def _see_runaway(self, state: Accept, dq: Array) -> None:
-        """Let go of an arm that runs away under efforts, measured at dq (n,)."""
+        """Release an arm that runs away under efforts, measured at dq (n,)."""
         limits = self._limiter.limits
         if limits is None:
             return

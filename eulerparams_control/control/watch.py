@@ -22,7 +22,7 @@ class WatchMode(StrEnum):
     BLIND = "blind"  # gravity where the arm was seen last: joint_states are silent, too
 
 
-# A silence is not made up for at once: efforts change by what they may in so long [s] at most.
+# After a silence efforts change by no more than they may in this time [s].
 _LONGEST_STEP = 0.01
 
 _IDLE = WatchMode.WAITING, WatchMode.PASSING

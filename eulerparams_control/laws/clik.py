@@ -50,10 +50,12 @@ from eulerparams_control.laws.scheme import (
     LoopGain,
     Scheme,
     Tick,
+    TipBounds,
     check_gains,
+    tick_places,
     too_far,
 )
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, frame_of
 from eulerparams_control.motion.motion_limits import (
     NO_LIMITS,
     UNBOUNDED,
@@ -64,7 +66,6 @@ from eulerparams_control.motion.motion_limits import (
 )
 from eulerparams_control.robot.chain import (
     WORK,
-    arm_width,
     jacobian_in,
     place,
     put_arm,
@@ -148,7 +149,7 @@ def _velocity(
     dq: Row, x_de: Row,
 ) -> int:  # fmt: skip
     """Fill dq (n,) and x_de; return whether the representation has an answer."""
-    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     given, most, before = read_numbers(numbers, 0), read_limits(motion, 0), read(previous, 0)
     x, is_found = law(
         q, vec(p_e), mat(R_e), J, desired, before, given, most, dt, posture, joints, dq
@@ -250,47 +251,55 @@ class ClikLaw:
         return self.orientation.lyapunov_1(x_de, self.k_Po)
 
 
-# What a tick finds: a limit changed the command; or one of these, and FAR or TURNED.
+# What a tick finds: a limit changed the command; or FAR, TURNED, or one of these, for which there
+# are words of their own but where the representation is singular.
 _SATURATED = 1
 _SINGULAR, _LOST, _AWAY, _INFINITE = -3, -4, -5, -6
 
 
-class _Bounds(NamedTuple):
-    """How the loop is closed, and the bounds of its errors and of the tip."""
+_WORDS = {
+    _LOST: "the joint velocities lead to infinite joint positions",
+    _INFINITE: "the law asks for an infinite joint velocity",
+}
+
+
+class _Loop(NamedTuple):
+    """How the loop is closed, and its bounds: of the joints [rad or m], and of the tip."""
 
     is_internal: bool
     deviation: float
-    position: float
-    rotation: float
-    most: TipLimits
+    tip: TipBounds
 
 
-_read_bounds = layout(_Bounds).read
-
-
-@kernel
-def _places(n: int) -> tuple[int, int, int, int]:
-    """Return where the excess, q, dq and x_de are in the row of a tick, behind the arm."""
-    at = arm_width(n)
-    return at, at + 1, at + 1 + n, at + 1 + 2 * n
+_read_loop = layout(_Loop).read
 
 
 @kernel
-def _beyond(
-    chain: Rows, q: Input, dq: Input, work: Rows, v_d: float, w_d: float, most: TipLimits
-) -> float:
-    """Return by how much the tip, at q, dq (n,), is beyond its speeds or v_d, w_d; else 1."""
-    _, p_e = place(chain, q, work)
+def _slow_down(
+    chain: Rows, q: Input, dq: Row, dt: float, desired: DesiredFrame, most: TipLimits, work: Rows
+) -> None:
+    """Slow dq (n,) down, so that the tip half a step later is not beyond its speeds.
+
+    These are no lower than those of the desired frame.
+    """
+    n = len(q)
+    there = np.empty(n)
+    for i in range(n):
+        there[i] = q[i] + dt / 2.0 * dq[i]
+    _, p_e = place(chain, there, work)
     tip = tip_motion(chain, p_e, dq, work)
-    v, w = max(most.linear_speed, v_d), max(most.angular_speed, w_d)
-    return max(1.0, max(norm(tip.v) / v, norm(tip.omega) / w))
+    v = max(most.linear_speed, norm(desired.dp_d))
+    w = max(most.angular_speed, norm(desired.omega_d))
+    beyond = max(1.0, max(norm(tip.v) / v, norm(tip.omega) / w))
+    for i in range(n):
+        dq[i] /= beyond
 
 
 def _tick(
     chain: Rows, q: Input, dq: Input,
     p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
     before: Input, dt: float, numbers: Input, posture: Input, turns: Rows,
-    bounds: Input, limits: Rows, last: Input, left: Row, share: float, row: Row,
+    loop: Input, limits: Rows, last: Input, left: Row, share: float, row: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick, see :class:`Clik`, and return what is found.
 
@@ -301,27 +310,27 @@ def _tick(
         before: the row of the tick before.
         dt: [s] since then.
         numbers, posture, turns: of the law.
-        bounds, limits: of the loop, and of the joints; there may be none of these.
+        loop, limits: see :class:`_Loop`; and of the joints, there may be none of these.
         last, left, share: see :func:`add_left`.
         row: is filled.
     """
     n, is_limited = len(q), limits.shape[1] > 0
-    given, loop, work = read_numbers(numbers, 0), _read_bounds(bounds, 0), np.empty((n, WORK))
-    at, at_q, at_dq, at_x = _places(n)
+    given, closed, work = read_numbers(numbers, 0), _read_loop(loop, 0), np.empty((n, WORK))
+    at, at_q, at_dq, at_x = tick_places(n)
     q_c, dq_c, dq_0 = row[at_q:at_dq], row[at_dq:at_x], before[at_dq:at_x]
     integrate(limits, before[at_q:at_dq], dq_0, dt, q_c)
     if not is_finite(q_c):
         return _LOST
-    if is_limited and not agree(limits, q_c, q, loop.deviation):
+    if is_limited and not agree(limits, q_c, q, closed.deviation):
         return _AWAY
-    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
-    if loop.is_internal:
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    if closed.is_internal:
         tip = put_arm(chain, q_c, dq_0, work, row)
     else:
         tip = put_arm(chain, q, dq, work, row)
-    most, J, wanted = loop.most, jacobian_in(row, n), np.empty(n)
-    if not is_limited:
-        most = UNBOUNDED
+    most, J, wanted = UNBOUNDED, jacobian_in(row, n), np.empty(n)
+    if is_limited:
+        most = closed.tip.limits
     x, is_found = law(
         row[:n], tip.p_e, tip.R_e, J, desired, read(before, at_x), given, most, dt, posture, turns,
         wanted,
@@ -337,16 +346,11 @@ def _tick(
         for i in range(n):
             dq_c[i] = wanted[i]
         return 0
-    found = too_far(desired.p_d, desired.R_d, tip.p_e, tip.R_e, loop.position, loop.rotation)
+    found = too_far(desired, tip.p_e, tip.R_e, closed.tip)
     if found:
         return found
-    if not loop.is_internal:
-        there, v_d, w_d = np.empty(n), norm(desired.dp_d), norm(desired.omega_d)
-        for i in range(n):
-            there[i] = q_c[i] + dt / 2.0 * wanted[i]
-        slowed = _beyond(chain, there, wanted, work, v_d, w_d, most)
-        for i in range(n):
-            wanted[i] /= slowed
+    if not closed.is_internal:
+        _slow_down(chain, q_c, wanted, dt, desired, most, work)
     row[at] = excess(limits, wanted)
     lasts = dt if dt > 0.0 else SHORTEST
     return _SATURATED if limit_velocity(limits, q_c, wanted, lasts, dq_0, dq_c) else 0
@@ -391,7 +395,7 @@ class Clik(Scheme):
         self.feedback = feedback
         self._blend = Blend(blend_time)
         self._max_deviation = max_deviation
-        self._places = _places(robot.n)
+        self._places = tick_places(robot.n)
         self.keep_to(limits, max_error, motion)
         self._take(_checked(law, robot))
         self.reset(np.zeros(robot.n))
@@ -401,9 +405,8 @@ class Clik(Scheme):
     ) -> None:
         """Keep to these limits and errors from the next tick on."""
         self.limits, self._max_error = limits, max_error
-        errors = self._max_deviation, max_error.position, max_error.rotation
-        most = NO_LIMITS.row if motion is None else motion.row
-        self._bounds = np.array([self.feedback == FEEDBACKS[0], *errors, *most])
+        closed = self.feedback == FEEDBACKS[0], self._max_deviation
+        self._loop = np.array([*closed, *max_error.row(motion)])
 
     def _take(self, law: ClikLaw) -> None:
         self.law = law
@@ -486,7 +489,7 @@ class Clik(Scheme):
             FollowingError: if the measured q is too far from the integrated one, or the tip from
                 the desired frame.
         """
-        row, bounds = np.empty(len(self._row)), (self._bounds, rows_of(self.limits))
+        row, bounds = np.empty(len(self._row)), (self._loop, rows_of(self.limits))
         arm, blend = (self.robot.chain, *self.robot.checked(q, dq)), self._blend.step(dt)
         found = self._step(*arm, *desired, self._row, dt, *self._given, *bounds, *blend, row)
         if found < 0:
@@ -507,11 +510,7 @@ class Clik(Scheme):
             return self._deviation(row, q)
         if found in (FAR, TURNED):
             return self._max_error.error(found, desired, RobotState.of(row, len(q)))
-        if found == _SINGULAR:
-            return SingularityError(self.law.orientation.singularity)
-        if found == _LOST:
-            return SingularityError("the joint velocities lead to infinite joint positions")
-        return SingularityError("the law asks for an infinite joint velocity")
+        return SingularityError(_WORDS.get(found) or self.law.orientation.singularity)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_1 and its derivative, eqs. (30), (31)."""

@@ -1,4 +1,4 @@
-"""What makes formulas fast: written once, for one sample, they are compiled and mapped over many.
+"""Compiled formulas: written once, for one sample, and mapped over many.
 
 ``@formula`` marks what the laws are made of, plain Python on values: numbers, vectors, matrices
 (:mod:`eulerparams_control.laws.linear`), and NamedTuples of these.  ``@entry`` marks what Python
@@ -50,9 +50,9 @@ Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
 
 NONE: Array = np.empty(0)
-"""Stands for a row that is not there."""
+"""Placeholder for a row that is not there."""
 
-# Rooms whose files have formulas: where one changes, all is compiled anew.
+# Rooms whose files have formulas: where one changes, all is compiled again.
 _ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "robot", "motion", "control"))
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
@@ -354,7 +354,7 @@ def kernel[R](function: Callable[..., R]) -> Callable[..., R]:
 
 
 def slot(*_args: Any) -> Any:
-    """Stand for a formula that a template is given."""
+    """Take the place of a formula that a template is given."""
     raise NotImplementedError
 
 
@@ -498,7 +498,7 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
 def _is_ours(function: Callable[..., Any]) -> bool:
     """Whether a function, with all that it calls, is in the files that the cache is named by.
 
-    What is not, of a representation elsewhere, say, is compiled anew by each process.
+    What is not, of a representation elsewhere, say, is compiled again by each process.
     """
     code = function.__code__
     named = (function.__globals__.get(name) for name in code.co_names)
@@ -509,7 +509,7 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 
 @cache
 def _say_once() -> None:
-    """Say what takes so long."""
+    """Say, once, that formulas are compiled."""
     print(
         "eulerparams_control: compiling the formulas, once for this version and this machine; it "
         f"takes up to a minute (kept in {cache_folder()})",

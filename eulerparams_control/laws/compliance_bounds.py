@@ -1,4 +1,4 @@
-"""How far, and how fast, the compliant frame goes from the desired one.
+"""Bounds on how far, and how fast, the compliant frame goes from the desired one.
 
 Notation: ``x`` (3,) [m] p_c - p_d, or [rad] theta r of R_c R_d', ``v`` [m/s, rad/s] the velocity
 of the compliant relative to the desired frame, both in the base frame.  Towards the bound X of

@@ -38,15 +38,13 @@ from eulerparams_control.laws.linear import (
     VecLike,
     cross,
     identity,
-    mat,
     put_vec,
     row,
-    vec,
 )
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates
 from eulerparams_control.laws.rotations import exp
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, moved
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, frame_of, moved
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
@@ -144,6 +142,11 @@ class ComplianceLaw:
     numbers: Array = field(init=False, repr=False, compare=False)
     step: Callable[..., int] = field(init=False, repr=False, compare=False)
 
+    def stiffness(self, R_d: Array) -> Array:
+        """Return K_p (3, 3) [N/m] in the base frame, where the desired orientation is R_d."""
+        K = self.translation.K
+        return K if self.frame == "base" else R_d @ K @ R_d.T
+
     @property
     def rate(self) -> float:
         """The largest rate [1/s] of both impedances."""
@@ -225,7 +228,7 @@ def _step(
 ) -> int:  # fmt: skip
     """Fill the compliant frame (24,) of a step; return what it finds, and then keep the memory."""
     law, known = _read_law(numbers, 0), _read_memory(memory, 0)
-    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     _put_frame(frame, 0, desired)
     if not math.isfinite(_square(frame) + 0.0 * _square(wrench)):
         return _NOT_FINITE

@@ -52,11 +52,13 @@ from eulerparams_control.laws.scheme import (
     Scheme,
     Tick,
     check_gains,
+    is_too_far,
+    read_bounds,
+    tick_places,
     too_far,
 )
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, frame_of
 from eulerparams_control.motion.motion_limits import (
-    NO_LIMITS,
     UNBOUNDED,
     MotionLimits,
     TipLimits,
@@ -66,7 +68,6 @@ from eulerparams_control.robot.chain import (
     WORK,
     Motion,
     TipState,
-    arm_width,
     dJ_dq,
     jacobian_in,
     read_tip,
@@ -81,8 +82,6 @@ _HOLD_K, _HOLD_D = 400.0, 40.0
 _SLOW = 0.05
 
 _NO_J = np.empty((6, 0))
-
-_AT_INFINITY = "the joints are measured at a state of infinite efforts"
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
@@ -149,34 +148,21 @@ def _acceleration(
     """Fill a (6,) and x_de; return whether the representation has an answer."""
     still, drift = Vec(0.0, 0.0, 0.0), np.zeros(6)
     tip = TipState(vec(p_e), mat(R_e), Motion(vec(dp_e), vec(omega_e), still, still))
-    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     before, given, most = read(previous, 0), _numbers(numbers, 0), UNBOUNDED
     x, is_found = law(tip, desired, before, given, most, drift, a)
     put(x_de, 0, x)
     return is_found
 
 
-# What a tick finds beside what changed an effort: one of these, FAR or TURNED.
+# What a tick finds beside what changed an effort: FAR, TURNED, or one of these, for which there are
+# words of their own but where the representation is singular.
 _SINGULAR, _STEEP, _STEEP_JOINT, _INFINITE = -3, -4, -5, -6
-
-
-class _Bounds(NamedTuple):
-    """Errors at which the motion is stopped, and limits of the tip."""
-
-    position: float
-    rotation: float
-    tip: TipLimits
-
-
-_read_bounds = layout(_Bounds).read
-
-
-@kernel
-def _places(n: int) -> tuple[int, int, int, int]:
-    """Return where the excess, ddq, tau and x_de are in the row of a tick, behind the arm."""
-    at = arm_width(n)
-    return at, at + 1, at + 1 + n, at + 1 + 2 * n
-
+_WORDS = {
+    _STEEP: "the law asks for an infinite acceleration of the tip",
+    _STEEP_JOINT: "the law asks for an infinite joint acceleration",
+    _INFINITE: "the joints are measured at a state of infinite efforts",
+}
 
 @kernel
 def _is_bounded(values: Row) -> bool:
@@ -210,19 +196,19 @@ def _tick(
             see :func:`commanded`.
     """
     n = len(work)
-    at, at_ddq, at_tau, at_x = _places(n)
+    at, at_ddq, at_tau, at_x = tick_places(n)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
-    desired = DesiredFrame(vec(p_d), mat(R_d), vec(dp_d), vec(omega_d), vec(ddp_d), vec(domega_d))
-    given, most, drifts, a = _numbers(numbers, 0), _read_bounds(bounds, 0), np.zeros(6), np.empty(6)
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    given, most, drifts, a = _numbers(numbers, 0), read_bounds(bounds, 0), np.zeros(6), np.empty(6)
     for i in range(6):
         for k in range(n):
             drifts[i] += J[i, k] * drift[k]
-    x, is_found = law(tip, desired, read(previous, 0), given, most.tip, drifts, a)
+    x, is_found = law(tip, desired, read(previous, 0), given, most.limits, drifts, a)
     put(row, at_x, x)
     if not is_found:
         return _SINGULAR
     if limits.shape[1] > 0:
-        found = too_far(desired.p_d, desired.R_d, tip.p_e, tip.R_e, most.position, most.rotation)
+        found = too_far(desired, tip.p_e, tip.R_e, most)
         if found:
             return found
     if not _is_bounded(a):
@@ -344,13 +330,14 @@ class EffortLimits:
     @cached_property
     def bounds(self) -> Array:
         """Bounds of errors and tip as a row."""
-        most = NO_LIMITS.row if self.motion is None else self.motion.row
-        return np.array([self.error_position, self.error_rotation, *most])
+        return self.errors.row(self.motion)
 
     def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
-        if self.joints is not None:
-            self.errors.refuse(desired, arm)
+        if self.joints is None:
+            return
+        if found := is_too_far(*desired, arm.p_e, arm.R_e, self.bounds):
+            raise self.errors.error(found, desired, arm)
 
     errors: ErrorBounds = field(default=ErrorBounds(), init=False)
 
@@ -382,7 +369,7 @@ class DynamicControl(Scheme):
         self.robot = robot
         self._blend = Blend(blend_time)
         self._start: Array | None = None
-        self._places, self._work = _places(robot.n), np.empty((robot.n, WORK))
+        self._places, self._work = tick_places(robot.n), np.empty((robot.n, WORK))
         self._take(law, fitted(dynamics, robot), limits)
         check_model(robot)
         self.reset(np.zeros(robot.n))
@@ -563,13 +550,7 @@ class DynamicControl(Scheme):
         """Return what to say of what was found."""
         if found in (FAR, TURNED):
             return self.limits.errors.error(found, desired, RobotState.of(row, self.robot.n))
-        if found == _SINGULAR:
-            return SingularityError(self.law.orientation.singularity)
-        if found == _STEEP:
-            return SingularityError("the law asks for an infinite acceleration of the tip")
-        if found == _STEEP_JOINT:
-            return SingularityError("the law asks for an infinite joint acceleration")
-        return SingularityError(_AT_INFINITY)
+        return SingularityError(_WORDS.get(found) or self.law.orientation.singularity)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
@@ -596,7 +577,7 @@ class DynamicControl(Scheme):
         arm, past = (self.robot.chain, q, dq, _NO_J), self._past(dt, dynamics)
         found = command_effort(*arm, ddq, NONE, *past, wanted, tau)
         if found & INFINITE:
-            raise SingularityError(_AT_INFINITY)
+            raise SingularityError(_WORDS[_INFINITE])
         self._keep(found, dq, wanted, tau)
         return tau
 

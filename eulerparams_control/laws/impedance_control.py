@@ -101,7 +101,7 @@ class NoMotionLoop:
 
 
 MotionLoop = DynamicControl | NoMotionLoop
-"""What follows the compliant frame: a loop of the scheme, or the robot's own."""
+"""The loop that follows the compliant frame: one of the scheme, or the robot's own."""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compiled import Input, Inputs, entry, kernel
+from eulerparams_control.laws.compiled import Input, Inputs, entry, kernel, layout
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import DesiredFrame, frame_of
+from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, TipLimits
+from eulerparams_control.robot.chain import arm_width
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -66,11 +68,10 @@ class ErrorBounds:
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"max_error_{name} is {getattr(self, name)}; expected > 0")
 
-    def refuse(self, desired: DesiredFrame, arm: RobotState) -> None:
-        """Raise FollowingError if the tip is too far from the desired frame."""
-        frames = desired.p_d, desired.R_d, arm.p_e, arm.R_e
-        if found := _too_far(*frames, self.position, self.rotation):
-            raise self.error(found, desired, arm)
+    def row(self, motion: MotionLimits | None) -> Array:
+        """Return them with the limits of the tip, if there are any, as :class:`TipBounds`."""
+        most = NO_LIMITS.row if motion is None else motion.row
+        return np.array([self.position, self.rotation, *most])
 
     def error(self, found: int, desired: DesiredFrame, arm: RobotState) -> FollowingError:
         """Return what to say where the tip was found FAR from the desired frame, or TURNED."""
@@ -92,23 +93,46 @@ class ErrorBounds:
         )
 
 
+class TipBounds(NamedTuple):
+    """Errors of the tip at which the motion is stopped, and its limits, as formulas take them."""
+
+    position: float
+    rotation: float
+    limits: TipLimits
+
+
+read_bounds = layout(TipBounds).read
+
 FAR, TURNED = -1, -2
-"""What is found where the tip is beyond the bounds of its errors."""
+"""Error of a tip beyond the bounds of its errors."""
 
 
 @kernel
-def too_far(p_d: Vec, R_d: Mat, p_e: Vec, R_e: Mat, position: float, rotation: float) -> int:
+def too_far(desired: DesiredFrame, p_e: Vec, R_e: Mat, bounds: TipBounds) -> int:
     """Return FAR, TURNED, or 0 where the tip is within these errors of the desired frame."""
-    if norm(p_d - p_e) > position:
+    if norm(desired.p_d - p_e) > bounds.position:
         return FAR
-    return TURNED if angle_between(R_d, R_e) > rotation else 0
+    return TURNED if angle_between(desired.R_d, R_e) > bounds.rotation else 0
 
 
 @entry
-def _too_far(
-    p_d: Input, R_d: Inputs, p_e: Input, R_e: Inputs, position: float, rotation: float
-) -> int:
-    return too_far(vec(p_d), mat(R_d), vec(p_e), mat(R_e), position, rotation)
+def is_too_far(
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    p_e: Input, R_e: Inputs, bounds: Input,
+) -> int:  # fmt: skip
+    """Return what ``too_far`` does; ``bounds`` is :meth:`ErrorBounds.row`."""
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    return too_far(desired, vec(p_e), mat(R_e), read_bounds(bounds, 0))
+
+
+@kernel
+def tick_places(n: int) -> tuple[int, int, int, int]:
+    """Return what is where in the row of a tick, behind that of the arm.
+
+    That is the excess, the two rows (n,) of the command, and x_de.
+    """
+    at = arm_width(n)
+    return at, at + 1, at + 1 + n, at + 1 + 2 * n
 
 
 class Tick(NamedTuple):

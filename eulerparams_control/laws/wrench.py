@@ -43,8 +43,8 @@ from eulerparams_control.laws.linear import (
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
-# A sensor that repeats its value for so long [s], while a joint has moved so far [rad or m], is
-# stuck: a slow one may repeat it for a while.
+# A sensor is stuck if it repeats its value for the first time [s] while a joint moves by more than
+# the second value [rad or m]: a slow sensor may repeat a value for a while.
 _REPEATS, _MOVED = 0.1, 0.02
 
 # Largest joint motion [rad] of an arm at rest.
@@ -260,7 +260,7 @@ class StuckSensor:
     """Tells whether a sensor repeats its value to the bit while the arm moves: it measures no more.
 
     A real one never does so for long; a driver that has lost it may.  Zero is believed: it is what
-    an ideal sensor says that bears nothing, a simulated one for instance.
+    an ideal sensor reports that carries nothing, a simulated one for instance.
 
     Args:
         limits: of the joints.

@@ -1,4 +1,4 @@
-"""What messages say, checked: from their fields to the types of the core.
+"""Messages, checked: from their fields to the types of the core.
 
 The functions read fields only, so they take the messages of rclpy as well as those of
 :mod:`messages.wire` and of a bag reader, and need no ROS.  Their counterparts ``x_to_ros`` are in

@@ -156,7 +156,7 @@ _TYPES = {
         *_FROM_START,
     ),
 }
-"""What messages are made of; those of a motion have one point, with all of its parts."""
+"""Layouts of messages; those of a motion have one point, with all of its parts."""
 
 _KNOWN = 8  # layouts on a topic: those of the arm, of its gripper, of other arms
 _LONGEST = 2**12  # bytes of a message whose layout is learnt: dozens of joints

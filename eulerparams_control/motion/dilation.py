@@ -32,13 +32,13 @@ _PARTS, _MANY = (0.02, 0.2, 0.5, 0.8, 0.98), 2000
 # Rounding, and how far [of the limits] a slowed trajectory may be from its limits.
 _ROUNDING, _TOLERANCE, _TRIALS = 1e-6, 0.01, 12
 
-# A trajectory that is shorter than this [s] is made to last so long first.
+# Shortest trajectory [s]; a shorter one is stretched to it first.
 _SHORTEST = 1e-3
 
 # The slowest rate.
 _SLOWEST = 1e-3
 
-# It takes so long [of the time from rest to full speed] to change from one rate to another.
+# Time of a change from one rate to another, as a multiple of the time from rest to full speed.
 _SURROUNDINGS = 4.0
 
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.compiled import Array, formula
-from eulerparams_control.laws.linear import MatLike, Vec, VecLike, cross, norm
+from eulerparams_control.laws.compiled import Array, Input, Inputs, formula, kernel
+from eulerparams_control.laws.linear import MatLike, Vec, VecLike, cross, mat, norm, vec
 from eulerparams_control.laws.rotations import angle_between, exp
 
 _ZERO = np.zeros(3)
@@ -98,6 +98,14 @@ class DesiredFrame(NamedTuple):
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""
         return self if self._is_still else DesiredFrame(self.p_d, self.R_d)
+
+
+@kernel
+def frame_of(
+    p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega: Input
+) -> DesiredFrame:
+    """Return the frame of formulas whose parts are arrays."""
+    return DesiredFrame(vec(p), mat(R), vec(dp), vec(omega), vec(ddp), vec(domega))
 
 
 @formula

@@ -13,7 +13,8 @@ from eulerparams_control.motion.plan import Sample, bounded
 
 __all__ = ["bounded"]
 
-# A motion within so much [m, rad; m/s, rad/s] of the state is there; [m/s^2, rad/s^2] it begins.
+# Largest differences of two frames that are the same [m, rad], as fast [m/s, rad/s], and as
+# accelerated [m/s^2, rad/s^2].
 _SAME = 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 4e-2
 
 # A set-point may be this much beyond what the limits allow from tick to tick: its own rounding.

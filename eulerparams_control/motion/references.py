@@ -1,4 +1,4 @@
-"""What a controller may be asked to follow, besides trajectories: set-points, goals, twists."""
+"""References besides trajectories: set-points, goals, twists."""
 
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame

@@ -28,20 +28,21 @@ from eulerparams_control.motion.trajectories import Trajectory
 
 Reference = Trajectory | SetPoint | Jog
 
-# So many references may wait for their time; a stream of which none begins so long [ns] stalls.
+# How many references may wait for their time, and the time [ns] without a reference that begins,
+# after which a stream stalls.
 _WAITING, _STALLED = 1000, 1_000_000_000
 
 # A set-point with a twist goes on for so many intervals of its stream, but no longer [s], if that
 # is more than it was to last.
 _GOES_ON, _LONGEST = 1.5, 0.4
 
-# A pose of a stream is waited for so long [s] at most after it was to come.
+# Longest wait [s] for a pose of a stream after it was to come.
 _LATE = 0.05
 
-# Time of which this part is waited stands still.
+# A wait of more than this part of the time stops it.
 _STILL = 0.999
 
-# A set-point between two plans of its stream waits so long [s].
+# Wait [s] of a set-point between two plans of its stream.
 _BETWEEN = 0.008
 
 

@@ -18,7 +18,7 @@ from eulerparams_control.motion.motion_limits import MotionLimits
 # Time constants [s] of the filter for poses alone, and for those with a twist.
 _POSES, _TWISTS = 0.05, 0.1
 
-# After a pause of so long [s] a set-point begins a stream, or is a goal.
+# Pause [s] after which a set-point begins a stream, or is a goal.
 PAUSE = 0.6
 
 # The interval follows the intervals by this part; jitter counts so many times.

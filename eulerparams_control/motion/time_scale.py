@@ -1,4 +1,4 @@
-"""How fast the time of a motion runs: it halts and goes on along its path, within the limits.
+"""The rate of time of a motion: it halts and goes on along its path, within the limits.
 
 At the rate u the tip has the acceleration u^2 a + du v, where v and a are those of the motion as
 planned.  du is bounded by what u^2 a leaves of the limit, and by the jerk of the sum.
@@ -66,7 +66,7 @@ class TimeScale:
             dt: [s] of a step.
             wanted: rate of time to go to, from 0 to 1.
             planned: the frame as planned, at u = 1.
-            after: the same, so many seconds of its own time later.
+            after: the same, this many seconds of its own time later.
         """
         if abs(wanted - self.now) < _SAME:
             self.now = wanted

@@ -20,6 +20,7 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.orientation.euler_angles import EulerAnglesRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.fields import parameter
@@ -35,7 +36,7 @@ NO_COMMANDS = "none"
 
 LATEST = "latest"
 PAIRINGS = (LATEST, "stamp")
-"""Which message belongs to a state: the newest, or the one of the same stamp."""
+"""The message that belongs to a state: the newest, or the one of the same stamp."""
 
 SIMULATED_ONLY = frozenset(
     (
@@ -158,7 +159,7 @@ class ControlParameters(RealTimeParameters):
         0.1, "a target_twist goes on for", unit="s", bounds=(0.0, 1.0)
     )
     max_jump_position: float = parameter(
-        0.05, "a reference may begin this far away", unit="m", bounds=(0.0, 100.0)
+        0.05, "largest distance at which a reference may begin", unit="m", bounds=(0.0, 100.0)
     )
     max_jump_rotation: float = parameter(
         0.2, "a reference may begin turned by this", unit="rad", bounds=(0.0, math.pi)
@@ -177,6 +178,9 @@ class ControlParameters(RealTimeParameters):
         "rate of ~/pose, ~/desired, ~/error and ~/lyapunov at most",
         unit="Hz",
         bounds=(0.0, 10000.0),
+    )
+    publish_tf: bool = parameter(
+        False, "desired, compliant and actual frame on /tf at 10 Hz, where tf2_msgs is installed"
     )
     autostart: bool = parameter(True, "configure and activate as soon as possible")
 
@@ -229,6 +233,12 @@ class ControlParameters(RealTimeParameters):
     def representation(self) -> OrientationRepresentation:
         """Return the representation that they name."""
         return representation(self.orientation, self.orientation_options())
+
+    @property
+    def poles(self) -> tuple[int, int] | None:
+        """First and last axis (0, 1, 2) of the Euler angles in use; None if there are none."""
+        axes = EulerSequence(self.euler_sequence).axes
+        return (axes.i, axes.k) if self.orientation == EulerAnglesRepresentation.name else None
 
     def orientation_options(self) -> OrientationOptions:
         """Return what representations may differ in besides their name."""

@@ -257,7 +257,7 @@ class ImpedanceParameters(
 
         Args:
             robot: the arm.
-            limits: of its joints; None is none.
+            limits: of its joints; None: no limits.
             chain: that makes the contact of what is sensed; None: a new one.
         """
         bounds = self.effort_limits(robot, limits)

@@ -1,7 +1,7 @@
 """The robots: a URDF, its frames, its joints and a home, from a name or a file.
 
-``config/robots/NAME.yaml`` adds a robot.  A path to a URDF works without one: the
-frames then are the root link and the last link of the longest chain.
+``config/robots/NAME.yaml`` adds a robot; such a file elsewhere is named by its path.  A path to a
+URDF works without one: the frames then are the root link and the last link of the longest chain.
 """
 
 import os
@@ -46,7 +46,7 @@ class RobotDescription:
 
 
 def load_robot(name_or_path: str) -> RobotDescription:
-    """Return the robot of ``config/robots/<name>.yaml``, or of a path ending in ``.urdf``.
+    """Return the robot of ``config/robots/<name>.yaml``, or of a path to such a file or a URDF.
 
     Raises:
         UnknownNameError: if there is no such robot; lists those that exist.
@@ -55,9 +55,10 @@ def load_robot(name_or_path: str) -> RobotDescription:
     """
     if name_or_path.endswith(".urdf"):
         return _describe(Path(name_or_path).stem, Path(name_or_path), {})
-    file = config_file("robots", name_or_path)
+    is_path = name_or_path.endswith(".yaml")
+    file = Path(name_or_path) if is_path else config_file("robots", name_or_path)
     entry = _read_entry(file)
-    return _describe(name_or_path, find_urdf(str(entry["urdf"]), file.parent), entry)
+    return _describe(file.stem, find_urdf(str(entry["urdf"]), file.parent), entry)
 
 
 def _read_entry(path: Path) -> dict[str, Any]:

@@ -55,7 +55,7 @@ class RobotState(NamedTuple):
     def of(cls, arm: Array, n: int) -> "RobotState":
         """Return the state whose parts are views of the row of an arm of n joints."""
         tip = arm[2 * n :]
-        R_e, J = tip[3:12].reshape(3, 3), tip[chain.TIP : chain.TIP + 6 * n].reshape(6, n)
+        R_e, J = tip[3:12].reshape(3, 3), chain.jacobian_in(arm, n)
         return cls(arm[:n], arm[n : 2 * n], tip[:3], R_e, tip[12:15], tip[15:18], J)
 
 

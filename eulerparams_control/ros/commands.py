@@ -30,7 +30,7 @@ _NUMBERS: dict[str, Callable[[JointCommand], dict[str, Array | None]]] = {
     "joint_trajectory": lambda c: {"positions": _ahead(c)},
     "forward": lambda c: {"data": c.q if c.effort is None else c.effort},
 }
-"""What messages of a type say of a command, by the names of their fields."""
+"""Fields of a command in the messages of a type."""
 
 _OF_A_FRAME = "p_d", "eps", "eta", "dp_d", "omega_d", "ddp_d", "domega_d"
 

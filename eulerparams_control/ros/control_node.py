@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.subscription import Subscription
@@ -16,27 +17,33 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Why
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import InvalidMessageError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros, shown
+from eulerparams_control.messages.markers import Stiffness
+from eulerparams_control.messages.to_ros import stamp_to_ros
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros import interactive_target
 from eulerparams_control.ros.control_report import ControlReport
+from eulerparams_control.ros.interactive_target import InteractiveTarget
 from eulerparams_control.ros.managed_node import ManagedNode
 from eulerparams_control.ros.publishers import publishers_of, refuse_two_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
 from eulerparams_control.ros.targets import Targets
+from eulerparams_control.ros.views import HAS_TF, PERIOD, Views
 
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
 
-# Of the joints of others so many are named.
+# Number of other robots' joints that are named.
 _SHOWN = 5
 
 _NOT_ACTIVE = "not active: nothing is commanded"
@@ -56,8 +63,17 @@ class ControlNode(ManagedNode):
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
         self._shown: Tick | None = None
+        on_tf = self._params.publish_tf
+        self._views = Views(self, on_tf)
+        self._drawn: tuple[int, Tick | None] = -1, None  # stamp [ns], tick
+        if on_tf and not HAS_TF:
+            self._health.complain("publish_tf: tf2_msgs is not installed; no frames on /tf")
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD, self._draw, clock=clock)
+        self._marker = InteractiveTarget(self)
+        self.create_timer(interactive_target.PERIOD, self._place_marker, clock=clock)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
-        self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(period, self.watch, clock=clock)
         self._subscribe()
         self.create_service(Trigger, "~/halt", self._on_halt)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -75,6 +91,10 @@ class ControlNode(ManagedNode):
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
         return {}
 
+    def stiffness_of(self, tick: Tick) -> Stiffness | None:
+        """Return the translational stiffness of a tick; None if the scheme has none."""
+        return None
+
     def note(self, why: Why) -> None:
         """Show a warning with the state from now on; Why() takes it back."""
         self._report.note(why)
@@ -85,6 +105,7 @@ class ControlNode(ManagedNode):
             ("reference", MultiDOFJointTrajectory, self._follow),
             ("target_pose", PoseStamped, self._aim),
             ("target_twist", TwistStamped, self._jog),
+            (interactive_target.FEEDBACK, InteractiveMarkerFeedback, self._drag),
         ):
             self._leading[topic] = self._listen(kind, topic, partial(self._lead, topic, lead), QOS)
         self._is_heard = False
@@ -218,6 +239,11 @@ class ControlNode(ManagedNode):
     def _jog(self, controller: Controller, robot: Robot, msg: TwistStamped) -> None:
         controller.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
 
+    def _drag(self, controller: Controller, robot: Robot, msg: InteractiveMarkerFeedback) -> None:
+        goal = self._marker.released(msg)
+        if goal is not None:
+            self._aim(controller, robot, goal)
+
     @property
     def _now(self) -> float | None:
         """When a message came [s], steady clock; None where the stamps count."""
@@ -259,6 +285,36 @@ class ControlNode(ManagedNode):
             self._shown = tick
             self._report.show(controller, tick, self._params)
             values.update(self.values_of(tick))
+
+    def _draw(self) -> None:
+        """Show the last tick to who watches; where the law makes none, where the arm is."""
+        controller, robot, measured = self._controller, self._robot, self._input.measured
+        if controller is None or robot is None or measured is None or self._is_silent:
+            return
+        (t, q, dq), tick = measured, controller.guidance.of_law
+        last_t, last_tick = self._drawn
+        if tick is None or t == last_t or not self._views.is_watched:
+            return
+        is_stopped, self._drawn = bool(controller.fault) or tick is last_tick, (t, tick)
+        stamp = Time(sec=self._stamp.sec, nanosec=self._stamp.nanosec)
+        try:
+            stiffness = self.stiffness_of(tick)
+            if is_stopped:
+                tick, stamp = tick._replace(look=partial(robot.state, q, dq)), stamp_to_ros(t)
+            poles = self._params.poles
+            self._views.show(tick, robot, stamp, stiffness, poles, is_stopped=is_stopped)
+        except Exception as error:  # what is shown must not end what controls
+            self._health.complain(f"{defect(error)}, of ~/markers", error=True, about="markers")
+
+    def _place_marker(self) -> None:
+        """Show the target where the arm is led to, or is held."""
+        controller, robot, measured = self._controller, self._robot, self._input.measured
+        if controller is None or robot is None or measured is None or not self._marker.is_watched:
+            return
+        frame = controller.guidance.motion.last
+        if controller.fault:
+            frame = controller.scheme.frame_at(measured[1])
+        self._marker.place(frame, robot.base_frame)
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

@@ -1,4 +1,4 @@
-"""What a control node tells of itself: ~/pose, ~/desired, ~/error, ~/lyapunov and /diagnostics."""
+"""Reports of a control node: ~/pose, ~/desired, ~/error, ~/lyapunov and /diagnostics."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import Cause, Mode, Why
+from eulerparams_control.control.mode import NO_STATES, Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.scheme import Tick
@@ -95,9 +95,9 @@ class ControlReport:
         self._health.set(
             diagnostics.ERROR,
             f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
-            "see to the robot and the network; when they are back the arm is held where it is",
+            NO_STATES.remedy,
             mode=mode.value,
-            cause=Cause.NO_STATES.value,
+            cause=NO_STATES.cause.value,
         )
 
     def answered(self, controller: Controller, t: int, period: int, orientation: str) -> bool:
@@ -145,6 +145,7 @@ class ControlReport:
         return {
             PACE: controller.guidance.scale.now,
             SLOWED: motion.slowed,
+            FROZEN: int(controller.scheme.is_frozen),
             "references ahead of joint_states [s]": motion.ahead,
             "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
@@ -174,9 +175,6 @@ class ControlReport:
         self._said = saying
         cause = why.cause or note.cause
         status = {"mode": mode.value, "cause": cause.value}
-        self._health.values[PACE] = rate
-        self._health.values[SLOWED] = controller.guidance.motion.slowed
-        self._health.values[FROZEN] = int(controller.scheme.is_frozen)
         if why.fault:
             self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", now.remedy, **status)
             return

@@ -1,4 +1,4 @@
-"""What a node reports on /diagnostics: counters, events, its health; 1 Hz and at changes."""
+"""Reports of a node on /diagnostics: counters, events, its health; 1 Hz and at changes."""
 
 import math
 from collections.abc import Callable
@@ -26,13 +26,13 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 # The same complaint is logged again after this time at the earliest.
 _REPEAT_SECONDS = 5.0
 
-# So many complaints are remembered.
+# Number of complaints that are remembered.
 _REMEMBERED = 20
 
-# What passes, such as a rejected message, is a warning for so long [s].
+# How long [s] a passing event, such as a rejected message, stays a warning.
 _PASSES = 3.0
 
-# Of the reason why a message was rejected, so much is shown.
+# Longest reason of a rejection that is shown [characters].
 _LONGEST_REASON = 300
 
 

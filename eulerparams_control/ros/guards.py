@@ -1,4 +1,4 @@
-"""What a control node must not be made to do: by its parameters, or by wrong transitions."""
+"""Guards of a control node against its parameters, and against wrong transitions."""
 
 from collections.abc import Callable
 from typing import Any

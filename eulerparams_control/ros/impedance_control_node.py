@@ -15,6 +15,7 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
+from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
@@ -26,7 +27,7 @@ from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.wrench_input import WrenchInput
 
-# So many wrenches decide whether the arm touches something.
+# Number of wrenches that decide whether the arm touches something.
 _FEW = 10
 
 
@@ -244,6 +245,14 @@ class ImpedanceControlNode(ControlNode):
         felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
         force, moment = _norms(felt)
         return {"contact force [N]": force, "contact moment [Nm]": moment}
+
+    def stiffness_of(self, tick: Tick) -> Stiffness | None:
+        """Return K_p at the centre of compliance; None while there is no compliant frame."""
+        scheme = self._controller.scheme if self._controller else None
+        if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
+            return None
+        centre = tick.command.frame.carrying(self._params.centre(scheme.robot))
+        return Stiffness(scheme.law.compliance.stiffness(tick.desired.R_d), centre.p_d)
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""

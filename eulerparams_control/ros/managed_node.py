@@ -1,4 +1,4 @@
-"""What makes a lifecycle node of a controller: parameters, transitions, defects.
+"""The lifecycle node of a controller: parameters, transitions, defects.
 
 By default it starts itself as soon as it has a robot description and a state.
 """

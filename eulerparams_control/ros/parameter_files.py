@@ -1,4 +1,4 @@
-"""What the command line of a node gives: the sections of parameter files, and single parameters.
+"""Parameters on the command line of a node: sections of parameter files, and single ones.
 
 rcl leaves out the sections of other nodes without a word.  So a name that is misspelt would mean
 that all its parameters are the defaults.  Nor does it say that a word is dropped where another

@@ -1,4 +1,4 @@
-"""Who publishes on a topic."""
+"""Publishers of a topic."""
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription

@@ -25,7 +25,7 @@ from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
 from eulerparams_control.ros.runtime import run
 
-# To read so many points takes a controller some 50 ms, in which it commands nothing.
+# Largest number of points: a controller takes some 50 ms to read them, and commands nothing then.
 _MANY = 1000
 
 # Without a robot description for longer [s] it complains.
@@ -121,7 +121,7 @@ class ReferenceNode(Node):
             self._pending = False
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Send the motion of the parameters again, as after a fault; a circle begins anew here."""
+        """Send the motion of the parameters again, as after a fault; a circle begins again here."""
         reason = self._send_motion()
         response.success = not reason
         response.message = f"not sent: {reason}" if reason else self._health.message

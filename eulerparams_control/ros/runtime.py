@@ -1,4 +1,4 @@
-"""How every executable of the package runs: signals, executor, exit codes."""
+"""The runtime of every executable: signals, executor, exit codes."""
 
 import gc
 import signal

@@ -14,10 +14,10 @@ from eulerparams_control.robot.robot import Robot
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
 
-# In simulated time joint_states have stopped after so much [s] of the steady clock.
+# In simulated time joint_states have stopped after this time [s] of the steady clock.
 _SIMULATION_STANDS = 0.5
 
-# Of so many answers the latencies are remembered.
+# Number of answers whose latencies are remembered.
 _REMEMBERED = 2000
 
 MOVES = 0.05
@@ -26,8 +26,8 @@ MOVES = 0.05
 # So long [s] after an arm moved its efforts are those that brake it, not those that bear it.
 _CALM = 0.1
 
-# Speeds that are not measured are differences of positions over so long [s] at least, but not over
-# much longer.
+# Speeds that are not measured are differences of positions over the first time [s] at least, and
+# over the second one at most.
 _SPAN, _LONGEST_SPAN = 0.05, 0.5
 
 
@@ -129,7 +129,7 @@ class StateInput:
         return steady() - self.came
 
     def timeout(self, timeout: float, is_simulated: bool) -> float:
-        """Return after which silence [s] they have stopped; simulated time may stand still."""
+        """Return after which silence [s] they have stopped; simulated time may stop."""
         return max(timeout, _SIMULATION_STANDS) if is_simulated else timeout
 
     def is_stale(self, timeout: float) -> bool:

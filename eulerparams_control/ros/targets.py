@@ -1,4 +1,4 @@
-"""What ``target_pose`` and ``target_twist`` ask for, in the base frame."""
+"""Targets of ``target_pose`` and ``target_twist``, in the base frame."""
 
 import math
 from typing import Any

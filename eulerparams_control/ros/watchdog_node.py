@@ -25,7 +25,7 @@ from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STR
 from eulerparams_control.ros.runtime import run
 
 _RESUME = "see to the controller; when it sends efforts again, call ~/resume"
-_SAYS = {
+SAYS = {
     WatchMode.WAITING: ("waiting for joint_states and joint_effort", ""),
     WatchMode.PASSING: ("passing joint_effort on", ""),
     WatchMode.BRAKING: ("joint_effort is silent: the arm is braked", _RESUME),
@@ -35,7 +35,7 @@ _SAYS = {
 
 
 class WatchdogNode(Node):
-    """Stands between a controller of efforts and a driver that holds the last one for ever."""
+    """Sits between a controller of efforts and a driver that holds the last one for ever."""
 
     def __init__(self) -> None:
         super().__init__("watchdog")
@@ -105,7 +105,7 @@ class WatchdogNode(Node):
         assert self._watch is not None
         if tau is not None:
             self._driver.publish(self._stamp, JointCommand(effort=tau))
-        text, remedy = _SAYS[self._watch.mode]
+        text, remedy = SAYS[self._watch.mode]
         level = diagnostics.ERROR if remedy else diagnostics.OK
         self._health.set(level, text, remedy, mode=self._watch.mode)
 

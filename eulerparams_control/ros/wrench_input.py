@@ -16,14 +16,15 @@ from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 
-_STUCK = Why(
+STUCK = Why(
     Cause.WRENCH_STUCK,
     note="the wrench repeats its value to the bit while the arm moves: the sensor is stuck",
     remedy="see to the sensor and its driver; a wrench that changes is believed again",
 )
 
 
-def _lost(note: str) -> Why:
+def lost(note: str) -> Why:
+    """Return why there is no wrench that is to be believed."""
     return Why(Cause.NO_WRENCH, note=note, remedy="see to the sensor, its driver and the network")
 
 
@@ -61,7 +62,7 @@ class WrenchInput:
         self._received = self._paired = -math.inf  # steady clock [s]
         self._is_new = False
         self._stuck: StuckSensor | None = None
-        self.trouble = _lost("no valid wrench yet; is the force/torque sensor running?")
+        self.trouble = lost("no valid wrench yet; is the force/torque sensor running?")
 
     def set_back(self) -> None:
         """Expect older stamps: the clock of the robot was set back, and may be that of both."""
@@ -142,15 +143,15 @@ class WrenchInput:
             self._stuck = self._stuck or StuckSensor(limits)
             is_stuck = self._stuck.update(self._last.w, q, steady())
         if self._age(t) > self._timeout:
-            self.trouble = _lost(
+            self.trouble = lost(
                 f"no valid wrench within {self._timeout:g} s; is the sensor running?"
             )
         elif unpaired and not self._clock.ros_time_is_active and self._waited:
-            self.trouble = _lost(
+            self.trouble = lost(
                 "no wrench has the stamp of joint_states; set wrench_pairing: latest"
             )
         elif is_stuck:
-            self.trouble = _STUCK
+            self.trouble = STUCK
         else:
             self.trouble = Why()
         self.fresh = None if self.trouble.note else self._last

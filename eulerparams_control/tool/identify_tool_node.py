@@ -35,7 +35,7 @@ from eulerparams_control.tool.parameters import IdentifyToolParameters
 from eulerparams_control.tool.poses import Pose, PoseCollector
 from eulerparams_control.tool.report import ToolReport
 
-# Without a message for so long [s] a topic is said to be silent.
+# Silence [s] after which a topic is said to be silent.
 _SILENCE = 2.0
 
 

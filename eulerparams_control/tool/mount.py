@@ -1,4 +1,4 @@
-"""Where the force/torque sensor sits on the arm, and what the URDF says it carries."""
+"""The place of the force/torque sensor on the arm, and what it carries by the URDF."""
 
 import xml.etree.ElementTree as ET
 from typing import NamedTuple

@@ -25,13 +25,13 @@ class IdentifyToolParameters:
         0.35, "between the directions of gravity of two poses", unit="rad", bounds=(0.01, 1.5)
     )
     settle_time: float = parameter(
-        0.5, "for which the arm stands still before", unit="s", bounds=(0.01, 60.0)
+        0.5, "for which the arm is at rest before", unit="s", bounds=(0.01, 60.0)
     )
     averaging_time: float = parameter(
         1.0, "for which the wrench is averaged then", unit="s", bounds=(0.01, 600.0)
     )
     max_speed: float = parameter(
-        0.02, "of the joints of an arm that stands still", unit="rad/s", bounds=(1e-4, 1.0)
+        0.02, "of the joints of an arm at rest", unit="rad/s", bounds=(1e-4, 1.0)
     )
     max_residual_force: float = parameter(
         0.5, "unexplained in a pose; more is warned of", unit="N", bounds=(0.0, 1e4)

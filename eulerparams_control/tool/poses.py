@@ -1,6 +1,6 @@
 """Poses at rest, taken as an arm is moved by others from one to the next.
 
-Whenever the arm stands still with gravity in a new direction, as the sensor sees it, the
+Whenever the arm is at rest with gravity in a new direction, as the sensor sees it, the
 wrench is averaged for some time.  If the arm moves meanwhile, what was measured is dropped.
 
 Time is that of the stamps of joint_states [ns].
@@ -25,9 +25,9 @@ class PoseOptions:
     """When a pose is taken.
 
     Attributes:
-        settle_time: [s] for which the arm has to stand still before.
-        averaging_time: [s] for which it stands still then, while the wrench is averaged.
-        max_speed: [rad/s or m/s] of the joints of an arm that stands still.
+        settle_time: [s] for which the arm has to be at rest before.
+        averaging_time: [s] for which it stays at rest then, while the wrench is averaged.
+        max_speed: [rad/s or m/s] of the joints of an arm at rest.
         min_angle: [rad] between the directions of gravity of any two poses.
     """
 
@@ -54,7 +54,7 @@ class Pose(NamedTuple):
 
 
 class Standstill:
-    """Tells since when the arm stands still.
+    """Tells since when the arm is at rest.
 
     No joint may go faster than ``max_speed``, as measured where velocities are, and by the
     differences of its positions over ``settle_time`` in any case.
@@ -95,7 +95,7 @@ class PoseCollector:
         self, options: PoseOptions, orientation: Callable[[Array], Array], gravity: Array
     ) -> None:
         self.poses: list[Pose] = []
-        self.doing = "waiting until the arm stands still"
+        self.doing = "waiting until the arm is at rest"
         self._options, self._orientation = options, orientation
         self._down = gravity / np.linalg.norm(gravity)
         self._standstill = Standstill(options.max_speed, options.settle_time)
@@ -121,7 +121,7 @@ class PoseCollector:
             dropped = "the arm moved too early, the pose was dropped: let it rest"
             said = dropped if self._opened is not None else ""
             self._opened, self._finished = None, False
-            self.doing = "waiting until the arm stands still"
+            self.doing = "waiting until the arm is at rest"
             return said
         if self._finished:
             return ""

@@ -1,4 +1,4 @@
-"""What was found out about a tool: as a table, as warnings, and as parameters of controllers."""
+"""The report on an identified tool: a table, warnings, and parameters of controllers."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What is around the robot; importing this registers the kinds of things.
+"""The surroundings of the robot; importing this registers the kinds of things.
 
 A kind is one file, or a class in one, and a name below.
 """

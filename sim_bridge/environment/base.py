@@ -1,4 +1,4 @@
-"""What is around the robot: named things, each of a kind that its key ``shape`` names."""
+"""The surroundings of the robot: named things, each of a kind that its key ``shape`` names."""
 
 import dataclasses
 from collections.abc import Mapping

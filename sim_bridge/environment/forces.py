@@ -1,4 +1,4 @@
-"""What acts on the tool without touching it, and the sum of it."""
+"""Forces on the tool without a touch, and their sum."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable

@@ -20,7 +20,7 @@ from rich.table import Table
 from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import EulerParamsError, SimulationError
 from eulerparams_control.events import Event
-from eulerparams_control.lab.experiments.processes import Nodes
+from eulerparams_control.lab.run.processes import Nodes
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 DEVICE = "link0"
 ADDRESSES = ("10.77.0.1", "10.77.0.2")
@@ -71,43 +71,10 @@ class Host:
         self._holder.wait()
 
 
-class Link(Protocol):
-    """What joins the two hosts."""
-
-    kind: str
-
-    def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
-        """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
-
-    def end(self) -> None:
-        """Take it away."""
-
-
-class Veth:
-    """A pair of network devices of the kernel, with netem where the kernel has it."""
-
-    kind = "veth with netem"
-
-    def __init__(self, hosts: Sequence[Host]) -> None:
-        a, b = hosts
-        peer = ("peer", "name", DEVICE, "netns", str(b.pid))
-        _run("ip", "link", "add", DEVICE, "netns", str(a.pid), "type", "veth", *peer)
-        self._hosts = hosts
-
-    def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
-        """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
-        how = [f"{loss:%}", "delay", f"{delay}s", f"{jitter}s"]
-        for host in self._hosts:
-            host.run("tc", "qdisc", "replace", "dev", DEVICE, "root", "netem", "loss", *how)
-
-    def end(self) -> None:
-        """It goes with its hosts."""
-
-
 class Cable:
-    """Two TAP devices and a process that carries packets between them: where there is no netem."""
+    """Two TAP devices and a process that carries packets between them: it takes no netem."""
 
-    kind = "a cable in a process of its own (the kernel has no netem)"
+    kind = "a cable in a process of its own"
 
     def __init__(self, hosts: Sequence[Host]) -> None:
         script = Path(__file__).with_name("cable.py")
@@ -120,7 +87,7 @@ class Cable:
         )
         assert self._process.stdout is not None
         if self._process.stdout.readline() != "ready\n":
-            raise NoHosts("neither netem nor /dev/net/tun: load the module sch_netem, or tun")
+            raise NoHosts("there is no /dev/net/tun: load the module tun")
 
     def impair(self, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0) -> None:
         """Lose a part of the packets, delay the rest by [s], give or take; both ways."""
@@ -144,7 +111,7 @@ class Network:
 
     def __init__(self) -> None:
         self._hosts: list[Host] = []
-        self.link: Link | None = None
+        self.link: Cable | None = None
 
     def __enter__(self) -> Self:
         if os.geteuid() != 0:
@@ -153,7 +120,7 @@ class Network:
             for name, address in zip(("robot", "controller"), ADDRESSES, strict=True):
                 self._hosts.append(Host(name, address))
             self.robot, self.controller = self._hosts
-            self.link = Veth(self._hosts) if _has_netem(self._hosts[0]) else Cable(self._hosts)
+            self.link = Cable(self._hosts)
             for host in self._hosts:
                 host.connect()
         except FileNotFoundError as error:
@@ -177,15 +144,6 @@ class Network:
     def restore(self) -> None:
         """Mend the link."""
         self.robot.run("ip", "link", "set", DEVICE, "up")
-
-
-def _has_netem(host: Host) -> bool:
-    """Return whether the kernel can lose and delay packets by itself."""
-    words = ("tc", "qdisc", "add", "dev", "lo", "root", "netem", "loss", "0%")
-    tried = subprocess.run(host.command(words), capture_output=True, check=False)
-    if tried.returncode == 0:
-        host.run("tc", "qdisc", "del", "dev", "lo", "root")
-    return tried.returncode == 0
 
 
 def _run(*words: str) -> None:

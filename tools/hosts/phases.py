@@ -1,4 +1,4 @@
-"""What was heard while something was done to the link, and what must hold of it."""
+"""Phases of the link between two hosts: the messages heard, and the conditions on them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -8,7 +8,6 @@ stamped by another clock.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from sim_bridge.parameters import SimulatorParameters
 WAY_POINTS, STREAM, NOTHING = "way points", "stream", "nothing"
 CHUNKS, POSES, GOALS, TWISTS = "chunks", "target poses", "goals", "target twists"
 MOTIONS = (WAY_POINTS, STREAM, NOTHING)
-"""What the arm does in a sequence of faults."""
+"""Motions of the arm in a sequence of faults."""
 
 SMOOTH_MOTIONS = (*MOTIONS, CHUNKS, POSES, GOALS, TWISTS)
 """What it does in a sequence of smooth motions."""
@@ -36,8 +35,6 @@ _STEP_RATE = 1000.0  # [Hz] of the simulation, at least
 # [Hz], and how often: those that take long are rare.  The damping of efforts needs the higher ones.
 _RATES = {20.0: 0.2, 50.0: 0.2, 125.0: 0.25, 250.0: 0.2, 500.0: 0.1, 1000.0: 0.05}
 _EFFORT_RATES = {250.0: 0.6, 500.0: 0.3, 1000.0: 0.1}
-
-_REAL_RATES = 125.0, 250.0  # [Hz] from and to
 
 _LONGEST_LAG, _LONGEST_DELAY = 0.04, 0.01  # [s] of a position servo, of a network
 
@@ -85,19 +82,6 @@ class RobotDraw:
             wrap_continuous=self.turns,
             velocities=self.velocities,
         )
-
-    def bridge(self, control: str) -> dict[str, Any]:
-        """Return the parameters of the node that stands in for it, whose steps are its states."""
-        return {
-            "control": control,
-            "rate": self.rate,
-            "protective_speed": PROTECTIVE_SPEED,
-            "servo_lag": self.lag,
-            "velocities": self.velocities,
-            "command_delay": self.delay,
-            "on_silence": self.on_silence.value,
-            "max_joint_acceleration": [self.acceleration],
-        }
 
     def policy(self) -> DrivePolicy:
         """Return what it does about its commands; whether they cease is seen once a period."""
@@ -158,13 +142,6 @@ def draw_robot(random: np.random.Generator, control: str, acceleration: float) -
         acceleration * bool(is_strict and is_position),
         takes_late=False,
     )
-
-
-def in_real_time(robot: RobotDraw) -> RobotDraw:
-    """Return a robot as its node can be: it keeps pace, and what it reports is all there is."""
-    low, high = _REAL_RATES
-    rate = min(max(robot.rate, low), high)
-    return replace(robot, rate=rate, steps=1, turns=False, velocities=True)
 
 
 def draw_motion(random: np.random.Generator) -> str:

@@ -1,4 +1,4 @@
-"""What came of a sequence: judged, and small enough to be kept."""
+"""Outcome of a sequence: the verdicts, and a summary small enough to keep."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.oracles import Oracle, Violation, judge
+from eulerparams_control.analysis.checks import speed_of_limit
+from eulerparams_control.lab.campaign.oracles import Violation, judge
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of
 from eulerparams_control.lab.campaign.record import ERROR, STOPS, SequenceRecord
-
-STARVED = 0.05
-"""[s] without time for the robot, or for who listens: what needs real time is not judged then."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +21,6 @@ class SequenceOutcome:
         plan: the sequence.
         violations: what must not be, in the order of time.
         error: why it could not be run; "" if it could.
-        unjudged: what was found, but counts for nothing, since the machine starved.
-        starved: [s] for which, at most, the machine gave the robot, or who listened, no time.
         digest: hash of all commands.
         duration: [s] of the sequence.
         seconds: [s] that it took.
@@ -39,8 +35,6 @@ class SequenceOutcome:
     plan: SequencePlan
     violations: tuple[Violation, ...] = ()
     error: str = ""
-    unjudged: tuple[Violation, ...] = ()
-    starved: float = 0.0
     digest: str = ""
     duration: float = 0.0
     seconds: float = 0.0
@@ -65,7 +59,6 @@ class SequenceOutcome:
         """Return it as JSON has it."""
         plan = self.plan
         return {
-            "mode": plan.mode,
             "controller": plan.controller,
             "seed": plan.seed,
             "repeat": plan.repeat,
@@ -77,8 +70,6 @@ class SequenceOutcome:
             "faults": [str(fault) for fault in faults_of(plan)],
             "violations": [violation._asdict() for violation in self.violations],
             "error": self.error,
-            "starved": round(self.starved, 3),
-            "unjudged": [violation._asdict() for violation in self.unjudged],
             "commands": self.commands,
             "commands_sha256": self.digest,
             "duration": self.duration,
@@ -93,21 +84,17 @@ class SequenceOutcome:
 
 def look(plan: SequencePlan, record: SequenceRecord, seconds: float) -> SequenceOutcome:
     """Return what came of a sequence of which all this was seen."""
-    found = judge(record)
-    is_starved = record.starved > STARVED
-    counts = [v for v in found if not is_starved or Oracle.registry[v.oracle].holds_if_starved]
+    speeds = speed_of_limit(np.array([truth.dq for truth in record.truth]), record.limits)
     return SequenceOutcome(
         plan,
-        violations=tuple(counts),
-        unjudged=tuple(v for v in found if v not in counts),
-        starved=record.starved,
+        violations=tuple(judge(record)),
         digest=record.digest(),
         duration=record.end,
         seconds=seconds,
         commands=len(record.commands),
         troubled=_troubled(record),
         tip_error=record.tip_error,
-        peak_speed=_peak_speed(record),
+        peak_speed=float(speeds.max()),
         stops=sum(event.what == STOPS for event in record.events),
         story=_story(record),
     )
@@ -118,12 +105,6 @@ def _troubled(record: SequenceRecord) -> float:
     ends = [*(said.t for said in record.said[1:]), record.end]
     pairs = zip(record.said, ends, strict=False)
     return round(sum(end - said.t for said, end in pairs if said.level == ERROR), 6)
-
-
-def _peak_speed(record: SequenceRecord) -> float:
-    """Return the speed of the fastest joint, as a part of its limit."""
-    speeds = np.abs([truth.dq for truth in record.truth])
-    return float((speeds / record.limits.velocity).max())
 
 
 def _story(record: SequenceRecord) -> tuple[str, ...]:
@@ -155,7 +136,4 @@ def headline(outcomes: Sequence[SequenceOutcome]) -> str:
         f"{len(outcomes)} random fault sequences with {faults} faults and {commands:,} commands: "
         f"{sum(len(o.violations) for o in failed)} violations in {len(failed)} sequences"
     )
-    unjudged = sum(bool(o.unjudged) for o in outcomes)
-    if unjudged:
-        text += f"; of {unjudged} in real time not all could be judged, the machine starved"
     return text + (f"; {lost} could not be run" if lost else "")

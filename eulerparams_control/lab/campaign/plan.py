@@ -1,4 +1,4 @@
-"""What happens in a sequence: made of its seed and its controller alone."""
+"""Plan of a sequence, drawn from its seed and its controller alone."""
 
 import math
 from collections.abc import Sequence
@@ -15,32 +15,15 @@ from eulerparams_control.lab.campaign.draws import (
     draw_motion,
     draw_robot,
     draw_stream,
-    in_real_time,
 )
 from eulerparams_control.lab.campaign.record import AskedLimits
-from eulerparams_control.lab.faults import (
-    FROM_ROBOT,
-    ROBOT,
-    TO_ROBOT,
-    Delay,
-    Drop,
-    Fault,
-    Freeze,
-    Nan,
-    Noise,
-    Reorder,
-    Stuck,
-    random_faults,
-)
+from eulerparams_control.lab.faults import FROM_ROBOT, ROBOT, TO_ROBOT, Fault, random_faults
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import POSITION, TORQUE, schemes
-
-LOCKSTEP, REALTIME = "lockstep", "realtime"
-MODES = (LOCKSTEP, REALTIME)
 
 CONTROLLERS = tuple(schemes())
 
@@ -89,7 +72,6 @@ class SequencePlan:
     Attributes:
         seed: makes the rest.
         controller: one of ``CONTROLLERS``.
-        mode: one of ``MODES``.
         motion: one of ``SMOOTH_MOTIONS``: what the arm does while the faults come.
         orientation: the representation.
         setting: number of its further parameters.
@@ -102,7 +84,6 @@ class SequencePlan:
 
     seed: int
     controller: str
-    mode: str
     motion: str
     orientation: str
     setting: int
@@ -124,15 +105,14 @@ class SequencePlan:
     def name(self) -> str:
         """What tells it from the others."""
         kind = "" if self.kind == FAULTY else f"{self.kind} "
-        return f"{kind}{self.mode} {self.controller} {self.seed}"
+        return f"{kind}{self.controller} {self.seed}"
 
     @property
     def repeat(self) -> str:
         """The command that repeats it."""
         kind = "" if self.kind == FAULTY else f"--kind {self.kind} "
         return (
-            f"fault_campaign {kind}--mode {self.mode} --controller {self.controller} "
-            f"--seed {self.seed} --sequences 1"
+            f"fault_campaign {kind}--controller {self.controller} --seed {self.seed} --sequences 1"
         )
 
     @property
@@ -205,9 +185,7 @@ def _settings(controller: str) -> tuple[dict[str, str | float], ...]:
     return next(settings for name, settings in _SETTINGS.items() if name in known)
 
 
-def make_plan(
-    seed: int, controller: str, mode: str = LOCKSTEP, kind: str = FAULTY
-) -> SequencePlan:
+def make_plan(seed: int, controller: str, kind: str = FAULTY) -> SequencePlan:
     """Return the sequence of a seed."""
     random = np.random.default_rng((seed, CONTROLLERS.index(controller)))
     motion = str(random.choice(MOTIONS, p=(0.55, 0.3, 0.15)))
@@ -217,7 +195,7 @@ def make_plan(
         force, moment = random.uniform(-1, 1, size=(2, 3))
         push = (*(_PUSH_FORCE * force).tolist(), *(_PUSH_MOMENT * moment).tolist())
     setting = int(random.integers(len(_settings(controller))))
-    plan = SequencePlan(seed, controller, mode, motion, orientation, setting, push)
+    plan = SequencePlan(seed, controller, motion, orientation, setting, push)
     return plan if kind == FAULTY else _smooth(plan)
 
 
@@ -230,7 +208,7 @@ def _smooth(plan: SequencePlan) -> SequencePlan:
     robot = draw_robot(random, plan.control, hardest if math.isfinite(hardest) else 0.0)
     return replace(
         plan,
-        robot=robot if plan.mode == LOCKSTEP else in_real_time(robot),
+        robot=robot,
         stream=draw_stream(random, motion),
         is_calm=bool(random.uniform() < 0.5),
     )
@@ -264,10 +242,9 @@ def shaken(
         released: when the push ends [s]; None where there is none.
         topics: whose faults count.
     """
-    kinds = (Noise, Freeze, Stuck, Delay, Reorder, Nan, Drop)
     found = [
         (beginning + fault.at, beginning + fault.end)
         for fault in faults
-        if isinstance(fault, kinds) and fault.topic in topics
+        if fault.shakes and fault.topic in topics
     ]
     return found if released is None else [*found, (beginning, beginning), (released, released)]

@@ -1,4 +1,4 @@
-"""What was seen of a sequence: on the wire, and of the arm itself.
+"""Record of a sequence: the messages on the wire, and the motion of the arm itself.
 
 Times ``t`` are seconds of the sequence, on the clock that never jumps; stamps are what the
 messages say.
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.robot.robot import Robot
 
 Values = tuple[float, ...]
@@ -51,7 +52,7 @@ class State(NamedTuple):
 
     Attributes:
         t: [s] when it was delivered.
-        stamp: [s] that it bears.
+        stamp: [s] of its header.
         q, dq: (n,) [rad], [rad/s]; empty where it cannot be read.
     """
 
@@ -98,22 +99,13 @@ class SequenceEvent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AskedLimits:
+class AskedLimits(MotionLimits):
     """What commands may ask for, as the parameters ``max_...`` of a controller say; inf: anything.
 
     Attributes:
-        linear_speed, angular_speed: of the tip [m/s], [rad/s].
-        linear_acceleration, angular_acceleration: [m/s^2], [rad/s^2].
-        linear_jerk, angular_jerk: [m/s^3], [rad/s^3].
         joint_acceleration: one, or one a joint [rad/s^2].
     """
 
-    linear_speed: float = math.inf
-    angular_speed: float = math.inf
-    linear_acceleration: float = math.inf
-    angular_acceleration: float = math.inf
-    linear_jerk: float = math.inf
-    angular_jerk: float = math.inf
     joint_acceleration: tuple[float, ...] = (math.inf,)
 
 
@@ -126,8 +118,6 @@ class SequenceRecord:
         max_effort_rate: [Nm/s].
         state_timeout: [s] after which a controller has to be silent.
         period: [s] of joint_states.
-        jitter: [s] by which a message may be late on a busy machine; 0 in lock-step, where the
-            times are exact.
         quiet: [s] from when on no fault acts.
         end: [s] of the sequence.
         commands, states, truth, said, events: in the order of their times.
@@ -135,7 +125,6 @@ class SequenceRecord:
         shaken: (from, to) [s] in which a fault moves the arm, or what is measured of it.
         disturbed: (from, to) [s] in which it is moved although nothing is measured.
         tip_error: [m], [deg] between the tip at the end and where it was sent at last.
-        starved: [s] for which, at most, the machine gave the robot, or who listened, no time.
         crash: how the controller ended that was not to end; "" if it did not.
         refused: how many commands the robot had to refuse.
         asked: what commands may ask for at most; None where that is not judged.
@@ -145,7 +134,6 @@ class SequenceRecord:
     max_effort_rate: float
     state_timeout: float
     period: float
-    jitter: float = 0.0
     quiet: float = 0.0
     end: float = 0.0
     commands: list[Command] = field(default_factory=list)
@@ -157,7 +145,6 @@ class SequenceRecord:
     shaken: list[tuple[float, float]] = field(default_factory=list)
     disturbed: list[tuple[float, float]] = field(default_factory=list)
     tip_error: tuple[float, float] = (0.0, 0.0)
-    starved: float = 0.0
     crash: str = ""
     refused: int = 0
     asked: AskedLimits | None = None
@@ -177,13 +164,6 @@ class SequenceRecord:
         starts = [event.t for event in self.events if event.what == STARTS]
         ends = [event.t for event in self.events if event.what == KILLED]
         return list(zip_longest(starts, ends, fillvalue=self.end))
-
-    def shift(self, origin: float) -> None:
-        """Let all times that were noted begin at ``origin`` [s]."""
-        for name in ("commands", "states", "truth", "said", "events"):
-            entries = getattr(self, name)
-            entries[:] = [entry._replace(t=entry.t - origin) for entry in entries]
-            entries.sort(key=lambda entry: entry.t)
 
     def digest(self) -> str:
         """Return a hash of all commands, to the bit."""

@@ -11,69 +11,14 @@
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
-from eulerparams_control.analysis.metrics import get_metric
+from eulerparams_control.analysis.charts import Chart, Line, Points
+from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.lab.experiments.yaml_checks import is_number, known, points, require
 
-Kind = Literal["measured", "predicted", "bound"]
-Points = tuple[tuple[float, float], ...]
-
 _KEYS = ("metric", "xlabel", "ylabel", "log", "ticks", "measured", "predicted")
-
-
-@dataclass(frozen=True)
-class Line:
-    """One line of a chart.
-
-    Attributes:
-        label: its name.
-        points: (x, y) of its points.
-        kind: ``measured``, ``predicted`` (dashed) or ``bound`` of a criterion (dotted).
-        markers: whether its points are marked.
-    """
-
-    label: str
-    points: Points
-    kind: Kind = "measured"
-    markers: bool = True
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What is drawn over a parameter.
-
-    Attributes:
-        xlabel, ylabel: of the axes, with units.
-        lines: in the order in which they are drawn.
-        log: the axes that are logarithmic: "", "x", "y" or "xy".
-        ticks: names of x = 0, 1, ...; () if x is a number.
-    """
-
-    xlabel: str
-    ylabel: str
-    lines: tuple[Line, ...]
-    log: str = ""
-    ticks: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> "Chart":
-        """Return the chart of :meth:`to_json`."""
-        lines = [
-            Line(line["label"], _pairs(line["points"]), line["kind"], line["markers"])
-            for line in content["lines"]
-        ]
-        rest = (content["log"], tuple(content["ticks"]))
-        return cls(content["xlabel"], content["ylabel"], tuple(lines), *rest)
-
-
-def _pairs(values: Any) -> Points:
-    return tuple((float(x), float(y)) for x, y in values)
 
 
 @dataclass(frozen=True)

@@ -43,13 +43,10 @@ class NodeSetup:
     own: Mapping[str, Any] = field(default_factory=dict)
     remaps: Mapping[str, str] = field(default_factory=dict)
 
-    def parameters(self, is_turned: bool) -> dict[str, Any]:
+    def parameters(self, is_turned: bool = False, is_lockstep: bool = True) -> dict[str, Any]:
         """Return what it needs in lock-step, and where the start is turned off the reference."""
-        return {**_LOCK_STEP, **self._known(_PAIRED), **self.own, **self.turned(is_turned)}
-
-    def turned(self, is_turned: bool = True) -> dict[str, Any]:
-        """Return the parameters with which a start off the reference is no fault, if it is one."""
-        return self._known(_TURNED) if is_turned else {}
+        needed = {**_LOCK_STEP, **self._known(_PAIRED), **self.own} if is_lockstep else {}
+        return needed | (self._known(_TURNED) if is_turned else {})
 
     def _known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return those values of which the node has a parameter."""

@@ -37,34 +37,26 @@ variants, or instead of them:
 import copy
 import math
 from dataclasses import fields
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-import yaml
-
-from eulerparams_control.analysis.figures import picture
+from eulerparams_control.analysis.charts import picture
 from eulerparams_control.analysis.headline import placeholders
-from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.charts import parse_chart
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import read_faults
 from eulerparams_control.lab.experiments.library import library_names
-from eulerparams_control.lab.experiments.model import (
-    LOGS,
-    Criterion,
-    Experiment,
-    Parameters,
-    Variant,
-)
+from eulerparams_control.lab.experiments.model import Criterion, Experiment, Parameters, Variant
 from eulerparams_control.lab.experiments.predictions import parse_prediction
 from eulerparams_control.lab.experiments.yaml_checks import (
     check_name,
     check_options,
     is_number,
     known,
+    load,
     require,
 )
-from eulerparams_control.resources import config_file
+from eulerparams_control.lab.run.run_cache import LOGS
 
 CONTROL_NODES = tuple(
     dict.fromkeys(name for controller in CONTROLLERS.values() for name in controller.executables)
@@ -82,7 +74,7 @@ _DRAWN = ("summary", "picture", "predictions", "chart")
 _KEYS = ("claim", "equations", *RUN_KEYS, "nodes", "variants", "library", "criteria", *_DRAWN)
 
 _LIBRARY = "library"
-"""What ``{library.NAME}`` in a summary begins with: a number of the library experiment."""
+"""Prefix of ``{library.NAME}`` in a summary: a number of the library experiment."""
 
 
 def parse_variants(content: dict[str, Any]) -> dict[str, Variant]:
@@ -162,25 +154,11 @@ def _parameters(where: str, nodes: Any) -> Parameters:
 
 
 def load_experiment(name_or_path: str) -> Experiment:
-    """Return an experiment by its name in config/experiments, or from a path.
-
-    Raises:
-        UnknownNameError: if there is none of that name; lists those that exist.
-        ConfigurationError: if the file is broken; says where.
-    """
-    is_path = name_or_path.endswith((".yaml", ".yml"))
-    path = Path(name_or_path) if is_path else config_file("experiments", name_or_path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    try:
-        return _experiment(path.stem, content, name_or_path)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    """Return an experiment by its name in config/experiments, or from a path; see ``load``."""
+    return load("experiments", name_or_path, partial(_experiment, name_or_path))
 
 
-def _experiment(name: str, content: Any, source: str) -> Experiment:
+def _experiment(source: str, name: str, content: Any) -> Experiment:
     check_name("experiment", name)  # of the folder of its results
     _check_keys(content)
     variants = parse_variants(content) if "variants" in content else {}

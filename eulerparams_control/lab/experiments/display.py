@@ -5,30 +5,18 @@ from collections.abc import Sequence
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
 from eulerparams_control.analysis.verdict import Verdict, groups, shown
 from eulerparams_control.command_line import say
+from eulerparams_control.lab.experiments.model import Task
 from eulerparams_control.lab.experiments.result import REPORT, Outcome, why_nothing
-from eulerparams_control.lab.experiments.schedule import Task
+from eulerparams_control.lab.run.jobs import progress
 
 
-class ProgressDisplay:
-    """Shows its bars while it is entered."""
-
-    _progress: Progress
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._progress.stop()
-
-
-class Display(ProgressDisplay):
+class Display:
     """Shows how far the runs are, and what came of each experiment.
 
     Args:
@@ -43,23 +31,20 @@ class Display(ProgressDisplay):
         self._lock = threading.Lock()
         self._runs: dict[tuple[str, str], TaskID] = {}
         self._times: dict[tuple[str, str], float] = {}
-        self._simulated = 0.0
         runs = [task.experiment.variants[name] for task in tasks for name in task.variants]
         self._count, self._done = len(runs), 0
         self._tasks, self._finished = len(tasks), 0
-        self._progress = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed:.0f} of {task.total:.0f} s simulated"),
-            TimeElapsedColumn(),
-            console=console,
-            disable=not console.is_terminal,
-            transient=True,
-        )
+        self._progress = progress(console, "s simulated")
         self._all = self._progress.add_task(
             self._overall(), total=sum(run.duration for run in runs)
         )
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._progress.stop()
 
     def _overall(self) -> str:
         experiments = f"{self._finished} of {self._tasks} experiments"
@@ -67,44 +52,43 @@ class Display(ProgressDisplay):
         return f"[bold]{runs}{experiments}[/bold]"
 
     def started(self, experiment: str, variant: str, duration: float) -> None:
-        """Show a run that begins."""
+        """Show a run that begins, of ``duration`` [s] of simulated time."""
         with self._lock:
-            key = experiment, variant
-            self._times[key] = 0.0
-            self._runs[key] = self._progress.add_task(f"{experiment} {variant}", total=duration)
+            task = self._progress.add_task(f"{experiment} {variant}", total=duration)
+            self._runs[experiment, variant] = task
 
     def simulated(self, experiment: str, variant: str, t: float) -> None:
-        """Show how far a run is."""
-        with self._lock:
-            self._advance((experiment, variant), t)
-
-    def _advance(self, key: tuple[str, str], t: float) -> None:
-        before = self._times.get(key, 0.0)
-        self._times[key] = max(before, t)
-        self._simulated += self._times[key] - before
-        if key in self._runs:
-            self._progress.update(self._runs[key], completed=t)
-        text = self._overall()
-        self._progress.update(self._all, completed=self._simulated, description=text)
-
-    def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
-        """Take a run off the screen; where there is no terminal, say so in a line."""
+        """Show how far a run is [s]."""
         with self._lock:
             key = experiment, variant
-            self._done += 1
-            self._advance(key, duration)
+            self._times[key] = max(self._times.get(key, 0.0), t)
             if key in self._runs:
-                self._progress.remove_task(self._runs.pop(key))
+                self._progress.update(self._runs[key], completed=t)
+            self._show_all()
+
+    def _show_all(self) -> None:
+        text = self._overall()
+        self._progress.update(self._all, completed=sum(self._times.values()), description=text)
+
+    def _remove(self, key: tuple[str, str]) -> None:
+        if key in self._runs:
+            self._progress.remove_task(self._runs.pop(key))
+
+    def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
+        """Take a run off the screen; where there is no terminal, say how it ended in a line."""
+        with self._lock:
+            self._done += 1
+            self._times[experiment, variant] = duration
+            self._remove((experiment, variant))
+            self._show_all()
             if not self._console.is_terminal:
                 say(self._console, f"  {experiment} {variant}: {how}")
 
     def repeated(self, experiment: str, variant: str, why: str) -> None:
         """Take a run that counts for nothing off the screen, and say why."""
         with self._lock:
-            key = experiment, variant
-            self._simulated -= self._times.pop(key, 0.0)
-            if key in self._runs:
-                self._progress.remove_task(self._runs.pop(key))
+            self._times.pop((experiment, variant), None)
+            self._remove((experiment, variant))
             text = f"  {experiment} {variant}: incomplete, to be run once more by itself: {why}"
             say(self._console, Text(text, style="yellow"))
 
@@ -112,9 +96,9 @@ class Display(ProgressDisplay):
         """Say what came of an experiment."""
         with self._lock:
             self._finished += 1
-            self._progress.update(self._all, description=self._overall())
+            self._show_all()
             for key in [key for key in self._runs if key[0] == outcome.experiment.name]:
-                self._progress.remove_task(self._runs.pop(key))
+                self._remove(key)
             if self._details:
                 self._say_details(outcome)
             else:

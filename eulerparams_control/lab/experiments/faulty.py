@@ -28,31 +28,28 @@ from pathlib import Path
 from typing import Any
 
 from eulerparams_control.analysis.real_time import USAGE
-from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.recovery import recover
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
+from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.events import Event
-from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup, NodeSetup
-from eulerparams_control.lab.experiments.model import Parameters, Variant
-from eulerparams_control.lab.experiments.processes import Nodes, RunStopped
-from eulerparams_control.lab.experiments.run_cache import RunRecord
-from eulerparams_control.lab.experiments.usage import UsageLog
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup
+from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.yaml_checks import known, require
 from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
+from eulerparams_control.lab.run.processes import Nodes, RunStopped
+from eulerparams_control.lab.run.run_cache import RunRecord
+from eulerparams_control.lab.run.usage import UsageLog
 
-INJECTOR = "fault_injector"
+Progress = Callable[[float], None]
+
+INJECTOR, RECORDER, BRIDGE = "fault_injector", "bag_recorder", "pybullet_bridge"
 FAULTY = "faulty/"
-OTHERS = ("reference", "pybullet_bridge", "bag_recorder")
+OTHERS = ("reference", BRIDGE, RECORDER)
 """The nodes of a run besides its controller, that may be killed, too."""
 
-RATE = 250.0
-"""[Hz] of the robot unless the experiment says otherwise: all nodes share a machine."""
-
-RECORDER, BRIDGE = "bag_recorder", "pybullet_bridge"
-
 _FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
-_START_TIMEOUT = 60.0  # [s] for all nodes to have found each other
+START_TIMEOUT = 60.0  # [s] for all nodes to find each other: processes start slowly under load
+_PART = "part_"  # of the bag, by a recorder that was started again
 _POLL = 0.01  # [s] between two looks at what is due
 _AGAIN = 10.0  # [s] between two motions, where faults end them
 
@@ -99,71 +96,15 @@ def remaps(controller: ControllerSetup) -> dict[str, dict[str, str]]:
     *inwards, command = controller.topics
     to_controller = {topic: FAULTY + topic for topic in inwards}
     nodes = {node.executable: {**to_controller, **node.remaps} for node in controller.nodes}
-    return {**nodes, "pybullet_bridge": {command: FAULTY + command}}
+    return {**nodes, BRIDGE: {command: FAULTY + command}}
 
 
-def control_parameters(node: NodeSetup, is_turned: bool) -> dict[str, Any]:
-    """Return what a control node needs in real time: what it has by default."""
-    return node.turned(is_turned)
-
-
-def bridge_parameters() -> dict[str, Any]:
-    """Return what the bridge needs in real time; it goes on until it is stopped."""
-    return {"mode": "realtime", "rate": RATE}
-
-
-def injector_parameters(
-    controller: ControllerSetup, faults: tuple[Fault, ...], seed: int
-) -> dict[str, Any]:
-    """Return what the injector is told."""
-    told = [str(fault) for fault in faults if not isinstance(fault, Kill)]
-    topics = list(controller.topics)
-    values: dict[str, Any] = {"topics": topics, "start_on": "reference", "seed": seed}
-    return values | {"faults": told} if told else values
-
-
-def recorded(controller: ControllerSetup, has_faults: bool) -> list[str]:
-    """Return the topics that are recorded."""
-    own = ["robot_description", "wrench", "joint_states", "reference", "/diagnostics"]
-    return [*controller.answers, *([FAULTY + controller.command] if has_faults else []), *own]
-
-
-def record_in_real_time(
-    settings: Variant,
-    parameters: Parameters,
-    record: RunRecord,
-    progress: Callable[[float], None],
-    stop: threading.Event | None,
-) -> None:
-    """Start the nodes of a variant, and end them when its time is over.
-
-    Raises:
-        SimulationError: if a node dies that was not killed; with its last words.
-        BagError: if its bag holds no motion.
-        RunStopped: if it was told to.
-    """
-    controller, has_faults = CONTROLLERS[settings.controller], bool(settings.faults)
-    with Nodes(record.path.parent, stop) as nodes:
-        others = remaps(controller) if has_faults else {}
-        topics = recorded(controller, has_faults)
-        output: dict[str, Any] = {"output": str(record.bag), "topics": topics}
-        injector = (INJECTOR,) if has_faults else ()
-        start = (RECORDER, *injector, *controller.executables, BRIDGE, "reference")
-        for name in start:
-            nodes.start(name, {**parameters, RECORDER: output}[name], remaps=others.get(name, {}))
-        nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
-        record.claim()  # now: we may be killed
-        parts = _Parts(record, nodes, output)
-        if has_faults:
-            nodes.wait_for_event(INJECTOR, Event.READY, _START_TIMEOUT)
-            _follow(settings, nodes, parts, progress)
-        else:
-            nodes.wait_for_event("reference", Event.SENT, _START_TIMEOUT)
-            _watch(settings, nodes, UsageLog(nodes, record.bag / USAGE), progress)
-        alive = [name for name in start if name in nodes.processes and name != BRIDGE]
-        nodes.stop(*sorted(alive, key=lambda name: name == RECORDER))
-    parts.join()
-    _check_moved(record.bag, controller.command)
+def injector_parameters(settings: Variant) -> dict[str, Any]:
+    """Return what the injector of a run is told."""
+    told = [str(fault) for fault in settings.faults if not isinstance(fault, Kill)]
+    topics = list(CONTROLLERS[settings.controller].topics)
+    values = {"topics": topics, "start_on": "reference", "seed": settings.fault_seed}
+    return values | ({"faults": told} if told else {})
 
 
 @contextmanager
@@ -178,13 +119,18 @@ def turn(stop: threading.Event | None) -> Iterator[None]:
         _REAL_TIME.release()
 
 
-def _follow(
-    settings: Variant, nodes: Nodes, parts: "_Parts", progress: Callable[[float], None]
-) -> None:
+def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
     """Kill and start nodes when it is time to, until the run is over.
 
     The time that a node takes to come up again does not count: later deeds and the end wait for it.
+
+    Raises:
+        SimulationError: if a node dies that was not killed; with its last words.
+        RunStopped: if it was told to.
     """
+    for part in _parts(record):  # of a run before
+        shutil.rmtree(part)
+    nodes.wait_for_event(INJECTOR, Event.READY, START_TIMEOUT)
     due = deeds(settings.faults)
     began = time.monotonic()
     while (t := time.monotonic() - began) < settings.duration:
@@ -196,16 +142,16 @@ def _follow(
                 nodes.kill(node)
                 continue
             before = time.monotonic()
-            _start_again(node, nodes, parts)
+            _start_again(node, nodes, record)
             began += time.monotonic() - before
         time.sleep(_POLL)
     progress(settings.duration)
 
 
-def _watch(
-    settings: Variant, nodes: Nodes, log: UsageLog, progress: Callable[[float], None]
-) -> None:
+def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
     """Look at what the nodes take until the run is over; send a motion that has ended again."""
+    nodes.wait_for_event("reference", Event.SENT, START_TIMEOUT)
+    log = UsageLog(nodes, record.bag / USAGE)
     (controller,) = CONTROLLERS[settings.controller].executables
     began = moved = time.monotonic()
     motions = 1  # that the reference was started to send
@@ -222,15 +168,18 @@ def _watch(
         time.sleep(_POLL)
 
 
-def _start_again(node: str, nodes: Nodes, parts: "_Parts") -> None:
-    """Start a node that was killed, and wait until it is at work."""
+def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:
+    """Start a node that was killed, and wait until it is at work.
+
+    A recorder writes over nothing, so the next one has a folder of its own.
+    """
     event = Event.SENT if node == "reference" else Event.READY
     told, commanded = (len(nodes.events(node, kind)) for kind in (event, Event.COMMANDED))
     if node == RECORDER:
-        parts.add()
+        nodes.start_again(RECORDER, output=str(record.path.parent / f"{_PART}{told}"))
     else:
         nodes.start_again(node)
-    nodes.wait_for_event(node, event, _START_TIMEOUT, times=told + 1)
+    nodes.wait_for_event(node, event, START_TIMEOUT, times=told + 1)
     if node == BRIDGE and nodes.processes.keys() - {RECORDER, BRIDGE, "reference", INJECTOR}:
         with suppress(SimulationError):  # they may find each other late, or a fault is between
             nodes.wait_for_event(BRIDGE, Event.COMMANDED, _FIND_TIMEOUT, times=commanded + 1)
@@ -244,35 +193,17 @@ def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
     return sorted(found, key=lambda deed: deed[0])
 
 
-class _Parts:
-    """The bag of a run whose recorder may be killed: what each recorder has left, in one bag."""
-
-    def __init__(self, record: RunRecord, nodes: Nodes, output: dict[str, Any]) -> None:
-        self._bag, self._nodes, self._output = record.bag, nodes, output
-        self._folder = record.path.parent
-        self._added: list[Path] = []
-
-    def add(self) -> None:
-        """Start the recorder again; it writes over nothing, so to a folder of its own."""
-        part = self._folder / f"part_{len(self._added) + 1}"
-        shutil.rmtree(part, ignore_errors=True)  # of a run before
-        self._added.append(part)
-        self._nodes.start_again(RECORDER, self._output | {"output": str(part)})
-
-    def join(self) -> None:
-        """Make the bag whole, with all parts as further files of it."""
-        for number, part in enumerate(self._added, 1):
-            if part.is_dir():
-                recover(part)
-                file = part / f"{part.name}_0.mcap"
-                file.rename(self._bag / f"{self._bag.name}_{number}.mcap")
-                shutil.rmtree(part)
-        recover(self._bag)
+def join(record: RunRecord) -> None:
+    """Make a bag whole whose recorder was killed: what each has left becomes a file of it."""
+    for number, part in enumerate(_parts(record), 1):
+        recover(part)
+        file = record.bag / f"{record.bag.name}_{number}.mcap"
+        (part / f"{part.name}_0.mcap").rename(file)
+        shutil.rmtree(part)
+    recover(record.bag)
 
 
-def _check_moved(bag: Path, command: str) -> None:
-    """Raise BagError unless states and commands are in the bag."""
-    topics = Bag(bag).topics
-    for name in ("/joint_states", f"/{command}", "/reference"):
-        if name not in topics or not topics[name].count:
-            raise BagError(f"{bag}: nothing was recorded of {name}")
+def _parts(record: RunRecord) -> list[Path]:
+    """Return the folders of the recorders that were started again, in their order."""
+    found = record.path.parent.glob(f"{_PART}*")
+    return sorted(found, key=lambda part: int(part.name.removeprefix(_PART)))

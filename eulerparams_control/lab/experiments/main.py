@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -12,11 +11,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from eulerparams_control.command_line import make_console, say, whole_number
-from eulerparams_control.errors import ConfigurationError, EulerParamsError
+from eulerparams_control.command_line import say, whole_number
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.display import Display
-from eulerparams_control.lab.experiments.model import Experiment
+from eulerparams_control.lab.experiments.model import Experiment, Task
 from eulerparams_control.lab.experiments.paper import (
     headline,
     number_of,
@@ -26,9 +25,10 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_summary,
 )
 from eulerparams_control.lab.experiments.result import Outcome
-from eulerparams_control.lab.experiments.run_cache import locked
 from eulerparams_control.lab.experiments.runner import check_names
-from eulerparams_control.lab.experiments.schedule import Schedule, Task
+from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.run.jobs import carry_out
+from eulerparams_control.lab.run.run_cache import locked
 from eulerparams_control.resources import config_names
 
 
@@ -41,24 +41,19 @@ def main(args: list[str] | None = None) -> int:
     """
     options = _parse(args)
     is_list = options.list or not (options.names or options.paper)
-    return carry_out(partial(_list if is_list else _run, options))
+    return run_experiments(partial(_list if is_list else _run, options))
 
 
-def carry_out(run: Callable[[Console], Sequence[Outcome]]) -> int:
+def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
     """Return the exit code of what came of experiments; say why they could not run."""
-    console = make_console()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the nodes, as Ctrl-C does
-    try:
+
+    def judged(console: Console) -> int:
         outcomes = run(console)
-    except EulerParamsError as error:
-        say(console, f"error: {error}", "red")
-        return 2
-    except KeyboardInterrupt:
-        say(console, "stopped; the nodes were ended; the same command goes on from here", "red")
-        return 130
-    if any(outcome.error for outcome in outcomes):
-        return 2
-    return 1 if any(outcome.missed for outcome in outcomes) else 0
+        if any(outcome.error for outcome in outcomes):
+            return 2
+        return 1 if any(outcome.missed for outcome in outcomes) else 0
+
+    return carry_out(judged, "the nodes were ended; the same command goes on from here")
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
@@ -80,16 +75,12 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="write one page of all of them; without names, the paper's claims and those beyond it",
     )
+    cores = len(os.sched_getaffinity(0))  # nodes in lock-step take one core together
     parser.add_argument(
-        "--jobs", type=whole_number(1), default=_jobs(), help="runs at the same time"
+        "--jobs", type=whole_number(1), default=cores, help="runs at the same time"
     )
     parser.add_argument("--again", action="store_true", help="run again what was run before")
     return parser.parse_args(args)
-
-
-def _jobs() -> int:
-    """Return how many runs we have cores for: nodes in lock-step take one core together."""
-    return len(os.sched_getaffinity(0))
 
 
 def _list(_options: argparse.Namespace, console: Console) -> list[Outcome]:

@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.predictions import Predicted
 from eulerparams_control.lab.faults import Fault
+from eulerparams_control.lab.run.run_cache import Run
 
 Parameters = dict[str, dict[str, Any]]
-
-LOGS = "logs"
-"""The folder beside the bags of the variants, with what their nodes said."""
 
 
 @dataclass(frozen=True)
@@ -127,3 +126,22 @@ class Experiment:
         """Return the predicted curves over the time of the longest of these variants."""
         duration = max((self.variants[name].duration for name in variants), default=0.0)
         return [prediction.over(duration) for prediction in self.predictions]
+
+
+@dataclass
+class Task:
+    """An experiment that is to be run.
+
+    Attributes:
+        experiment: which.
+        folder: where its results go.
+        variants: those to run.
+        runs: those that have ended; None for one that could not.
+        error: why one could not; "" if all could.
+    """
+
+    experiment: Experiment
+    folder: Path
+    variants: Sequence[str]
+    runs: dict[str, Run | None] = field(default_factory=dict)
+    error: str = ""

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from eulerparams_control.analysis.metrics import get_metric, measure, quotient
+from eulerparams_control.analysis.quantities import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict, all_met, verdict_from_json
 from eulerparams_control.errors import UnknownNameError
@@ -19,7 +19,7 @@ from eulerparams_control.lab.experiments.library import Number
 from eulerparams_control.lab.experiments.model import Criterion, Experiment
 
 SUMMARY, REPORT, FIGURE = "summary.json", "report.html", "figure.svg"
-"""What an experiment leaves in its folder, beside the bags."""
+"""Files of an experiment in its folder, beside the bags."""
 
 
 def judge(
@@ -206,17 +206,8 @@ def read_outcome(experiment: Experiment, folder: Path, stamp: str) -> Outcome | 
         is_whole = all((folder / name).is_file() for name in (REPORT, FIGURE))
         if content["stamp"] != stamp or not is_whole:
             return None
-        return _outcome(experiment, folder, content)
+        verdicts = tuple(map(verdict_from_json, content["criteria"]))
+        sentence, ended = content["sentence"], content["diverged"]
+        return Outcome(experiment, folder, verdicts, sentence, ended, seconds=content["seconds"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def _outcome(experiment: Experiment, folder: Path, content: dict[str, Any]) -> Outcome:
-    return Outcome(
-        experiment,
-        folder,
-        tuple(map(verdict_from_json, content["criteria"])),
-        content["sentence"],
-        content["diverged"],
-        seconds=content["seconds"],
-    )

@@ -6,7 +6,7 @@ In lock-step, or in real time, see ``faulty``.
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,28 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.analysis.real_time import stamped
+from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event, ExitCode, events_of
-from eulerparams_control.lab.experiments import faulty
-from eulerparams_control.lab.experiments.controllers import CONTROLLERS, NodeSetup
-from eulerparams_control.lab.experiments.faulty import BRIDGE, RECORDER, record_in_real_time, turn
+from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.faulty import (
+    BRIDGE,
+    FAULTY,
+    INJECTOR,
+    RECORDER,
+    START_TIMEOUT,
+    Progress,
+    injector_parameters,
+    join,
+    kill_and_start,
+    remaps,
+    turn,
+    watch,
+)
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
-from eulerparams_control.lab.experiments.processes import EVENTS, Nodes
-from eulerparams_control.lab.experiments.run_cache import Making, Run, RunRecord
 from eulerparams_control.lab.faults import FROM_ROBOT
+from eulerparams_control.lab.run.processes import EVENTS, Nodes
+from eulerparams_control.lab.run.run_cache import Making, Run, RunRecord
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import DesiredFrame
@@ -30,12 +43,11 @@ from eulerparams_control.motion.way_points import parse_way_points
 from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot
 
-_START_TIMEOUT = 60.0  # [s] for the recorder to find all topics: processes start slowly under load
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
 
-Progress = Callable[[float], None]
+_RATE = 250.0  # [Hz] in real time unless the experiment says otherwise: all share a machine
 
 
 class IncompleteBagError(BagError):
@@ -55,8 +67,15 @@ def known_run(experiment: Experiment, variant: str, folder: Path) -> tuple[Run |
         return None, ""
     settings = experiment.variants[variant]
     making, run = found
-    changed = Making.of(settings, node_parameters(settings)).differs(making)
+    changed = making_of(settings, node_parameters(settings)).differs(making)
     return (None, f"{changed} changed") if changed else (run, "")
+
+
+def making_of(settings: Variant, parameters: Parameters) -> Making:
+    """Return what a run of a variant is made of, whose nodes have these parameters."""
+    of = settings
+    said = [parameters, of.duration, of.controller, of.may_diverge, *map(str, of.faults)]
+    return Making.of(said, of.robot, bool(of.faults))
 
 
 def run_variant(
@@ -81,40 +100,25 @@ def run_variant(
         RunStopped: if it was told to.
     """
     settings = experiment.variants[variant]
-    record, started = RunRecord(folder, variant), time.monotonic()
+    record, parameters = RunRecord(folder, variant), node_parameters(settings)
     record.clear()
-    parameters = node_parameters(settings)
-    making = Making.of(settings, parameters)
+    making = making_of(settings, parameters)
     record.begin(making)
-    if settings.is_in_real_time:
-        return _run_in_real_time(settings, parameters, record, progress, stop)
-    try:
-        diverged = _record(settings, parameters, record, progress, stop)
-    finally:
-        _claim(record)  # it is ours however the run ended
-    rate = float(parameters["pybullet_bridge"].get("rate", 1000.0))
-    end = _check_complete(record.bag, settings, rate, diverged)
-    run = Run(record.bag, end, end if diverged else None, time.monotonic() - started)
-    record.end(making, run)
-    return run
-
-
-def _run_in_real_time(
-    settings: Variant,
-    parameters: Parameters,
-    record: RunRecord,
-    progress: Progress,
-    stop: threading.Event | None,
-) -> Run:
-    """Run a variant; its bag has what was recorded: in real time none is complete."""
     with turn(stop) if settings.faults else nullcontext():
         started = time.monotonic()
         try:
-            record_in_real_time(settings, parameters, record, progress, stop)
+            diverged = _record(settings, parameters, record, progress, stop)
         finally:
-            _claim(record)
-    run = Run(record.bag, settings.duration, None, time.monotonic() - started)
-    record.end(Making.of(settings, parameters), run)
+            _claim(record)  # it is ours however the run ended
+    end = settings.duration
+    if settings.is_in_real_time:
+        join(record)
+        _check_moved(record.bag, CONTROLLERS[settings.controller].command)
+    else:
+        rate = float(parameters[BRIDGE].get("rate", 1000.0))
+        end = _check_complete(record.bag, settings, rate, diverged)
+    run = Run(record.bag, end, end if diverged else None, time.monotonic() - started)
+    record.end(making, run)
     return run
 
 
@@ -126,18 +130,31 @@ def _record(
     stop: threading.Event | None,
 ) -> bool:
     """Start the nodes of a variant, and end them when it has; return whether it diverged."""
-    controller = CONTROLLERS[settings.controller]
+    controller, diverged = CONTROLLERS[settings.controller], False
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
-    recorder = {RECORDER: {"output": str(record.bag), "topics": topics}}
-    remaps = {node.executable: node.remaps for node in controller.nodes}
+    names = [RECORDER, *controller.executables, BRIDGE, "reference"]
+    others: Mapping[str, Mapping[str, str]]
+    others = {node.executable: node.remaps for node in controller.nodes}
+    if settings.is_in_real_time:
+        topics.insert(0, "/diagnostics")
+    if settings.faults:
+        topics.insert(0, FAULTY + controller.command)
+        names.insert(1, INJECTOR)
+        others = remaps(controller)
+    parameters = {**parameters, RECORDER: {"output": str(record.bag), "topics": topics}}
     with Nodes(record.path.parent, stop) as nodes:
-        for name in (RECORDER, *controller.executables, BRIDGE, "reference"):
-            nodes.start(name, (parameters | recorder)[name], remaps=remaps.get(name, {}))
-        nodes.wait_for_event(RECORDER, Event.READY, _START_TIMEOUT)
+        for name in names:
+            nodes.start(name, parameters[name], remaps=others.get(name, {}))
+        nodes.wait_for_event(RECORDER, Event.READY, START_TIMEOUT)
         record.claim()  # now: we may be killed
-        diverged = _follow(nodes, settings, progress)
-        nodes.stop("reference", *controller.executables, RECORDER)
+        if settings.is_in_real_time:
+            follow = kill_and_start if settings.faults else watch
+            follow(settings, nodes, record, progress)
+        else:
+            diverged = _follow(nodes, settings, progress)
+        names.remove(BRIDGE)
+        nodes.stop(*(name for name in reversed(names) if name in nodes.processes))
     return diverged
 
 
@@ -186,43 +203,31 @@ def wait_for_end(nodes: Nodes, progress: Progress) -> None:
 
 def node_parameters(settings: Variant) -> Parameters:
     """Return the parameters of all nodes for a run: those of its file, and the rest."""
-    given, controller = settings.nodes, CONTROLLERS[settings.controller]
-    robot = load_robot(settings.robot)
+    controller = CONTROLLERS[settings.controller]
+    robot, is_lockstep = load_robot(settings.robot), not settings.is_in_real_time
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    real = settings.is_in_real_time
-    of_node = faulty.control_parameters if real else NodeSetup.parameters
     parameters: Parameters = {
-        node.executable: frames | of_node(node, any(settings.start_turn))
+        node.executable: frames | node.parameters(any(settings.start_turn), is_lockstep)
         for node in controller.nodes
     }
     followers = {"wait_for_subscribers": controller.followers + 1}  # and the recorder
     parameters["reference"] = frames | followers
-    parameters["pybullet_bridge"] = _bridge_parameters(settings)
+    source = "urdf" if settings.robot.endswith(".urdf") else "robot"
+    parameters[BRIDGE] = {"control": controller.control, source: settings.robot}
+    if is_lockstep:  # it waits for all that listen to the arm: reference and the recorder, too
+        parameters[BRIDGE] |= {"mode": "lockstep", "duration": settings.duration}
+        parameters[BRIDGE] |= {"wait_for_subscribers": len(controller.nodes) + 2}
+    else:  # until it is stopped
+        parameters[BRIDGE] |= {"mode": "realtime", "rate": _RATE}
     if settings.faults:
-        parameters[faulty.INJECTOR] = faulty.injector_parameters(
-            controller, settings.faults, settings.fault_seed
-        )
-    parameters = {node: values | given.get(node, {}) for node, values in parameters.items()}
+        parameters[INJECTOR] = injector_parameters(settings)
+    parameters = {
+        node: values | settings.nodes.get(node, {}) for node, values in parameters.items()
+    }
     if settings.start_at_reference:
         q_0 = _start(robot, parameters["reference"], np.array(settings.start_turn))
-        parameters["pybullet_bridge"]["initial_positions"] = q_0
+        parameters[BRIDGE]["initial_positions"] = q_0
     return parameters
-
-
-def _bridge_parameters(settings: Variant) -> dict[str, Any]:
-    """Return what the bridge needs; in lock-step it waits for all that listen to the arm."""
-    controller = CONTROLLERS[settings.controller]
-    source = "urdf" if settings.robot.endswith(".urdf") else "robot"
-    if settings.is_in_real_time:
-        own = faulty.bridge_parameters()
-        return {**own, "control": controller.control, source: settings.robot}
-    return {
-        "mode": "lockstep",
-        "control": controller.control,
-        "duration": settings.duration,
-        "wait_for_subscribers": len(controller.nodes) + 2,  # reference and the recorder, too
-        source: settings.robot,
-    }
 
 
 def _start(robot: RobotDescription, reference: dict[str, Any], turn: Array) -> list[float]:
@@ -258,6 +263,14 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
             kind = IncompleteBagError if len(stamps) < least else BagError
             raise kind(f"{bag}: {topic} has {len(stamps)} stamps; expected {expected}")
     return end
+
+
+def _check_moved(bag: Path, command: str) -> None:
+    """Raise BagError unless states and commands are in the bag: in real time none is complete."""
+    topics = Bag(bag).topics
+    for name in ("/joint_states", f"/{command}", "/reference"):
+        if name not in topics or not topics[name].count:
+            raise BagError(f"{bag}: nothing was recorded of {name}")
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:

@@ -13,11 +13,11 @@ from eulerparams_control.analysis.real_time import PATIENCE, QUARTERS, WARM_UP
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.display import Display
-from eulerparams_control.lab.experiments.main import carry_out
-from eulerparams_control.lab.experiments.model import Experiment, Variant
+from eulerparams_control.lab.experiments.main import run_experiments
+from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
 from eulerparams_control.lab.experiments.result import Outcome
-from eulerparams_control.lab.experiments.run_cache import locked
-from eulerparams_control.lab.experiments.schedule import Schedule, Task
+from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.run.run_cache import locked
 
 _NAME = "soak"
 _LEAST_SECONDS = 25.0  # enough samples of memory at both ends
@@ -34,7 +34,7 @@ def main(args: list[str] | None = None) -> int:
         the exit code: 0 if all criteria are met, 1 if one is not, 2 if a node died or after an
         error, 130 after an interrupt.
     """
-    return carry_out(partial(_run, _parse(args)))
+    return run_experiments(partial(_run, _parse(args)))
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:

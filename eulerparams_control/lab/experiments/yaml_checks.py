@@ -2,10 +2,33 @@
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.metrics import get_metric
+import yaml
+
+from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.resources import config_file
+
+
+def load[T](folder: str, name: str, read: Callable[[str, Any], T]) -> T:
+    """Return what a YAML file says: that of a name in ``config/FOLDER``, or of a path.
+
+    Args:
+        folder: of config.
+        name: of the file, or a path that ends in ``.yaml``.
+        read: makes it of the name of the file and of its content.
+
+    Raises:
+        UnknownNameError: if there is none of that name; lists those that exist.
+        ConfigurationError: if the file is broken; says where.
+    """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else config_file(folder, name)
+    try:
+        return read(path.stem, yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, ConfigurationError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def known(kind: str, name: Any, names: Any) -> None:

@@ -10,7 +10,7 @@ fields of numbers, and a ``header`` with a ``stamp`` where a fault changes stamp
     for msg in stream.on_message(t, "wrench", msg): deliver(msg)
     for topic, msg in stream.due(t): deliver(msg)    # what was held back, and is due
 
-A fault is added as a class in a file that is imported here.
+A fault is added as a class in ``kinds``.
 """
 
 from eulerparams_control.lab.faults.base import (
@@ -20,14 +20,16 @@ from eulerparams_control.lab.faults.base import (
     TO_ROBOT,
     TOPICS,
     Fault,
-    MessageFault,
     parse_fault,
     parse_faults,
 )
-from eulerparams_control.lab.faults.contents import ClockJump, Freeze, Nan, Noise, Stuck
-from eulerparams_control.lab.faults.delivery import Delay, Drop, Duplicate, Reorder
-from eulerparams_control.lab.faults.nodes import Kill, SecondPublisher
-from eulerparams_control.lab.faults.sequences import random_faults
+from eulerparams_control.lab.faults.kinds import (
+    ClockJump,
+    Drop,
+    Kill,
+    SecondPublisher,
+    random_faults,
+)
 from eulerparams_control.lab.faults.stream import FaultStream
 
 __all__ = [
@@ -37,19 +39,11 @@ __all__ = [
     "TO_CONTROLLER",
     "TO_ROBOT",
     "ClockJump",
-    "Delay",
     "Drop",
-    "Duplicate",
     "Fault",
     "FaultStream",
-    "Freeze",
     "Kill",
-    "MessageFault",
-    "Nan",
-    "Noise",
-    "Reorder",
     "SecondPublisher",
-    "Stuck",
     "parse_fault",
     "parse_faults",
     "random_faults",

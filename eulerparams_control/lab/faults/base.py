@@ -1,10 +1,10 @@
 """Faults: their interface and registry, and their effect on the messages of a topic."""
 
 import dataclasses
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import yaml
@@ -24,9 +24,47 @@ ROBOT = "robot"
 _INF = float("inf")
 
 
-def setting(text: str, *, low: float = -_INF, high: float = _INF, **default: Any) -> Any:
-    """Return a field of a fault: a number from ``low`` to ``high``, with its unit in ``text``."""
-    return field(**default, metadata={"text": text, "low": low, "high": high})
+def setting(
+    text: str, *, low: float = -_INF, high: float = _INF, choices: tuple[str, ...] = (),
+    drawn: "Callable[[Draw, str], Any] | None" = None, **default: Any,
+) -> Any:
+    """Return a field of a fault: a number from ``low`` to ``high``, or a word of ``choices``.
+
+    Its unit is in ``text``; ``drawn`` draws it for a topic, else it is not drawn.
+    """
+    metadata = {"text": text, "low": low, "high": high, "choices": choices, "drawn": drawn}
+    return field(**default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Random numbers, of which faults are made.
+
+    Attributes:
+        random: where they come from.
+        topics: that a fault can be on.
+        controller: name of the node that may be killed.
+    """
+
+    random: np.random.Generator
+    topics: tuple[str, ...]
+    controller: str
+
+    def any_of(self, names: tuple[str, ...]) -> str:
+        """Return one of some names."""
+        return names[int(self.random.integers(len(names)))]
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number from low to high, each order of magnitude as likely as the next."""
+        return round(float(math.exp(self.random.uniform(math.log(low), math.log(high)))), 6)
+
+    def is_so(self) -> bool:
+        """Return true in half of the cases."""
+        return float(self.random.random()) < 0.5
+
+    def sometimes(self) -> float:
+        """Return a probability: of each message in half of the cases."""
+        return 1.0 if self.is_so() else self.number(0.05, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +72,9 @@ class Fault:
     """What goes wrong, and when.
 
     Attributes:
+        name: of the kind.
+        topics: that it can be on.
+        shakes: whether it moves the arm, or seems to, on topics from and to the robot.
         topic: on which; "" if it is on a node.
         at: when it begins [s], since the start.
         duration: for how long [s]; ``for`` in YAML.
@@ -45,6 +86,7 @@ class Fault:
     registry: ClassVar[dict[str, type["Fault"]]] = {}
     name: ClassVar[str] = ""
     topics: ClassVar[tuple[str, ...]] = TOPICS
+    shakes: ClassVar[bool] = False
 
     topic: str
     at: float = setting("when it begins [s]", low=0.0, high=1e6)
@@ -58,29 +100,34 @@ class Fault:
     def __post_init__(self) -> None:
         """Refuse what is impossible."""
         for key, entry in settings(type(self)).items():
-            value = getattr(self, entry.name)
-            if "low" in entry.metadata:
-                self._check(key, value, entry.metadata)
-            elif not isinstance(value, str):
-                raise ConfigurationError(f"fault '{self.name}': {key}: {value!r}; expected a name")
-            elif key == "topic" and value not in self.topics:
-                raise UnknownNameError(f"topic of the fault '{self.name}'", value, self.topics)
+            value, where = getattr(self, entry.name), f"fault '{self.name}': {key}"
+            if entry.type is str:
+                if not isinstance(value, str):
+                    raise ConfigurationError(f"{where}: {value!r}; expected a name")
+                choices = self.topics if key == "topic" else entry.metadata.get("choices")
+                if choices and value not in choices:
+                    raise UnknownNameError(f"{key} of the fault '{self.name}'", value, choices)
+                continue
+            low, high = entry.metadata["low"], entry.metadata["high"]
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not low <= value <= high:
+                raise ConfigurationError(
+                    f"{where}: {value!r}; expected a number from {low:g} to {high:g}, "
+                    f"{entry.metadata['text']}"
+                )
+            if entry.type is int and not isinstance(value, int):
+                raise ConfigurationError(f"{where}: {value!r}; expected a whole number")
 
-    def _check(self, key: str, value: Any, spec: Mapping[str, Any]) -> None:
-        low, high = spec["low"], spec["high"]
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not low <= value <= high:
-            raise ConfigurationError(
-                f"fault '{self.name}': {key}: {value!r}; expected a number from {low:g} to "
-                f"{high:g}, {spec['text']}"
-            )
-
-    def check_whole(self, key: str, value: Any) -> None:
-        """Raise ConfigurationError unless a value is a whole number."""
-        if not isinstance(value, int):
-            raise ConfigurationError(
-                f"fault '{self.name}': {key}: {value!r}; expected a whole number"
-            )
+    @classmethod
+    def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
+        """Return a random one, on one of the topics."""
+        topic = draw.any_of(draw.topics)
+        own = {
+            entry.name: draws(draw, topic)
+            for entry in fields(cls)
+            if (draws := entry.metadata.get("drawn"))
+        }
+        return cls(**{"topic": topic, "at": at, "duration": duration, **own})
 
     @property
     def end(self) -> float:
@@ -112,7 +159,7 @@ def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
     }
 
 
-class Stage(ABC):
+class Stage:
     """A fault at work on one topic: messages go in, and others come out.
 
     Args:
@@ -120,16 +167,21 @@ class Stage(ABC):
         random: of its own.
     """
 
-    def __init__(self, fault: Any, random: np.random.Generator) -> None:
-        self.fault = fault
+    def __init__(self, fault: "MessageFault", random: np.random.Generator) -> None:
+        self.fault: Any = fault
         self.random = random
 
-    @abstractmethod
     def take(self, t: float, msg: Any) -> list[Any]:
         """Return what comes out at t [s], as ``msg`` goes in; ``msg`` is its own to change.
 
         What was due at t has come out before.
         """
+        return self.change(msg) if self.fault.is_active(t) and self._is_hit() else [msg]
+
+    def change(self, msg: Any) -> list[Any]:
+        """Return what comes out for a message that is hit."""
+        out: list[Any] = self.fault.change(msg, self.random)
+        return out
 
     def _is_hit(self) -> bool:
         """Return whether the fault hits this message."""
@@ -146,31 +198,22 @@ class Stage(ABC):
         return _INF
 
 
-class ChangingStage(Stage):
-    """A fault that hits each message by itself, by chance."""
-
-    def take(self, t: float, msg: Any) -> list[Any]:
-        """See Stage."""
-        if not self.fault.is_active(t) or not self._is_hit():
-            return [msg]
-        return self.change(msg)
-
-    @abstractmethod
-    def change(self, msg: Any) -> list[Any]:
-        """Return what comes out for a message that is hit."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class MessageFault(Fault):
     """A fault on the messages of a topic.
 
     Attributes:
+        stage: what keeps what it has to remember.
         probability: with which it hits a message.
     """
 
-    stage: ClassVar[type[Stage]]
+    stage: ClassVar[type[Stage]] = Stage
 
     probability: float = setting("of a message to be hit", low=0.0, high=1.0, default=1.0)
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """Return what comes out for a message that is hit, if it remembers nothing."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,9 +257,9 @@ def parse_fault(content: Any) -> Fault:
     for key in given:
         if key not in known:
             raise UnknownNameError(f"key of the fault '{name}'", key, known)
-    for key, entry in known.items():
-        if entry.default is dataclasses.MISSING and key not in given:
-            needed = (k for k, e in known.items() if e.default is dataclasses.MISSING)
+    needed = [key for key, entry in known.items() if entry.default is dataclasses.MISSING]
+    for key in needed:
+        if key not in given:
             raise ConfigurationError(
                 f"fault '{name}': the key '{key}' is missing; it needs {', '.join(needed)}"
             )
@@ -225,8 +268,8 @@ def parse_fault(content: Any) -> Fault:
 
 def _value(kind: Any, value: Any) -> Any:
     """Return a value of YAML as a field has it: .nan and .inf can be words, 1 can be 1.0."""
-    if kind in (str, "str") and isinstance(value, float):
+    if kind is str and isinstance(value, float):
         return str(value)
-    if kind in (float, "float") and type(value) is int:
+    if kind is float and type(value) is int:
         return float(value)
     return value

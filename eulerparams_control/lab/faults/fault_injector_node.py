@@ -53,7 +53,7 @@ NAME = "intruder"
 """Of the node, as those see it who list the publishers of the topic."""
 
 FAULTY = "faulty/"
-"""What the names of the topics that it publishes begin with."""
+"""Prefix of the topics that it publishes."""
 
 TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
 """Of messages; those of other topics are JointState."""

@@ -1,27 +1,33 @@
 """The numbers of a message, whatever its type, and its stamp."""
 
 from array import array
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 _SECOND = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class NumberField:
+class NumberField(NamedTuple):
     """A floating-point number in a message.
 
     Attributes:
         path: of it, such as ``position[2]`` or ``wrench.force.x``.
-        value: that it has.
-        put: gives it another.
+        owner: the list, or the part of the message, that has it.
+        key: its place in the list, or its name.
+        value: that it had.
     """
 
     path: str
+    owner: Any
+    key: Any
     value: float
-    put: Callable[[float], None]
+
+    def put(self, value: float) -> None:
+        """Give it another value."""
+        if isinstance(self.key, str):
+            setattr(self.owner, self.key, value)
+        else:
+            self.owner[self.key] = value
 
 
 def numbers(msg: Any, field: str = "") -> list[NumberField]:
@@ -39,28 +45,17 @@ def _is_within(path: str, field: str) -> bool:
 
 
 def _walk(value: Any, path: str) -> Iterator[NumberField]:
+    entries: Iterable[tuple[Any, str, Any]] = ()
     if isinstance(value, list | array):
-        for k, entry in enumerate(value):
-            yield from _entry(entry, f"{path}[{k}]", _putter(value.__setitem__, k))
+        entries = ((k, f"{path}[{k}]", entry) for k, entry in enumerate(value))
     elif hasattr(value, "get_fields_and_field_types") or hasattr(value, "__dict__"):
-        for name in _names(value):
-            inner = f"{path}.{name}" if path else name
-            put = _putter(partial(setattr, value), name)
-            yield from _entry(getattr(value, name), inner, put)
-
-
-def _entry(value: Any, path: str, put: Callable[[float], None]) -> Iterator[NumberField]:
-    if isinstance(value, float):
-        yield NumberField(path, value, put)
-    else:
-        yield from _walk(value, path)
-
-
-def _putter(put: Callable[[Any, float], Any], key: Any) -> Callable[[float], None]:
-    def at_key(value: float) -> None:
-        put(key, value)
-
-    return at_key
+        dot = "." if path else ""
+        entries = ((n, f"{path}{dot}{n}", getattr(value, n)) for n in _names(value))
+    for key, inner, entry in entries:
+        if isinstance(entry, float):
+            yield NumberField(inner, value, key, entry)
+        else:
+            yield from _walk(entry, inner)
 
 
 def _names(msg: Any) -> list[str]:

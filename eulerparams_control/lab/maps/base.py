@@ -1,17 +1,21 @@
 """A map: cells that are simulated one by one, and pictures of all of them.
 
-A new kind of map is a subclass of :class:`MapKind`, a function that is registered with
-``pictures``, and a line in ``maps/__init__.py``; a new map of a kind is one YAML file in
-``config/maps``.
+A new kind of map is a subclass of :class:`MapKind` in a file ``*_map.py``; a new map of a kind is
+one YAML file in ``config/maps``.
 """
 
+import importlib
+import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, singledispatch
+from functools import cache, cached_property
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -114,6 +118,10 @@ class MapKind(ABC):
     def simulate(self, cell: Row) -> dict[str, float]:
         """Return the outcomes of a cell; a function of the cell alone, wherever it runs."""
 
+    @abstractmethod
+    def pictures(self, table: Table) -> list[Picture]:
+        """Return the pictures of all cells, in the style of matplotlib that is set."""
+
     def besides(self) -> Any:
         """Return what the outcomes depend on besides options and code, as JSON can hold it."""
         return None
@@ -122,27 +130,41 @@ class MapKind(ABC):
         """Return the representation of a cell."""
         return self.variants[int(cell["variant"])]
 
+    def parts(self, table: Table) -> list[tuple[MapVariant, Table]]:
+        """Return the representations, each with its rows."""
+        return [(variant, of_variant(table, i)) for i, variant in enumerate(self.variants)]
+
     def random(self, cell: Row) -> np.random.Generator:
         """Return the random numbers of a cell."""
         return np.random.default_rng([self.seed, int(cell["place"])])
 
 
-def run_batch(kind: MapKind, cells: Sequence[Row]) -> list[Row]:
-    """Return the rows of some cells: what a worker does; all outcomes are of type float."""
-    return [
-        {**cell, **{name: float(value) for name, value in kind.simulate(cell).items()}}
-        for cell in cells
-    ]
+@cache
+def kinds() -> Mapping[str, type[MapKind]]:
+    """Return all kinds of map by name; a file ``*_map.py`` here is found by being there."""
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
+        if module.name.endswith("_map"):
+            importlib.import_module(module.name)
+    return MappingProxyType(MapKind.registry)
 
 
-@singledispatch
-def pictures(kind: MapKind, table: Table) -> list[Picture]:
-    """Return the pictures of all cells of a map.
+def multiples(
+    kind: MapKind, size: tuple[float, float], margin: float, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes for each representation, side by side.
 
-    Registered for each kind in a file ``*_pictures.py``: a map is not simulated again when its
-    picture changes.
+    Args:
+        kind: of the map.
+        size: [in] of each.
+        margin: [in] beside all.
+        options: of the axes.
     """
-    raise NotImplementedError(f"no pictures of the kind '{kind.kind}'")
+    count = len(kind.variants)
+    figure = Figure(figsize=(size[0] * count + margin, size[1]), layout="constrained")
+    grid = figure.subplots(1, count, squeeze=False, **options)
+    for axes, variant in zip(grid.flat, kind.variants, strict=True):
+        axes.set_title(variant.label, fontsize=8, pad=3)
+    return figure, list(grid.flat)
 
 
 def of_variant(table: Table, variant: int, **equal: float) -> Table:

@@ -3,17 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cache
-from pathlib import Path
+from functools import cache, partial
 from typing import Any
 
-import yaml
-
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.lab.experiments.fingerprint import digest, imported, version
-from eulerparams_control.lab.experiments.yaml_checks import check_name, known
-from eulerparams_control.lab.maps.base import MapKind, MapVariant
-from eulerparams_control.resources import config_file
+from eulerparams_control.lab.experiments.yaml_checks import check_name, known, load
+from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
+from eulerparams_control.lab.run.fingerprint import digest, imported, version
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
 _OF_VARIANT = ("orientation", "sequence", "k_factor")
@@ -46,8 +42,8 @@ class MapDefinition:
 
 @cache
 def _code(module: str) -> str:
-    """Return the version of what simulates, of a kind in this module; pictures do not."""
-    return version(imported([module], but="_pictures.py"))
+    """Return the version of the code of a kind in this module, but for the room that draws."""
+    return version(imported([module], but="analysis"))
 
 
 def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDefinition:
@@ -62,24 +58,15 @@ def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDef
         UnknownNameError: for an unknown map, kind, option, orientation or sequence.
         ConfigurationError: if the file is broken or a value impossible.
     """
-    is_path = name_or_path.endswith(".yaml")
-    path = Path(name_or_path) if is_path else config_file("maps", name_or_path)
-    try:
-        told = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    try:
-        return _definition(path.stem, told, quick, samples)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    return load("maps", name_or_path, partial(_definition, quick, samples))
 
 
-def _definition(name: str, told: Any, quick: bool, samples: int) -> MapDefinition:
+def _definition(quick: bool, samples: int, name: str, told: Any) -> MapDefinition:
     check_name("map", name)  # of the folder of its results
     if not isinstance(told, dict) or not isinstance(told.get("variants"), dict):
         raise ConfigurationError("expected the keys kind, title, variants, and options")
-    known("kind of map", told.get("kind"), MapKind.registry)
-    cls = MapKind.registry[told["kind"]]
+    known("kind of map", told.get("kind"), kinds())
+    cls = kinds()[told["kind"]]
     variants = tuple(_variant(str(label), about) for label, about in told["variants"].items())
     options = {key: value for key, value in told.items() if key not in _OWN}
     kind = cls(variants=variants, **_options(cls, options))

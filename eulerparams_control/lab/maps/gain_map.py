@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.maps.base import MapVariant, Row
-from eulerparams_control.lab.maps.run import DrivenTip, FreeTip, Sampling, run
+from eulerparams_control.lab.maps.base import MapVariant, Picture, Row, Table, multiples
 from eulerparams_control.lab.maps.sampling import passing
-from eulerparams_control.lab.maps.turning_maps import TurningMap
+from eulerparams_control.lab.maps.turning import TurningMap
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -60,19 +60,51 @@ class GainMap(TurningMap):
         speed, arc = math.radians(self.speed), math.radians(self.arc)
         roll = random.uniform(-math.pi, math.pi)
         R_m, n = passing(_pole(variant), math.radians(float(cell["closest"])), roll)
-        duration = arc / speed
 
         def desired(t: float) -> DesiredFrame:
             R_d = exp((speed * t - arc / 2) * n) @ R_m
             return DesiredFrame(np.zeros(3), R_d, omega_d=speed * n)
 
-        tip = FreeTip(desired(0.0).R_d, speed * n)
-        drive = DrivenTip(self.motion_law(variant, float(cell["gain"])), tip)
-        sampling = Sampling(self.dt, duration, math.radians(self.noise), math.radians(self.settled))
-        outcome = run(drive, desired, sampling, random)
-        if outcome.worst > sampling.bound:  # it had settled: it was to stay so
-            outcome = outcome._replace(settled=math.inf)
-        return self.row(outcome, speed, arc)
+        law = self.motion_law(variant, float(cell["gain"]))
+        return self.follow(law, desired, (speed, arc), arc / speed, random)
+
+    def pictures(self, table: Table) -> list[Picture]:
+        """Return the highest speed over distance and gain, one scale for all."""
+        figure, grid = multiples(self, (1.6, 2.0), 1.0, sharex=True, sharey=True)
+        found = []
+        for axes, (variant, rows) in zip(grid, self.parts(table), strict=True):
+            x, y = np.unique(rows["closest"]), np.unique(rows["gain"])
+            order = np.lexsort((rows["closest"], rows["gain"]))
+            ratio, error = (rows[name][order].reshape(len(y), len(x))
+                            for name in ("speed_ratio", "worst_deg"))  # fmt: skip
+            mesh = axes.pcolormesh(
+                x, y, ratio, norm=LogNorm(1, 100), cmap="viridis", rasterized=True,
+                shading="nearest",
+            )  # fmt: skip
+            if (error > self.settled).any() and (error <= self.settled).any():
+                axes.contour(x, y, error, levels=[self.settled], colors="white", linewidths=1.0)
+            axes.set(xscale="log", yscale="log")
+            axes.grid(False)
+            distance = failing_distance(rows, self.settled)
+            found.append(f"{variant.label} {f'within {distance:.2g}°' if distance else 'nowhere'}")
+        grid[0].set_ylabel("rate of the error [1/s]")
+        figure.supxlabel("closest distance to the pole [deg]", fontsize=8)
+        bar = figure.colorbar(mesh, ax=grid, extend="max", aspect=25, pad=0.01)
+        bar.set_label("peak / desired speed [1]", fontsize=7)
+        caption = (
+            f"A desired frame turns at {self.speed:g} deg/s past the pole, from zero error, under "
+            f"{self.law_name} control with {1e3 * self.dt:g} ms a step and {self.noise:g} deg of "
+            f"noise. White: an error of {self.settled:g} deg. What has no pole of its own passes "
+            "that of XYZ."
+        )
+        title = f"Errors above {self.settled:g}° near the pole: {', '.join(found)}"
+        return [Picture("gain", title, caption, figure)]
+
+
+def failing_distance(rows: Table, settled: float) -> float:
+    """Return the largest distance [deg] at which some gain errs by more than settled; 0 if none."""
+    failing = rows["closest"][rows["worst_deg"] > settled]
+    return float(failing.max()) if len(failing) else 0.0
 
 
 def _spaced(ends: tuple[float, ...], count: int) -> list[float]:

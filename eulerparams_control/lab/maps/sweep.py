@@ -4,6 +4,8 @@ The rows are on disk: a part for each batch that is finished, then all in one fi
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,10 @@ import pyarrow.parquet as pq
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps.base import MapKind, Row, Table
 from eulerparams_control.lab.maps.definition import MapDefinition
-from eulerparams_control.lab.maps.engine import Engine
+from eulerparams_control.lab.run.jobs import results
+
+type Batch = tuple[int, Sequence[Row]]
+"""Some cells, with the number of their part."""
 
 type Show = Callable[[int, int], None]
 """Takes how many simulations are finished, of how many."""
@@ -29,27 +34,34 @@ def batches_of(kind: MapKind) -> list[list[Row]]:
     return [cells[i::count] for i in range(count)]
 
 
-def sweep(definition: MapDefinition, folder: Path, engine: Engine, show: Show) -> Table:
+def simulate(kind: MapKind, batch: Batch) -> list[Row]:
+    """Return the rows of some cells: what a worker does; all outcomes are of type float."""
+    return [
+        {**cell, **{name: float(value) for name, value in kind.simulate(cell).items()}}
+        for cell in batch[1]
+    ]
+
+
+def sweep(definition: MapDefinition, folder: Path, pool: Executor, show: Show) -> Table:
     """Return all rows of a map; what an earlier sweep finished is not simulated again.
 
     Args:
         definition: of the map.
         folder: of the map.
-        engine: where the simulations run.
+        pool: where the simulations run.
         show: called after each batch.
     """
     batches = batches_of(definition.kind)
     store = Store(folder, definition.fingerprint)
     finished = store.finished(batches)
+    missing = [(n, batch) for n, batch in enumerate(batches) if n not in finished]
     total = sum(map(len, batches))
-    done = sum(len(batch) for number, batch in enumerate(batches) if number in finished)
+    done = total - sum(len(batch) for _, batch in missing)
     show(done, total)
-    missing = {n: batch for n, batch in enumerate(batches) if n not in finished}
-    if missing:
-        for number, rows in engine(definition.kind, missing):
-            store.keep(number, rows)
-            done += len(rows)
-            show(done, total)
+    for (number, batch), future in results(pool, partial(simulate, definition.kind), missing):
+        store.keep(number, future.result())
+        done += len(batch)
+        show(done, total)
     return store.gather(len(batches))
 
 

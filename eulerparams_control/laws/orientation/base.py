@@ -210,7 +210,7 @@ class OrientationRepresentation(ABC):
 
     @cached_property
     def _none(self) -> Any:
-        """What stands for the displacement before the first."""
+        """The value of the displacement before the first."""
         return self.rows.unpack(np.zeros(self.rows.width))
 
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:

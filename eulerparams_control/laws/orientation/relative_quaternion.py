@@ -1,4 +1,4 @@
-"""What the representations with a vector of the mutual quaternion share: (28), (40) and (59).
+"""Shared by the representations with a vector of the mutual quaternion: (28), (40) and (59).
 
 Their rotational impedance, in Euler parameters and relative angular velocity, eq. (59), differs
 in the elastic moment only.  Its motion depends on the absolute orientation in no way.
@@ -31,7 +31,7 @@ from eulerparams_control.laws.rotations import (
     quaternion,
 )
 
-# So many turns of up to a half are tried for the largest moment.
+# Number of angles, up to half a turn, that are tried for the largest moment.
 _ANGLES = 181
 
 

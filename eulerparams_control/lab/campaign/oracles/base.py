@@ -1,9 +1,13 @@
 """Interface of the oracles."""
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from eulerparams_control.lab.campaign.record import SequenceRecord
+
+type Found = Iterable[tuple[float, str]]
+"""When [s] of the sequence something is that must not be, and what, with the numbers."""
 
 
 class Violation(NamedTuple):
@@ -24,35 +28,36 @@ class Violation(NamedTuple):
         return f"{self.oracle} at {self.t:.3f} s: {self.text}"
 
 
-class Oracle(ABC):
+@dataclass(frozen=True)
+class Oracle:
     """Judges what was seen of a sequence.
 
     Attributes:
-        name: of it.
         claim: what must hold, in words.
-        holds_if_starved: whether it must hold also on a machine that has no time for it.
+        check: returns what must not be.
     """
 
-    registry: ClassVar[dict[str, type["Oracle"]]] = {}
-    name: ClassVar[str] = ""
-    claim: ClassVar[str] = ""
-    holds_if_starved: ClassVar[bool] = False
+    registry: ClassVar[dict[str, "Oracle"]] = {}
 
-    def __init_subclass__(cls) -> None:
-        """Register an oracle by its name."""
-        if cls.name:
-            Oracle.registry[cls.name] = cls
+    claim: str
+    check: Callable[[SequenceRecord], Found]
 
-    @abstractmethod
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return what must not be."""
 
-    def violation(self, t: float, text: str) -> Violation:
-        """Return a violation found by this oracle."""
-        return Violation(self.name, t, text)
+def oracle[F: Callable[[SequenceRecord], Found]](name: str, claim: str) -> Callable[[F], F]:
+    """Register a function of a record as an oracle, with what must hold."""
+
+    def register(check: F) -> F:
+        Oracle.registry[name] = Oracle(claim, check)
+        return check
+
+    return register
 
 
 def judge(record: SequenceRecord) -> list[Violation]:
     """Return what all oracles find, in the order of time."""
-    found = [violation for kind in Oracle.registry.values() for violation in kind().check(record)]
+    found = [
+        Violation(name, t, text)
+        for name, each in Oracle.registry.items()
+        for t, text in each.check(record)
+    ]
     return sorted(found, key=lambda violation: violation.t)

@@ -3,18 +3,18 @@
 Judged are the positions as a robot sees them, over the differences of their stamps: see
 :mod:`sim_bridge.acceleration`.  Those of the tip are differences of its pose at them: of what the
 commands ask for, whatever the law wanted.  After a silence, in which the arm stops, and after a
-gap that is longer than a robot bridges, the differences begin anew.
+gap that is longer than a robot bridges, the differences restart.
 """
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.control.mode import Cause
-from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
+from eulerparams_control.lab.campaign.oracles.base import Found, oracle
 from eulerparams_control.lab.campaign.oracles.commands import follows
 from eulerparams_control.lab.campaign.oracles.standstill import without
 from eulerparams_control.lab.campaign.record import Command, SequenceRecord, Values
@@ -45,90 +45,71 @@ class TipSample(NamedTuple):
     q: Values
 
 
-class JointsSmooth(Oracle):
-    """The joints are asked for no more than they may accelerate."""
-
-    name: ClassVar[str] = "smooth joints"
-    claim: ClassVar[str] = (
-        f"the positions and speeds of commands ask for at most {_ACCELERATION:g} times "
-        "max_joint_acceleration, from one to the next, and from where the arm stands to the first"
-    )
-
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return the first command that asks for more."""
-        if record.asked is None or record.jitter:
-            return []
-        n = len(record.joints)
-        limit = np.broadcast_to(_ACCELERATION * np.array(record.asked.joint_acceleration), n)
-        turning = np.isinf(record.limits.upper)
-        watch = CommandAcceleration(record.joints, limit, turning, [False] * n, 1e-3)
-        times, found = [truth.t for truth in record.truth], []
-        for run in runs(record):
-            watch.rest()
-            for command in run:
-                q, dq = np.array(command.q), np.array(command.dq)
-                standing = np.array(record.truth[bisect_right(times, command.t) - 1].q)
-                stamp = round(1e9 * command.stamp)
-                if text := watch.judge(q, dq, stamp, command.t, standing):
-                    found.append(self.violation(command.t, text))
-        return _first(found)
+@oracle(
+    "smooth joints",
+    f"the positions and speeds of commands ask for at most {_ACCELERATION:g} times "
+    "max_joint_acceleration, from one to the next, and from where the arm is to the first",
+)
+def joints_smooth(record: SequenceRecord) -> Found:
+    """Yield the first command that asks for more, and how many do."""
+    if record.asked is None:
+        return
+    n = len(record.joints)
+    limit = np.broadcast_to(_ACCELERATION * np.array(record.asked.joint_acceleration), n)
+    turning = np.isinf(record.limits.upper)
+    watch = CommandAcceleration(record.joints, limit, turning, [False] * n, 1e-3)
+    times, found = [truth.t for truth in record.truth], []
+    for run in runs(record):
+        watch.rest()
+        for command in run:
+            q, dq = np.array(command.q), np.array(command.dq)
+            standing = np.array(record.truth[bisect_right(times, command.t) - 1].q)
+            stamp = round(1e9 * command.stamp)
+            if text := watch.judge(q, dq, stamp, command.t, standing):
+                found.append((command.t, text))
+    yield from ((t, f"{text}; {len(found)} commands in all") for t, text in found[:1])
 
 
-class TipSmooth(Oracle):
-    """The tip is asked for no more speed, acceleration and jerk than allowed.
+@oracle(
+    "smooth tip",
+    f"the poses of the tip at the positions of commands change with at most {_SPEED:g} times "
+    f"the speed, {_ACCELERATION:g} times the acceleration and {_JERK:g} times the jerk that "
+    f"max_linear_... and max_angular_... allow, beside steps of {100 * _STEP:g} % of the "
+    f"acceleration and {100 * _SPEED_STEP:g} % of the speed; not while a fault shakes the arm "
+    "or its measured state, or the arm is given up since it does not follow",
+)
+def tip_smooth(record: SequenceRecord) -> Found:
+    """Return the worst speed, acceleration and jerk, of those that are too much.
 
     Not while states or commands are lost or mixed: what is commanded then is stepped as they are.
     Nor when it gives up an arm that does not follow: the commands go back to where that is, joint
     by joint, and the arm itself goes nowhere.
     """
-
-    name: ClassVar[str] = "smooth tip"
-    claim: ClassVar[str] = (
-        f"the poses of the tip at the positions of commands change with at most {_SPEED:g} times "
-        f"the speed, {_ACCELERATION:g} times the acceleration and {_JERK:g} times the jerk that "
-        f"max_linear_... and max_angular_... allow, beside steps of {100 * _STEP:g} % of the "
-        f"acceleration and {100 * _SPEED_STEP:g} % of the speed; not while a fault shakes the arm "
-        "or its measured state, or the arm is given up since it does not follow"
+    lost = [said.t for said in record.said if said.cause == Cause.NOT_FOLLOWING]
+    given_up = [(t, t + _SETTLING) for t in lost]
+    paths = (
+        [TipSample(c.t, c.stamp, c.q) for c in run if low <= c.t <= high]
+        for run in runs(record)
+        for start, end in _undisturbed(record, run[0].t, run[-1].t)
+        for low, high in without(start, end, given_up)
     )
-
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return the worst speed, acceleration and jerk, of those that are too much."""
-        if record.asked is None or record.jitter:
-            return []
-        given_up = [
-            (said.t, said.t + _SETTLING)
-            for said in record.said
-            if said.cause == Cause.NOT_FOLLOWING
-        ]
-        paths = (
-            [TipSample(c.t, c.stamp, c.q) for c in run if low <= c.t <= high]
-            for run in runs(record)
-            for start, end in _undisturbed(record, run[0].t, run[-1].t)
-            for low, high in without(start, end, given_up)
-        )
-        return _worst(self, record, paths, (_SPEED, _ACCELERATION, _JERK))
+    return _worst(record, paths, (_SPEED, _ACCELERATION, _JERK))
 
 
-class ArmSmooth(Oracle):
-    """An arm that is driven by efforts moves with no more speed and acceleration than allowed."""
-
-    name: ClassVar[str] = "smooth arm"
-    claim: ClassVar[str] = (
-        f"driven by efforts, and not pushed or shaken, the tip of the arm has at most "
-        f"{_TRUE_SPEED:g} times the speed and {_TRUE_ACCELERATION:g} times the acceleration that "
-        f"max_linear_... and max_angular_... allow, from {_SETTLING:g} s on"
+@oracle(
+    "smooth arm",
+    f"driven by efforts, and not pushed or shaken, the tip of the arm has at most "
+    f"{_TRUE_SPEED:g} times the speed and {_TRUE_ACCELERATION:g} times the acceleration that "
+    f"max_linear_... and max_angular_... allow, from {_SETTLING:g} s on",
+)
+def arm_smooth(record: SequenceRecord) -> Found:
+    """Return the worst speed and acceleration, of those that are too much."""
+    paths = (
+        [TipSample(k.t, k.t, k.q) for k in record.truth if low <= k.t <= high]
+        for driven in _stretches(record, (c for c in record.commands if c.effort))
+        for low, high in _undisturbed(record, driven[0].t + _SETTLING, driven[-1].t)
     )
-
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return the worst speed and acceleration, of those that are too much."""
-        if record.asked is None or record.jitter:
-            return []
-        paths = (
-            [TipSample(k.t, k.t, k.q) for k in record.truth if low <= k.t <= high]
-            for start, end in _driven(record)
-            for low, high in _undisturbed(record, start + _SETTLING, end)
-        )
-        return _worst(self, record, paths, (_TRUE_SPEED, _TRUE_ACCELERATION, np.inf))
+    return _worst(record, paths, (_TRUE_SPEED, _TRUE_ACCELERATION, np.inf))
 
 
 def _undisturbed(record: SequenceRecord, start: float, end: float) -> list[tuple[float, float]]:
@@ -136,59 +117,44 @@ def _undisturbed(record: SequenceRecord, start: float, end: float) -> list[tuple
     return without(start, end, [(a, b + _SETTLING) for a, b in record.shaken])
 
 
-def _driven(record: SequenceRecord) -> Iterator[tuple[float, float]]:
-    """Yield from when to when [s] efforts followed on each other."""
-    start: Command | None = None
-    last: Command | None = None
-    for command in record.commands:
-        if not command.effort:
-            continue
-        if start is None or last is None or not follows(record, last, command):
-            if start is not None and last is not None:
-                yield start.t, last.t
-            start = command
-        last = command
-    if start is not None and last is not None:
-        yield start.t, last.t
-
-
-def _first(found: list[Violation]) -> list[Violation]:
-    """Return the first of what was found, with how many there are."""
-    if not found:
-        return []
-    first = found[0]
-    return [first._replace(text=f"{first.text}; {len(found)} commands in all")]
+def _stretches(record: SequenceRecord, commands: Iterable[Command]) -> Iterator[list[Command]]:
+    """Yield those of some commands that follow on each other, at least one."""
+    stretch: list[Command] = []
+    for command in commands:
+        if stretch and not follows(record, stretch[-1], command):
+            yield stretch
+            stretch = []
+        stretch.append(command)
+    if stretch:
+        yield stretch
 
 
 def runs(record: SequenceRecord) -> Iterator[list[Command]]:
     """Yield the positions that follow on each other: the last of those at a time, or of a stamp.
 
-    The first at rest stays, also where others come with it.
+    The first at rest stays, also where others come with it; others say which are not finite.
     """
-    run: list[Command] = []
     n = len(record.joints)
-    for command in record.commands:
-        if len(command.q) != n or not np.isfinite((*command.q, *command.dq)).all():
-            continue  # others say so
-        if run and not follows(record, run[-1], command):
-            yield run
-            run = []
-        if run and (command.stamp == run[-1].stamp or (len(run) > 1 and command.t == run[-1].t)):
-            run.pop()
-        run.append(command)
-    if run:
+    whole = (c for c in record.commands if len(c.q) == n and np.isfinite((*c.q, *c.dq)).all())
+    for stretch in _stretches(record, whole):
+        run: list[Command] = []
+        for command in stretch:
+            is_same = run and command.stamp == run[-1].stamp
+            if is_same or (len(run) > 1 and command.t == run[-1].t):
+                run.pop()
+            run.append(command)
         yield run
 
 
 def _worst(
-    oracle: Oracle,
     record: SequenceRecord,
     paths: Iterable[list[TipSample]],
     factors: tuple[float, float, float],
-) -> list[Violation]:
+) -> Found:
     """Return the worst speed, acceleration and jerk of the tip, of those that are too much."""
     asked = record.asked
-    assert asked is not None
+    if asked is None:
+        return []
     speed, acceleration, jerk = factors
     step, kick = _STEP / record.period, _SPEED_STEP / record.period**2
     linear_step = max(step * asked.linear_acceleration, kick * asked.linear_speed)
@@ -207,7 +173,7 @@ def _worst(
             if norm > limit and norm / limit > worst.get(what, (1.0,))[0]:
                 text = f"the {what} of the tip is {norm:.4g}; allowed is {limit:.4g}"
                 worst[what] = norm / limit, t, text
-    return [oracle.violation(t, text) for _, t, text in worst.values()]
+    return [(t, text) for _, t, text in worst.values()]
 
 
 def _changes(record: SequenceRecord, path: list[TipSample]) -> Iterator[tuple[float, list[float]]]:

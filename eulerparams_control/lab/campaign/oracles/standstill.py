@@ -1,11 +1,11 @@
 """The arm itself: at rest while it is held, never running away, at its goal in the end."""
 
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.oracles.base import Oracle, Violation
+from eulerparams_control.analysis.checks import speed_of_limit
+from eulerparams_control.lab.campaign.oracles.base import Found, oracle
 from eulerparams_control.lab.campaign.record import ERROR, SequenceRecord
 
 # [s] that the arm is given to come to rest: held, and braked without commands.
@@ -21,56 +21,44 @@ _SPEED, _DRIFT = 0.02, 0.01
 _NEAR, _ALIGNED = 0.005, 1.0
 
 
-class HeldStill(Oracle):
-    """While the controller holds still, or has no valid states, the arm is at rest."""
-
-    name: ClassVar[str] = "held still"
-    claim: ClassVar[str] = (
-        f"while it says that it holds still, or has no valid states, the joints are slower than "
-        f"{_SPEED} rad/s and stay within {_DRIFT} rad, from {_SETTLING} s on, without states from "
-        f"{_BRAKING} s on; not while a fault shakes the arm or its measured state"
-    )
-
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return the times at which it moves."""
-        found = []
-        for start, end in _holding(record):
-            for calm, until in without(start, end, record.shaken):
-                found += self._moves(record, calm + _SETTLING, until)
-        for start, end in _without_states(record):
-            for calm, until in without(start, end, record.disturbed):
-                found += self._moves(record, calm + _BRAKING + record.jitter, until)
-        return found
-
-    def _moves(self, record: SequenceRecord, start: float, end: float) -> list[Violation]:
-        inside = [truth for truth in record.truth if start <= truth.t <= end]
-        if not inside:
-            return []
-        q, dq = np.array([t.q for t in inside]), np.abs([t.dq for t in inside])
-        drift = np.abs(q - q[0])
-        text = ""
-        if dq.max() > _SPEED:
-            text = f"a joint moves at {dq.max():.3g} rad/s"
-        elif drift.max() > _DRIFT:
-            text = f"a joint goes away by {drift.max():.3g} rad"
-        return [self.violation(start, f"{text} while it is held still")] if text else []
+@oracle(
+    "held still",
+    f"while it says that it holds still, or has no valid states, the joints are slower than "
+    f"{_SPEED} rad/s and stay within {_DRIFT} rad, from {_SETTLING} s on, without states from "
+    f"{_BRAKING} s on; not while a fault shakes the arm or its measured state",
+)
+def held_still(record: SequenceRecord) -> Found:
+    """Yield the times at which the arm moves while it is to be at rest."""
+    for spans, disturbed, time in (
+        (_holding(record), record.shaken, _SETTLING),
+        (_without_states(record), record.disturbed, _BRAKING),
+    ):
+        for start, end in spans:
+            for calm, until in without(start, end, disturbed):
+                if text := _moves(record, calm + time, until):
+                    yield calm + time, f"{text} while it is held still"
 
 
-class NoRunaway(Oracle):
-    """Whatever goes wrong, the arm does not run away."""
+def _moves(record: SequenceRecord, start: float, end: float) -> str:
+    """Return how a joint moves in a time [s]; "" if none does."""
+    inside = [truth for truth in record.truth if start <= truth.t <= end]
+    if not inside:
+        return ""
+    q, dq = np.array([t.q for t in inside]), np.abs([t.dq for t in inside])
+    drift = np.abs(q - q[0])
+    if dq.max() > _SPEED:
+        return f"a joint moves at {dq.max():.3g} rad/s"
+    return f"a joint goes away by {drift.max():.3g} rad" if drift.max() > _DRIFT else ""
 
-    name: ClassVar[str] = "no runaway"
-    holds_if_starved: ClassVar[bool] = True
-    claim: ClassVar[str] = f"no joint of the arm is ever faster than {_RUNAWAY:g} times its limit"
 
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return where the arm is fastest, if that is too fast."""
-        parts = np.array([np.abs(truth.dq) for truth in record.truth]) / record.limits.velocity
-        if not len(parts) or parts.max() <= _RUNAWAY:
-            return []
+@oracle("no runaway", f"no joint of the arm is ever faster than {_RUNAWAY:g} times its limit")
+def no_runaway(record: SequenceRecord) -> Found:
+    """Yield where the arm is fastest, if that is too fast."""
+    parts = speed_of_limit(np.array([truth.dq for truth in record.truth]), record.limits)
+    if len(parts) and parts.max() > _RUNAWAY:
         k, i = np.unravel_index(int(np.argmax(parts)), parts.shape)
         text = f"{record.joints[i]} is as fast as {parts[k, i]:.3g} times its limit"
-        return [self.violation(record.truth[k].t, text)]
+        yield record.truth[k].t, text
 
 
 Span = tuple[float, float]
@@ -91,7 +79,7 @@ def _holding(record: SequenceRecord) -> list[Span]:
 def _without_states(record: SequenceRecord) -> list[Span]:
     """Return from when to when no valid state came."""
     times = [*(state.t for state in record.states if state.is_valid), record.end]
-    timeout = record.state_timeout + record.jitter
+    timeout = record.state_timeout
     return [(a, b) for a, b in pairwise(times) if b - a > timeout]
 
 
@@ -108,25 +96,19 @@ def without(start: float, end: float, shaken: list[Span]) -> list[Span]:
     return parts
 
 
-class Recovers(Oracle):
-    """When all faults are over, and the reference is sent again, the arm goes there."""
-
-    name: ClassVar[str] = "recovers"
-    claim: ClassVar[str] = (
-        f"sent again after the last fault, the tip ends within {1e3 * _NEAR:g} mm and "
-        f"{_ALIGNED:g} deg of where it was sent"
-    )
-
-    def check(self, record: SequenceRecord) -> list[Violation]:
-        """Return how it is not there, or why it is no better."""
-        if record.crash:
-            return []  # another oracle says so
-        last = record.said[-1] if record.said else None
-        words = f"; it says: {last.message}" if last else "; it says nothing"
-        distance, angle = record.tip_error
-        if not (distance <= _NEAR and angle <= _ALIGNED):
-            text = f"the tip ends {1e3 * distance:.1f} mm, {angle:.1f} deg away{words}"
-            return [self.violation(record.end, text)]
-        if last is None or last.level == ERROR:
-            return [self.violation(record.end, f"it is there, but not well{words}")]
-        return []
+@oracle(
+    "recovers",
+    f"sent again after the last fault, the tip ends within {1e3 * _NEAR:g} mm and "
+    f"{_ALIGNED:g} deg of where it was sent",
+)
+def recovers(record: SequenceRecord) -> Found:
+    """Yield how the tip is not there, or why it is no better."""
+    if record.crash:
+        return  # another oracle says so
+    last = record.said[-1] if record.said else None
+    words = f"; it says: {last.message}" if last else "; it says nothing"
+    distance, angle = record.tip_error
+    if not (distance <= _NEAR and angle <= _ALIGNED):
+        yield record.end, f"the tip ends {1e3 * distance:.1f} mm, {angle:.1f} deg away{words}"
+    elif last is None or last.level == ERROR:
+        yield record.end, f"it is there, but not well{words}"

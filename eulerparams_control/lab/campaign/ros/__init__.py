@@ -1,1 +1,1 @@
-"""How the sequences of a campaign are run: over DDS in lock-step, or as processes."""
+"""Runs of the sequences of a campaign over DDS in lock-step."""

@@ -31,7 +31,6 @@ from eulerparams_control.lab.campaign.record import (
     SequenceRecord,
     Truth,
 )
-from eulerparams_control.lab.campaign.ros.from_ros import command_of, said_of, state_of
 from eulerparams_control.lab.campaign.ros.in_process_dds import (
     Counting,
     Crash,
@@ -43,7 +42,13 @@ from eulerparams_control.lab.campaign.ros.in_process_dds import (
     take,
     until,
 )
-from eulerparams_control.lab.campaign.ros.to_ros import INPUTS, message_of
+from eulerparams_control.lab.campaign.ros.messages import (
+    INPUTS,
+    command_of,
+    message_of,
+    said_of,
+    state_of,
+)
 from eulerparams_control.lab.campaign.streams import REFERENCE
 from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
 from eulerparams_control.messages.from_ros import JointStateReader

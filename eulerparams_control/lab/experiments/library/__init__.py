@@ -6,12 +6,10 @@ it with ``library: e1``.  It needs no ROS, and gives the same numbers each time.
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from eulerparams_control.analysis.charts import Chart
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.experiments.charts import Chart
 
 
 @dataclass(frozen=True)
@@ -40,19 +38,6 @@ class Result:
 
     numbers: dict[str, Number] = field(default_factory=dict)
     chart: Chart | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what JSON can hold, which has no infinity and no NaN."""
-        numbers = {name: [str(n.value), n.text, n.unit] for name, n in self.numbers.items()}
-        return {"numbers": numbers, "chart": self.chart and self.chart.to_json()}
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> "Result":
-        """Return the result of :meth:`to_json`."""
-        numbers = {
-            n: Number(float(v), text, unit) for n, (v, text, unit) in content["numbers"].items()
-        }
-        return cls(numbers, content["chart"] and Chart.from_json(content["chart"]))
 
 
 def library_names() -> list[str]:

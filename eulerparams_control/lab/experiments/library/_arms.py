@@ -1,4 +1,4 @@
-"""What the library experiments share: the arm of the paper's tests, T1, and CLIK on it."""
+"""Shared by the library experiments: the arm of the paper's tests, T1, and CLIK on it."""
 
 import math
 from collections.abc import Iterator

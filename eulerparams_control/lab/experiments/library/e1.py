@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from itertools import chain
 
-from eulerparams_control.lab.experiments.charts import Chart, Line
+from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._errata import errata
 from eulerparams_control.lab.experiments.library._section_2 import angles, one_frame, two_frames

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.lab.experiments.charts import Chart, Line
+from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import STEP_NS, clik, ur5
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics

@@ -1,0 +1,266 @@
+"""Quantities and numbers of a run: the registry of metrics, and reductions of a quantity to one.
+
+A quantity is a function of a Recording, with options, that returns instants t (N,) [s] and values
+(N,) or (N, m); NaN where there is none.  What was not recorded raises BagError.  A page draws it,
+see :mod:`eulerparams_control.analysis.quantity`; :func:`reduced` makes numbers of it, on which an
+experiment can put a criterion.
+"""
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.series import Series
+from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
+from eulerparams_control.laws.rotations import Array
+
+type Axis = Sequence[float]
+"""Three numbers, of any length but 0; none at all means no axis."""
+
+type Samples = tuple[Array, Array]
+"""Instants (N,) [s] and values."""
+
+
+class Metric(NamedTuple):
+    """A number of a run.
+
+    Attributes:
+        compute: from a recording.
+        unit: of the number; "" if it has none.
+        description: in words.
+        raw: whether it reads the bag itself, whatever part of the run is in memory.
+    """
+
+    compute: Callable[..., float]
+    unit: str
+    description: str
+    raw: bool = False
+
+
+class TableNumber(NamedTuple):
+    """A row of the table.
+
+    ``needs`` names what of a recording it is about, "" if any has it; ``of_parts`` makes the number
+    of a run from those of its parts.
+    """
+
+    title: str
+    metric: str
+    options: Mapping[str, str] = MappingProxyType({})
+    needs: str = ""
+    of_parts: Callable[[list[float]], float] = max
+
+    def together(self, values: Sequence[float | None]) -> float | None:
+        """Return the number of a run from those of its parts; None if none has it."""
+        known = [value for value in values if value is not None]
+        return self.of_parts(known) if known else None
+
+
+def last(values: list[float]) -> float:
+    """Return the number of the last part."""
+    return values[-1]
+
+
+METRICS: dict[str, Metric] = {}
+
+
+def metric(
+    unit: str, raw: bool = False, *, name: str = "", text: str = ""
+) -> Callable[[Callable[..., float]], Callable[..., float]]:
+    """Register a function as a metric; its name and its first doc line are those of the metric.
+
+    Args:
+        unit: of the number.
+        raw: see :class:`Metric`.
+        name, text: instead, of a function that has none.
+    """
+
+    def register(function: Callable[..., float]) -> Callable[..., float]:
+        description = text or (function.__doc__ or "").split("\n")[0].rstrip(".")
+        quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
+        METRICS[name or function.__name__] = Metric(quiet(function), unit, description, raw)
+        return function
+
+    return register
+
+
+def get_metric(name: str) -> Metric:
+    """Return the metric of that name; raises UnknownNameError."""
+    if name not in METRICS:
+        raise UnknownNameError("metric", name, METRICS)
+    return METRICS[name]
+
+
+def measure(name: str, recording: Recording, **options: Any) -> float:
+    """Return a number of a run; infinite where a run had diverged before it could have one.
+
+    Raises:
+        UnknownNameError: if there is no such metric.
+        BagError: if what it needs was not recorded.
+    """
+    try:
+        return get_metric(name).compute(recording, **options)
+    except BagError:
+        if recording.diverged is None:
+            raise
+        return math.inf
+
+
+def reduced(
+    names: str | Mapping[str, str], unit: str, words: str, *takes: str, vectors: bool = False
+) -> Callable[[Callable[..., Samples]], Callable[..., Samples]]:
+    """Register reductions of a quantity as metrics, such as ``peak_force``.
+
+    They take the options of the quantity, and their own.
+
+    Args:
+        names: of the quantity, before which the reduction is put; or of each reduction.
+        unit: of the numbers.
+        words: the quantity in words.
+        takes: names of reductions, if ``names`` is that of the quantity.
+        vectors: whether it has three components; their length is taken, or one along an ``axis``.
+    """
+    named = {take: f"{take}_{names}" for take in takes} if isinstance(names, str) else names
+
+    def register(samples: Callable[..., Samples]) -> Callable[..., Samples]:
+        for take, name in named.items():
+            text, reduction = _REDUCTIONS[take]
+            said = text.format(words)
+            number = _number(samples, reduction, vectors)
+            metric(unit, name=name, text=said[0].upper() + said[1:])(number)
+        return samples
+
+    return register
+
+
+def _number(
+    samples: Callable[..., Samples], reduction: Callable[..., float], vectors: bool
+) -> Callable[..., float]:
+    """Return a reduction of samples, with the options of both as its signature."""
+    _, *given = inspect.signature(samples).parameters.values()
+    own = dict(list(inspect.signature(reduction).parameters.items())[2 if vectors else 3 :])
+
+    def number(recording: Recording, **options: Any) -> float:
+        chosen = {name: options.pop(name) for name in own.keys() & options}
+        return reduction(*samples(recording, **options), **chosen)
+
+    run = inspect.Parameter("recording", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    number.__signature__ = inspect.Signature([run, *given, *own.values()])  # type: ignore[attr-defined]
+    return number
+
+
+def _peak(
+    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
+) -> float:
+    return float(np.abs(_scalars(known(t, y, after, before)[1], axis)).max())
+
+
+def _least(
+    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
+) -> float:
+    return float(_scalars(known(t, y, after, before)[1], axis).min())
+
+
+def _rms(
+    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
+) -> float:
+    return math.sqrt(np.mean(_scalars(known(t, y, after, before)[1], axis) ** 2))
+
+
+def _final(
+    t: Array, y: Array, axis: Axis = (), window: float = 0.0, before: float = math.inf
+) -> float:
+    return float(_scalars(mean_at_end(t, y, window, before)[None], axis)[0])
+
+
+def _scalars(y: Array, axis: Axis) -> Array:
+    """Return values (N,), or of vectors (N, 3) the components along an axis, or their lengths."""
+    return along(y, axis) if y.ndim > 1 else y
+
+
+_REDUCTIONS: Mapping[str, tuple[str, Callable[..., float]]] = {
+    "peak": ("largest {}", _peak),
+    "least": ("smallest {}", _least),
+    "rms": ("root mean square of the {}", _rms),
+    "final": ("{} at the end", _final),
+}
+
+
+def quotient(numerator: float, denominator: float) -> float:
+    """Return the quotient; infinite, or NaN for 0 / 0, where the denominator is 0."""
+    if denominator == 0:
+        return math.nan if numerator == 0 else math.copysign(math.inf, numerator)
+    return numerator / denominator
+
+
+def series_of(recording: Recording, of: str) -> Series:
+    """Return the ``command``, the ``measured`` motion or the ``leading`` of them.
+
+    Raises:
+        UnknownNameError: if ``of`` is none of these.
+        BagError: if there is no command.
+    """
+    if of not in ("command", "measured", "leading"):
+        raise UnknownNameError("series", of, ("command", "measured", "leading"))
+    if of == "measured":
+        return recording.measured
+    if of == "leading":
+        return recording.leading
+    if recording.command is None:
+        raise BagError(f"{recording.path} has no joint_reference")
+    return recording.command
+
+
+def within(t: Array, after: float, before: float) -> NDArray[np.bool_]:
+    """Return which instants t (N,) [s] are in a window; raises BagError if none is."""
+    inside: NDArray[np.bool_] = (t >= after) & (t <= before)
+    if not inside.any():
+        last = f"the last is at {t[-1]:g} s" if len(t) else "there is none at all"
+        raise BagError(f"no sample from {after:g} to {before:g} s; {last}")
+    return inside
+
+
+def compared(t: Array, y: Array) -> Samples:
+    """Return samples of an error; raises BagError if nothing was desired."""
+    if not np.isfinite(y).any():
+        raise BagError("no desired frame was recorded: nothing to compare the motion with")
+    return t, y
+
+
+def known(t: Array, y: Array, after: float, before: float) -> Samples:
+    """Return what is known in a window of samples (N,) or (N, m); raises BagError if nothing is."""
+    is_known = np.isfinite(y.reshape(len(t), -1)).all(axis=1)
+    inside = within(t, after, before) & is_known
+    return compared(t[inside], y[inside])
+
+
+def mean_at_end(t: Array, y: Array, window: float, before: float) -> Array:
+    """Return the mean of known samples (N,) or (N, m) over the last ``window`` [s].
+
+    The end is the last known one that is not after ``before``; a window of 0 is that alone.
+    """
+    t, y = known(t, y, 0.0, before)
+    mean: Array = y[t >= t[-1] - window * (1 + 1e-9)].mean(axis=0)
+    return mean
+
+
+def along(values: Array, axis: Axis) -> Array:
+    """Return the components (...) of vectors (..., 3) along an axis, or without one their lengths.
+
+    Raises:
+        ConfigurationError: if the axis is no direction.
+    """
+    if not len(axis):
+        with np.errstate(over="ignore"):  # a run that diverged
+            return np.linalg.norm(values, axis=-1)
+    direction = np.array(axis, dtype=float)
+    length = float(np.linalg.norm(direction)) if direction.shape == (3,) else math.nan
+    if not 0 < length < math.inf:
+        raise ConfigurationError(f"axis is {list(axis)}; expected three numbers, not all 0")
+    return values @ (direction / length)

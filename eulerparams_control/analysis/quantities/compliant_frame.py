@@ -1,0 +1,236 @@
+"""Compliance: where the compliant frame is relative to the desired one, and why.
+
+Options as in ``contact``; displacement and turn are in the axes of the desired frame.  What is
+compared with a force or a moment is that at the centre of compliance, which may be off the tip.
+"""
+
+import math
+
+import numpy as np
+
+from eulerparams_control.analysis.compliant import (
+    CompliantMotion,
+    ImpedanceRun,
+    rotational_residual,
+    translational_residual,
+)
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
+from eulerparams_control.analysis.quantities.base import (
+    Axis,
+    Samples,
+    TableNumber,
+    along,
+    compared,
+    known,
+    last,
+    mean_at_end,
+    metric,
+    quotient,
+    reduced,
+    within,
+)
+from eulerparams_control.analysis.quantities.contact import GROUP, lengths
+from eulerparams_control.analysis.quantities.stability import growth
+from eulerparams_control.analysis.quantity import XYZ, Quantity
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+
+
+def _compliant(recording: Recording) -> CompliantMotion:
+    if recording.compliant is None:
+        raise BagError(f"{recording.path} has no compliant_frame")
+    return recording.compliant
+
+
+@reduced("turn", "deg", "turn of the compliant frame", "peak", "final", vectors=True)
+def turn(recording: Recording) -> Samples:
+    """Return the rotation vector (N, 3) [deg] of R_d' R_c."""
+    compliant = _compliant(recording)
+    return compared(compliant.t, np.degrees(compliant.rho_cd_d))
+
+
+@reduced("displacement", "mm", "displacement of the compliant frame", "peak", "final", vectors=True)
+def displacement(recording: Recording) -> Samples:
+    """Return R_d' (p_c - p_d) (N, 3) [mm] at the tip."""
+    compliant = _compliant(recording)
+    return compared(compliant.t, 1e3 * compliant.p_cd_d)
+
+
+@reduced("compliant_speed", "mm/s", "speed of the compliant frame", "final")
+def compliant_speed(recording: Recording) -> Samples:
+    """Return the speed [mm/s] of the compliant frame."""
+    compliant = _compliant(recording)
+    return compliant.t, 1e3 * compliant.speed
+
+
+@metric("deg")
+def moment_axis_angle(recording: Recording, window: float = 0.0, before: float = math.inf) -> float:
+    """Angle between the axes of turn and moment at the end.
+
+    Of the rotation vector of R_d' R_c and mu^d: 0 by (65) about an axis of K_o.
+    """
+    run = _impedance(recording)
+    rho = mean_at_end(run.motion.t, run.motion.rho_cd_d, window, before)
+    mu = mean_at_end(run.motion.t, run.mu_d, window, before)
+    if not (rho.any() and mu.any()):
+        raise BagError(f"{recording.path}: no turn or no moment, so that its axis is not known")
+    across = float(np.linalg.norm(np.cross(rho, mu)))
+    return math.degrees(math.atan2(across, float(rho @ mu)))
+
+
+@metric("Nm/rad")
+def apparent_stiffness(
+    recording: Recording, window: float = 0.0, before: float = math.inf
+) -> float:
+    """Moment over turn at the end.
+
+    The stiffness that the environment feels about the axis of the moment:
+    mu' mu / (mu' rho) with the rotation vector rho of R_d' R_c, all in the desired frame.
+    """
+    run = _impedance(recording)
+    rho = mean_at_end(run.motion.t, run.motion.rho_cd_d, window, before)
+    mu = mean_at_end(run.motion.t, run.mu_d, window, before)
+    return quotient(float(mu @ mu), float(mu @ rho))
+
+
+@metric("N/m")
+def apparent_translational_stiffness(
+    recording: Recording, window: float = 0.0, before: float = math.inf
+) -> float:
+    """Force over displacement at the end.
+
+    The stiffness that the environment feels along the force: f' f / (f' p) with p = p_c - p_d.
+    """
+    run = _impedance(recording)
+    p = mean_at_end(run.motion.t, run.motion.p_cd_d, window, before)
+    f = mean_at_end(run.motion.t, run.f_d, window, before)
+    return quotient(float(f @ f), float(f @ p))
+
+
+@metric("1/s")
+def escape_rate(recording: Recording, low: float, high: float) -> float:
+    """Rate at which a turn of 180 deg is left.
+
+    That of 180 deg less the turn of the compliant frame, where this first passes from ``low`` to
+    ``high`` [deg]: about an axis of K_o the equilibrium Q3 (67) is unstable (70), (71).
+    """
+    compliant = _compliant(recording)
+    turn = np.degrees(np.linalg.norm(compliant.rho_cd_d, axis=1))
+    known = np.isfinite(turn)
+    try:
+        return growth(compliant.t[known], 180.0 - turn[known], low, high)
+    except BagError as error:
+        raise BagError(f"{recording.path}: 180 deg less the turn {error}") from error
+
+
+@metric("mm")
+def guided_distance(recording: Recording, axis: Axis = (), before: float = math.inf) -> float:
+    """Distance of the compliant frame from its start at the end.
+
+    With an axis, in the base frame, its component.
+    """
+    compliant = _compliant(recording)
+    p_c = compliant.p_c[within(compliant.t, 0.0, before)]
+    return 1e3 * float(along(p_c[-1] - p_c[0], axis))
+
+
+@metric("N")
+def force_residual(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
+    """Largest contact force that (52) does not account for.
+
+    Of f - (M_p ddx + D_p dx + K_p x) with the accelerations of the compliant frame
+    that was recorded; without dead band and low-pass it is rounding.
+    """
+    run, told = _impedance(recording), _told(recording)
+    with parameters_to_blame(told.scheme.name):
+        Z = told.translation()
+    left = translational_residual(run.motion, run.f, Z, told.translational_frame)
+    return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
+
+
+@metric("Nm")
+def moment_residual(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
+    """Largest contact moment that (59) does not account for.
+
+    Of mu^d - (M_o dx + D_o x + K_o' eps), eq. (60), of Euler parameters, with the
+    accelerations of the compliant frame that was recorded; without dead band and low-pass it is
+    rounding, however the desired frame turns.
+    """
+    run, told = _impedance(recording), _told(recording)
+    if told.orientation != "euler_parameters":
+        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {told.orientation}")
+    with parameters_to_blame(told.scheme.name):
+        left = rotational_residual(run.motion, run.mu, told.rotation())
+    return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
+
+
+def _impedance(recording: Recording) -> ImpedanceRun:
+    """Return what an impedance relates; raises BagError unless the wrench is known."""
+    run = recording.impedance
+    if run is None:
+        raise BagError(f"{recording.path} has no compliant_frame")
+    if recording.wrench is None:
+        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    return run
+
+
+def _told(recording: Recording) -> ImpedanceParameters:
+    told = recorded(recording.parameters, ImpedanceParameters)
+    if told is None:
+        name = ImpedanceParameters.scheme.name
+        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
+    return told
+
+
+DISPLACEMENT = Quantity(
+    "displacement",
+    "Displacement of the compliant frame",
+    "|p_c - p_d| [mm]",
+    "Distance between the compliant and the desired origin: what the contact force makes of the "
+    "translational impedance (52).",
+    "mm",
+    1e-6,
+    lengths(displacement),
+)
+TURN = Quantity(
+    "turn",
+    "Turn of the compliant frame",
+    "angle of R_d' R_c [deg]",
+    "Angle of the compliant frame relative to the desired one: what the contact moment makes of "
+    "the rotational impedance (55), (59).",
+    "deg",
+    1e-6,
+    lengths(turn),
+)
+VECTORS = (
+    Quantity(
+        "p_cd_d",
+        "Displacement of the compliant frame, desired axes",
+        "displacement [mm]",
+        "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
+        "mm",
+        1e-6,
+        displacement,
+        components=XYZ,
+        group=GROUP,
+    ),
+    Quantity(
+        "rho_cd_d",
+        "Turn of the compliant frame, desired axes",
+        "turn [deg]",
+        "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
+        "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
+        "deg",
+        1e-6,
+        turn,
+        components=XYZ,
+        group=GROUP,
+    ),
+)
+
+PLACES = {4: DISPLACEMENT, 5: TURN, 21: VECTORS}
+ROWS = {
+    20: TableNumber("compliant frame, end", "final_displacement", of_parts=last),
+    21: TableNumber("compliant frame, end", "final_turn", of_parts=last),
+}

@@ -1,0 +1,144 @@
+"""Contact: force and moment at the tip, from wrench.
+
+They are what the environment exerts on the tool, at the origin of the tip.  Options:
+
+``axis``  three numbers: the component along them, with its sign; without it the length.
+``frame``  whose axes ``axis`` refers to: ``base``, the default, or ``desired``.
+``window``  [s] at the end over which the mean is taken; 0, the default, is the last sample.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from eulerparams_control.analysis.quantities.base import (
+    Axis,
+    Samples,
+    TableNumber,
+    along,
+    last,
+    metric,
+    reduced,
+    within,
+)
+from eulerparams_control.analysis.quantity import XYZ, Quantity
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError, UnknownNameError
+from eulerparams_control.laws.rotations import Array
+
+FRAMES = ("base", "desired")
+
+
+def desired_rotations(recording: Recording, t: Array) -> Array:
+    """Return R_d (N, 3, 3) at instants t (N,) [s], the last before each; NaN where is none."""
+    measured = recording.measured
+    before = np.searchsorted(measured.t, t, side="right") - 1
+    return measured.desired.take(before).R
+
+
+def _wrench(recording: Recording, part: str, frame: str) -> Samples:
+    """Return f or mu (N, 3) in the axes of a frame."""
+    wrench = recording.wrench
+    if wrench is None:
+        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    if frame not in FRAMES:
+        raise UnknownNameError("frame", frame, FRAMES)
+    vectors: Array = getattr(wrench, part)
+    if frame == "desired":  # R_d' v
+        vectors = np.einsum("nji,nj->ni", desired_rotations(recording, wrench.t), vectors)
+    return wrench.t, vectors
+
+
+@reduced("force", "N", "contact force", "peak", "least", "final", vectors=True)
+def force(recording: Recording, frame: str = "base") -> Samples:
+    """Return f (N, 3) [N]."""
+    return _wrench(recording, "f", frame)
+
+
+@reduced("moment", "Nm", "contact moment", "peak", "final", vectors=True)
+def moment(recording: Recording, frame: str = "base") -> Samples:
+    """Return mu (N, 3) [Nm]."""
+    return _wrench(recording, "mu", frame)
+
+
+@metric("N")
+def force_ripple(recording: Recording, window: float, axis: Axis = ()) -> float:
+    """Largest less smallest contact force over the last seconds.
+
+    Of the component along an axis, else of that base component of which it is largest: chatter
+    shows even where the length of the force stays.
+    """
+    t, f = force(recording)
+    last = f[within(t, float(t[-1]) - window, math.inf)]
+    components = along(last, axis)[:, None] if len(axis) else last
+    return float(np.ptp(components, axis=0).max())
+
+
+def _felt(of: Callable[[Recording], Samples]) -> Callable[[Recording], Samples]:
+    """Return what gives components, where anything was felt or an impedance answers it."""
+
+    def felt(recording: Recording) -> Samples:
+        if recording.contact is None:
+            raise BagError(f"{recording.path}: nothing was felt")
+        return of(recording)
+
+    return felt
+
+
+def lengths(of: Callable[[Recording], Samples]) -> Callable[[Recording], Samples]:
+    """Return what gives the lengths of vectors over time."""
+
+    def found(recording: Recording) -> Samples:
+        t, vectors = of(recording)
+        return t, along(vectors, ())
+
+    return found
+
+
+GROUP = "Contact and compliance by component"
+_F, _MU = _felt(force), _felt(moment)
+_WRENCH = (
+    "what the environment exerts on the tool at the origin of the tip, in base axes: f, mu of "
+    "(52), (55), (59), from the sensor, without the weight of the tool that the controller knows"
+)
+
+FORCE = Quantity(
+    "force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, lengths(_F)
+)
+MOMENT = Quantity(
+    "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, lengths(_MU)
+)
+
+VECTORS = (
+    Quantity(
+        "f",
+        "Contact force, base axes",
+        "f [N]",
+        f"Force: {_WRENCH}.",
+        "N",
+        1e-6,
+        _F,
+        components=XYZ,
+        group=GROUP,
+    ),
+    Quantity(
+        "mu",
+        "Contact moment, base axes",
+        "mu [Nm]",
+        f"Moment: {_WRENCH}.",
+        "Nm",
+        1e-6,
+        _MU,
+        components=XYZ,
+        group=GROUP,
+    ),
+)
+
+PLACES = {2: FORCE, 3: MOMENT, 20: VECTORS}
+ROWS = {
+    10: TableNumber("force, peak", "peak_force", needs="contact"),
+    11: TableNumber("force, end", "final_force", needs="contact", of_parts=last),
+    12: TableNumber("moment, peak", "peak_moment", needs="contact"),
+    13: TableNumber("moment, end", "final_moment", needs="contact", of_parts=last),
+}

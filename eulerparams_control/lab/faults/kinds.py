@@ -1,0 +1,392 @@
+"""The kinds of faults, each with how it is drawn at random; and random sequences of them."""
+
+import copy
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from eulerparams_control.lab.faults.base import (
+    FROM_ROBOT,
+    ROBOT,
+    Draw,
+    Fault,
+    MessageFault,
+    RobotFault,
+    Stage,
+    setting,
+)
+from eulerparams_control.lab.faults.fields import numbers, put_stamp, stamp_ns
+from eulerparams_control.parameters.schemes import schemes
+
+FIRST = 0.1
+"""Part of the run before the first fault begins: the controller is to be at work."""
+
+LAST = 0.6
+"""Part of the run at whose end all faults are over, so that recovery can be judged."""
+
+_MOST = 4  # faults of a sequence
+_LONGEST, _SHORTEST = 0.5, 0.01  # [s] of a fault
+
+_NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+_ANY = "random"
+
+_NOISE = {"wrench": 5.0, "joint_effort": 2.0}  # largest standard deviation [N, Nm]; else:
+_NOISE_OF_OTHERS = 0.01  # [rad, m]
+
+
+def _sometimes() -> Any:
+    """Return the probability with which a fault hits a message, drawn too."""
+    return setting(
+        "of a message to be hit", low=0.0, high=1.0, default=1.0,
+        drawn=lambda draw, _: draw.sometimes(),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drop(MessageFault):
+    """Messages are lost."""
+
+    name: ClassVar[str] = "drop"
+    shakes: ClassVar[bool] = True
+
+    probability: float = _sometimes()
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """See MessageFault."""
+        return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duplicate(MessageFault):
+    """Messages come again, at once after the first.
+
+    Attributes:
+        copies: how many more of each.
+    """
+
+    name: ClassVar[str] = "duplicate"
+
+    copies: int = setting(
+        "more of each message", low=1, high=100, default=1,
+        drawn=lambda draw, _: int(draw.random.integers(1, 4)),
+    )  # fmt: skip
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """See MessageFault."""
+        return [msg, *(copy.deepcopy(msg) for _ in range(self.copies))]
+
+
+class _Queue(Stage):
+    """What went in first comes out first, and nothing overtakes."""
+
+    def __init__(self, fault: Any, random: np.random.Generator) -> None:
+        super().__init__(fault, random)
+        self._held: deque[tuple[float, Any]] = deque()
+
+    def take(self, t: float, msg: Any) -> list[Any]:
+        is_late = self.fault.is_active(t) and self._is_hit()
+        free = t + self.fault.by if is_late else t
+        if self._held:
+            free = max(free, self._held[-1][0])
+        if free <= t:
+            return [msg]
+        self._held.append((free, msg))
+        return []
+
+    def due(self, t: float) -> list[Any]:
+        out = []
+        while self._held and self._held[0][0] <= t:
+            out.append(self._held.popleft()[1])
+        return out
+
+    @property
+    def next_due(self) -> float:
+        return self._held[0][0] if self._held else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay(MessageFault):
+    """Messages come late, in their order: at the end those that are held come in a burst.
+
+    Attributes:
+        by: how late [s].
+    """
+
+    name: ClassVar[str] = "delay"
+    shakes: ClassVar[bool] = True
+    stage: ClassVar[type[Stage]] = _Queue
+
+    by: float = setting(
+        "how late [s]", low=0.0, high=60.0, drawn=lambda draw, _: draw.number(0.005, 0.3)
+    )
+
+    @property
+    def end(self) -> float:
+        """When the last that was held has come [s]."""
+        return self.at + self.duration + self.by
+
+
+class _Mix(Stage):
+    """Holds messages until there are ``depth``, and gives them in an order that is not theirs."""
+
+    def __init__(self, fault: Any, random: np.random.Generator) -> None:
+        super().__init__(fault, random)
+        self._held: list[Any] = []
+
+    def change(self, msg: Any) -> list[Any]:
+        self._held.append(msg)
+        return self._all() if len(self._held) == self.fault.depth else []
+
+    def due(self, t: float) -> list[Any]:
+        return self._all() if t >= self.next_due else []
+
+    def _all(self) -> list[Any]:
+        """Return what is held, turned by at least one place."""
+        held, self._held = self._held, []
+        if len(held) < 2:
+            return held
+        first = 1 + int(self.random.integers(len(held) - 1))
+        rest = [k for k in range(len(held)) if k != first]
+        return [held[k] for k in (first, *self.random.permutation(rest))]
+
+    @property
+    def next_due(self) -> float:
+        return self.fault.at + self.fault.duration if self._held else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorder(MessageFault):
+    """Messages come in groups, each in an order that is not that in which they were sent.
+
+    Attributes:
+        depth: messages in a group; the first of them never comes first.
+    """
+
+    name: ClassVar[str] = "reorder"
+    shakes: ClassVar[bool] = True
+    stage: ClassVar[type[Stage]] = _Mix
+
+    depth: int = setting(
+        "messages that are mixed", low=2, high=100, default=2,
+        drawn=lambda draw, _: int(draw.random.integers(2, 6)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nan(MessageFault):
+    """One number of a message is not finite.
+
+    Attributes:
+        field: of which numbers one is taken, such as ``position`` or ``wrench.force.x``; "": of
+            all.
+        value: that it gets: nan, inf, -inf, or random of these.
+    """
+
+    name: ClassVar[str] = "nan"
+    shakes: ClassVar[bool] = True
+
+    field: str = ""
+    value: str = setting(
+        "that it gets", choices=(*_NOT_FINITE, _ANY), default="nan", drawn=lambda *_: _ANY
+    )
+    probability: float = _sometimes()
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """See MessageFault."""
+        found = numbers(msg, self.field)
+        if found:
+            number = found[int(random.integers(len(found)))]
+            known = tuple(_NOT_FINITE)
+            value = known[int(random.integers(len(known)))] if self.value == _ANY else self.value
+            number.put(_NOT_FINITE[value])
+        return [msg]
+
+
+class _Hold(Stage):
+    """Keeps the first message that is hit."""
+
+    _first: Any = None
+
+    def change(self, msg: Any) -> list[Any]:
+        if self._first is None:
+            self._first = msg
+        held = copy.deepcopy(self._first)
+        if self.fault.stamps_go_on:
+            put_stamp(held, stamp_ns(msg))
+        return [held]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(MessageFault):
+    """The values of the first message repeat, under stamps that go on."""
+
+    name: ClassVar[str] = "freeze"
+    shakes: ClassVar[bool] = True
+    stage: ClassVar[type[Stage]] = _Hold
+    stamps_go_on: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stuck(MessageFault):
+    """The first message repeats, with its stamp."""
+
+    name: ClassVar[str] = "stuck"
+    shakes: ClassVar[bool] = True
+    stage: ClassVar[type[Stage]] = _Hold
+    stamps_go_on: ClassVar[bool] = False
+
+
+def _drawn_noise(draw: Draw, topic: str) -> float:
+    largest = _NOISE.get(topic, _NOISE_OF_OTHERS)
+    return draw.number(0.01 * largest, largest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise(MessageFault):
+    """Each number is off, by a normal distribution.
+
+    Attributes:
+        std: standard deviation, in the units of the numbers.
+        field: of which numbers, such as ``velocity`` or ``wrench.force``; "": of all.
+    """
+
+    name: ClassVar[str] = "noise"
+    shakes: ClassVar[bool] = True
+
+    std: float = setting("standard deviation", low=0.0, high=1e6, drawn=_drawn_noise)
+    field: str = ""
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """See MessageFault."""
+        for number in numbers(msg, self.field):
+            number.put(number.value + float(random.normal(0.0, self.std)))
+        return [msg]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockJump(RobotFault):
+    """The stamps jump, from then on or for a time; of a topic, or of all that the robot sends.
+
+    Attributes:
+        by: how far, ahead or, below 0, back [s].
+    """
+
+    name: ClassVar[str] = "clock_jump"
+
+    duration: float = setting("for how long [s]; from then on", low=0.0, default=math.inf)
+    by: float = setting(
+        "how far [s]", low=-1e6, high=1e6,
+        drawn=lambda draw, _: draw.number(0.01, 10.0) * (1 if draw.is_so() else -1),
+    )  # fmt: skip
+
+    @property
+    def end(self) -> float:
+        """When the stamps jump for the last time [s]."""
+        return self.at if math.isinf(self.duration) else self.at + self.duration
+
+    def is_on(self, topic: str) -> bool:
+        """Return whether it is on a topic."""
+        return topic in FROM_ROBOT if self.topic == ROBOT else topic == self.topic
+
+    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+        """See MessageFault."""
+        put_stamp(msg, stamp_ns(msg) + round(self.by * 1e9))
+        return [msg]
+
+    @classmethod
+    def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
+        """See Fault."""
+        found = super().drawn(draw, at, duration)
+        return replace(found, topic=ROBOT, duration=math.inf) if draw.is_so() else found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondPublisher(Fault):
+    """Another node publishes to the same topic, what is a little beside the last true message.
+
+    Nothing of this happens to the messages: who has the nodes does it.
+
+    Attributes:
+        rate: of its messages [Hz].
+        offset: on each number of its messages but those of rotations, in the unit of the number.
+    """
+
+    name: ClassVar[str] = "second_publisher"
+
+    rate: float = setting("of its messages [Hz]", low=0.1, high=1000.0, default=20.0)
+    offset: float = setting(
+        "on each of its numbers", low=-1e6, high=1e6, default=0.0,
+        drawn=lambda draw, _: round(float(draw.random.uniform(-0.02, 0.02)), 6),
+    )  # fmt: skip
+
+    def message(self, last: Any) -> Any:
+        """Return what it publishes, after a true message."""
+        own = copy.deepcopy(last)
+        for number in numbers(own):
+            if ".rotation." not in number.path:  # they are unit quaternions
+                number.put(number.value + self.offset)
+        return own
+
+    @classmethod
+    def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
+        """See Fault."""
+        return replace(super().drawn(draw, at, duration), topic="reference")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kill(Fault):
+    """A node is killed, without a word, and started again; by who has the nodes.
+
+    Attributes:
+        node: its executable.
+        restart_after: how long after its death it is started again [s]; infinite: never.
+    """
+
+    name: ClassVar[str] = "kill"
+
+    topic: str = field(default="", init=False)
+    duration: float = field(default=0.0, init=False)
+    node: str
+    restart_after: float = setting("until it is started again [s]", low=0.0, default=math.inf)
+
+    @property
+    def end(self) -> float:
+        """When it is started again [s]; infinite if never."""
+        return self.at + self.restart_after
+
+    @classmethod
+    def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
+        """See Fault."""
+        return cls(node=draw.any_of((draw.controller,)), at=at, restart_after=duration)
+
+
+def random_faults(seed: int, controller: str, duration: float) -> tuple[Fault, ...]:
+    """Return a random sequence of faults, by when they begin; the same for the same seed.
+
+    From one to four of all kinds, each from 0.01 to 0.5 s, all of them over after ``LAST`` of the
+    run.
+
+    Args:
+        seed: the same gives the same.
+        controller: name of its scheme, which may be killed and is started again.
+        duration: of the run [s].
+    """
+    random = np.random.default_rng([seed, *controller.encode()])
+    draw = Draw(random, schemes()[controller].topics, controller)
+    kinds = tuple(Fault.registry)
+    count = range(int(random.integers(1, _MOST + 1)))
+    drawn = [_drawn(Fault.registry[draw.any_of(kinds)], draw, duration) for _ in count]
+    return tuple(sorted(drawn, key=lambda fault: fault.at))
+
+
+def _drawn(kind: type[Fault], draw: Draw, duration: float) -> Fault:
+    """Return a fault of a kind that is over in time: one that is not is drawn again."""
+    first, last = FIRST * duration, LAST * duration
+    while True:
+        at = round(float(draw.random.uniform(first, last)), 6)
+        fault = kind.drawn(draw, at, draw.number(_SHORTEST, _LONGEST))
+        if fault.end <= last:
+            return fault

@@ -1,0 +1,279 @@
+"""Maps of orientation errors that have to vanish: in each cell a law moves a tip.
+
+The tip is a free frame, or that of a real arm without its servos.  A free frame has J = I: it has
+no workspace and no singularity of its own, so that what fails is the representation.  The laws are
+those of the nodes: :class:`ClikLaw`, :class:`ResolvedAcceleration`, :class:`InverseDynamics`.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.lab.maps.base import MapKind, MapVariant
+from eulerparams_control.laws.clik import ClikLaw
+from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
+from eulerparams_control.laws.rotations import Array, angle_between, exp
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import Robot, RobotState
+
+_NONE, _SIX = np.zeros(3), np.zeros(6)
+_J = np.eye(6)
+
+_FASTEST = 1e6  # [rad/s] beyond it has diverged
+
+LAWS = ("clik", "dynamic")
+
+FINE, FAST, UNSETTLED, DIVERGED = 0, 1, 2, 3
+
+
+MotionLaw = ClikLaw | ResolvedAcceleration
+"""Of kinematic (23), (28) or dynamic control (38), (40)."""
+
+
+class Tip(Protocol):
+    """A tip that can be moved."""
+
+    @property
+    def state(self) -> RobotState:
+        """Its kinematics now."""
+
+    def move(self, dq: Array, dt: float) -> None:
+        """Move at a joint velocity for dt [s]."""
+
+    def accelerate(self, a: Array, dt: float) -> None:
+        """Move at an acceleration a (6,) [m/s^2, rad/s^2] of the tip for dt [s]."""
+
+
+class FreeTip:
+    """A free frame, which turns as it is told; its joint velocity is its twist.
+
+    Args:
+        R: (3, 3) where it is at first.
+        omega: (3,) [rad/s] how it turns then.
+    """
+
+    def __init__(self, R: Array, omega: Array = _NONE) -> None:
+        self._R, self._omega = R, omega
+
+    @property
+    def state(self) -> RobotState:
+        """Its kinematics now."""
+        return RobotState(_SIX, _SIX, _NONE, self._R, _NONE, self._omega, _J)
+
+    def move(self, dq: Array, dt: float) -> None:
+        """Turn at an angular velocity for dt [s]."""
+        self._omega = dq[3:]
+        self._R = exp(dt * self._omega) @ self._R
+
+    def accelerate(self, a: Array, dt: float) -> None:
+        """Turn at an angular acceleration for dt [s]."""
+        before, self._omega = self._omega, self._omega + dt * a[3:]
+        self._R = exp(dt / 2 * (before + self._omega)) @ self._R
+
+
+class ArmTip:
+    """The tip of an arm whose inverse dynamics (33) is exact.
+
+    Args:
+        robot: the arm.
+        q: (n,) where it is at first, at rest.
+    """
+
+    def __init__(self, robot: Robot, q: Array) -> None:
+        self._robot, self._dynamics = robot, InverseDynamics()
+        self._q, self._dq = q, np.zeros_like(q)
+
+    @property
+    def state(self) -> RobotState:
+        """Its kinematics now."""
+        return self._robot.state(self._q, self._dq)
+
+    def move(self, dq: Array, dt: float) -> None:
+        """Move at a joint velocity for dt [s]."""
+        self._q, self._dq = self._q + dt * dq, dq
+
+    def accelerate(self, a: Array, dt: float) -> None:
+        """Move at an acceleration of the tip for dt [s]."""
+        state = self._robot.dynamic_state(self._q, self._dq)
+        before, self._dq = self._dq, self._dq + dt * self._dynamics.acceleration(state, a)
+        self._q = self._q + dt / 2 * (before + self._dq)
+
+
+class TurnOutcome(NamedTuple):
+    """Outcome of a run.
+
+    Attributes:
+        peak: [rad/s] highest angular speed of the tip.
+        travel: [rad] length of its way.
+        worst: [rad] largest orientation error after the first step.
+        final: [rad] orientation error at the end; of a run that diverged pi.
+        settled: [s] from when on the error stays below a bound; inf if it does not.
+        diverged: whether its state became non-finite, or the law had no answer.
+    """
+
+    peak: float
+    travel: float
+    worst: float
+    final: float
+    settled: float
+    diverged: bool
+
+
+def failure(outcome: TurnOutcome, highest: float) -> float:
+    """Return how a run that had to settle failed: FINE, FAST, UNSETTLED or DIVERGED.
+
+    Args:
+        outcome: of the run.
+        highest: [rad/s] speed that was not to be exceeded.
+    """
+    if outcome.diverged:
+        return DIVERGED
+    if math.isinf(outcome.settled):
+        return UNSETTLED
+    return FAST if outcome.peak > highest else FINE
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurningMap(MapKind):
+    """An orientation error has to vanish.
+
+    Attributes:
+        law: "clik" (23), (28) or "dynamic" (38), (40).
+        rate: [1/s] of the error: k_Po of CLIK; of dynamic control k_Po = rate^2, k_Vo = 2 rate.
+        dt: [s] a step.
+        duration: [s] within which it has to settle.
+        noise: [deg] of the measured orientation.
+        settled: [deg] error that counts as none.
+        fast: peak speed, over that of a direct turn, that counts as a failure.
+    """
+
+    law: str = "dynamic"
+    rate: float = 20.0
+    dt: float = 2e-3
+    duration: float = 0.6
+    noise: float = 0.05
+    settled: float = 0.5
+    fast: float = 1.5
+
+    def __post_init__(self) -> None:
+        if self.law not in LAWS:
+            raise UnknownNameError("law", self.law, LAWS)
+        for name in ("rate", "dt", "duration"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} is 0; expected more")
+
+    def motion_law(self, variant: MapVariant, rate: float | None = None) -> MotionLaw:
+        """Return the law with its fair gains: the same rate of small errors for all."""
+        rate = rate or self.rate
+        if self.law == "clik":
+            return ClikLaw(variant.representation, k_Po=variant.k_factor * rate)
+        k_P, k_V = variant.k_factor * rate**2, 2 * rate
+        return ResolvedAcceleration(variant.representation, k_Po=k_P, k_Vo=k_V)
+
+    @property
+    def law_name(self) -> str:
+        """The kind of control, in words."""
+        return "kinematic" if self.law == "clik" else "dynamic"
+
+    def direct_peak(self, theta: float) -> float:
+        """Return the peak speed [rad/s] of a direct turn by theta [rad] at this rate.
+
+        k theta of dtheta = -k theta; k theta / e of a critically damped error.
+        """
+        return self.rate * theta / (1 if self.law == "clik" else math.e)
+
+    def run(
+        self,
+        law: MotionLaw,
+        tip: Tip,
+        desired: Callable[[float], DesiredFrame],
+        duration: float,
+        random: np.random.Generator,
+    ) -> TurnOutcome:
+        """Return what becomes of a tip that a law drives to a desired frame over time [s]."""
+        dt, steps = self.dt, round(duration / self.dt)
+        noise = math.radians(self.noise) * random.normal(size=(steps, 3))
+        errors, speeds = np.zeros(steps), np.zeros(steps)
+        x_de: Any = None
+        for i in range(steps):
+            target, state = desired(i * dt), tip.state
+            errors[i] = angle_between(state.R_e, target.R_d)
+            measured = state._replace(R_e=exp(noise[i]) @ state.R_e)
+            try:
+                if isinstance(law, ClikLaw):
+                    dq, _, x_de = law.velocity(measured, target, x_de)
+                    tip.move(dq, dt)
+                else:
+                    a, _, x_de = law.acceleration(measured, target, x_de)
+                    tip.accelerate(a, dt)
+                omega = tip.state.omega_e
+                speeds[i] = math.sqrt(omega @ omega)
+            except (SingularityError, OverflowError):
+                speeds[i] = math.inf
+            if not speeds[i] < _FASTEST:
+                travel, worst = float(speeds[:i].sum() * dt), float(errors[: i + 1].max())
+                return TurnOutcome(_FASTEST, travel, worst, math.pi, math.inf, True)
+        outside = np.flatnonzero(errors > self.bound)
+        last = int(outside[-1]) + 1 if len(outside) else 0
+        settled = last * dt if last < steps else math.inf
+        travel, worst = float(speeds.sum() * dt), float(errors[1:].max())
+        return TurnOutcome(float(speeds.max()), travel, worst, float(errors[-1]), settled, False)
+
+    @property
+    def bound(self) -> float:
+        """The error [rad] that counts as none."""
+        return math.radians(self.settled)
+
+    def settle(
+        self, variant: MapVariant, tip: Tip, R_d: Array, theta: float, random: np.random.Generator
+    ) -> dict[str, float]:
+        """Return what becomes of a tip that is theta [rad] away from R_d (3, 3), at rest."""
+        desired, law = DesiredFrame(tip.state.p_e, R_d), self.motion_law(variant)
+        outcome = self.run(law, tip, lambda _: desired, self.duration, random)
+        return self.row(outcome, self.direct_peak(theta), theta)
+
+    def follow(
+        self,
+        law: MotionLaw,
+        desired: Callable[[float], DesiredFrame],
+        turn: tuple[float, float],
+        duration: float,
+        random: np.random.Generator,
+    ) -> dict[str, float]:
+        """Return what becomes of a tip that follows a turn, from zero error.
+
+        Args:
+            law: the law.
+            desired: the desired frame over time.
+            turn: its speed [rad/s] and its length [rad].
+            duration: [s] of it.
+            random: of the noise.
+        """
+        first = desired(0.0)
+        tip = FreeTip(first.R_d, first.omega_d)
+        outcome = self.run(law, tip, desired, duration, random)
+        if outcome.worst > self.bound:  # it had settled: it was to stay so
+            outcome = outcome._replace(settled=math.inf)
+        return self.row(outcome, *turn)
+
+    def row(self, outcome: TurnOutcome, direct: float, theta: float) -> dict[str, float]:
+        """Return the outcome as numbers of a map.
+
+        Args:
+            outcome: of the run.
+            direct: [rad/s] peak speed of a direct turn.
+            theta: [rad] its length.
+        """
+        return {
+            "speed_ratio": outcome.peak / direct,
+            "detour": outcome.travel / theta,
+            "worst_deg": math.degrees(outcome.worst),
+            "final_deg": math.degrees(outcome.final),
+            "settle_time": outcome.settled,
+            "failure": failure(outcome, self.fast * direct),
+        }

@@ -1,0 +1,204 @@
+"""Cache of runs, so that they need not be made again.
+
+``logs/VARIANT/run.json`` beside the bag VARIANT says what the run was made of, and how it ended.
+It has a key, which the bag of the run has, too: another bag in its place is not ours.
+"""
+
+import contextlib
+import fcntl
+import json
+import re
+import secrets
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from eulerparams_control.analysis.real_time import USAGE
+from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.lab.run.fingerprint import code_of_runs, digest
+from eulerparams_control.robot.catalogue import load_robot
+
+LOGS = "logs"
+"""The folder beside the bags of the variants, with what their nodes said."""
+
+_KEY = ".run"  # the file in a bag with the key of its run
+_METADATA = "metadata.yaml"
+
+_LOCK = ".lock"
+_ADVICE = "remove it yourself, or choose another --out"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that has ended.
+
+    Attributes:
+        bag: its recording.
+        duration: [s] of simulated time.
+        diverged: [s] when it ended early; None if it did not.
+        seconds: that it took.
+    """
+
+    bag: Path
+    duration: float
+    diverged: float | None
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Making:
+    """What a run is made of.
+
+    Attributes:
+        definition: version of the parameters of all nodes, and of the robot.
+        code: version of what acts on a run.
+    """
+
+    definition: str
+    code: str
+
+    @classmethod
+    def of(cls, settings: Sequence[Any], robot: str, faulty: bool) -> "Making":
+        """Return that of a run with these settings, and perhaps with faults."""
+        said = [*settings, asdict(load_robot(robot))]
+        return cls(digest(said), code_of_runs(faulty))
+
+    def differs(self, before: "Making") -> str:
+        """Return what has changed since, in words; "" if nothing."""
+        changed = [
+            what
+            for what, now, then in (
+                ("its definition", self.definition, before.definition),
+                ("the code", self.code, before.code),
+            )
+            if now != then
+        ]
+        return " and ".join(changed)
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep an experiment's folder from other calls; the lock ends with this process, too.
+
+    Raises:
+        ConfigurationError: if another call has it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = open(folder / _LOCK, "wb")  # noqa: SIM115  # closed by the stack below
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ConfigurationError(
+                f"another call of experiment writes to {folder}; wait for its end, or choose "
+                "another --out"
+            ) from error
+        except OSError:
+            pass  # a file system without locks
+        yield
+
+
+class RunRecord:
+    """What is written of one variant of an experiment.
+
+    Args:
+        folder: of the experiment.
+        variant: its name.
+    """
+
+    def __init__(self, folder: Path, variant: str) -> None:
+        self.bag = folder / variant
+        self.path = folder / LOGS / variant / "run.json"
+
+    def begin(self, making: Making) -> None:
+        """Write what a run that starts now is made of, and the key of its bag."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._write({"making": asdict(making), "key": secrets.token_hex(16)})
+
+    def claim(self) -> None:
+        """Give the bag that the recorder has made the key of the run; nothing if there is none."""
+        if any(self._is_ours(path) for path in self._entries()):
+            with contextlib.suppress(OSError):  # a full disk: what filled it says so
+                (self.bag / _KEY).write_text(str(self._read().get("key", "")), encoding="utf-8")
+
+    def end(self, making: Making, run: Run) -> None:
+        """Write how the run ended, and that its bag is whole."""
+        ended = {"duration": run.duration, "diverged": run.diverged, "seconds": run.seconds}
+        made = {"making": asdict(making), "key": self._read().get("key", "")}
+        self._write({**made, "ended": ended, "bytes": self._size()})
+
+    def _write(self, content: dict[str, Any]) -> None:
+        new = self.path.with_suffix(".new")
+        new.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        new.replace(self.path)  # whole, or not at all
+
+    def finished(self) -> tuple[Making, Run] | None:
+        """Return the run whose whole bag is there, and what it was made of; None if none is."""
+        content = self._read()
+        try:
+            making, ended = Making(**content["making"]), content["ended"]
+            run = Run(self.bag, ended["duration"], ended["diverged"], ended["seconds"])
+        except (KeyError, TypeError):
+            return None
+        return None if self._foreign(content) else (making, run)
+
+    def clear(self) -> None:
+        """Remove the bag of a run before, if it is ours; nothing if there is none.
+
+        Raises:
+            BagError: if it is not, was changed since, or holds what no recorder wrote.
+        """
+        if not (self.bag.exists() or self.bag.is_symlink()):
+            return
+        if why := self._foreign(self._read()):
+            raise BagError(f"{self.bag} {why}; {_ADVICE}")
+        others = [path.name for path in self._entries() if not self._is_ours(path)]
+        if others:
+            found = ", ".join(sorted(others))
+            raise BagError(f"{self.bag} holds what no recorder wrote: {found}; move it away")
+        for file in sorted(self._entries(), key=lambda path: path.name == _KEY):  # the key last
+            file.unlink()
+        self.bag.rmdir()
+
+    def _foreign(self, content: dict[str, Any]) -> str:
+        """Return why the bag is not the one that the record tells of; "" if it is."""
+        if self.bag.is_symlink():
+            return "is a symbolic link, which no run has made"
+        key = content.get("key")
+        if not key or self._key() != key:
+            return f"exists, and is not the bag of the run that {self.path} tells of"
+        if "ended" in content and content.get("bytes") != self._size():
+            then = content.get("bytes")
+            return f"was changed since its run: it had {then} bytes, and has {self._size()}"
+        return ""
+
+    def _key(self) -> str:
+        try:
+            return (self.bag / _KEY).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
+
+    def _entries(self) -> list[Path]:
+        return list(self.bag.iterdir()) if self.bag.is_dir() else []
+
+    def _is_ours(self, path: Path) -> bool:
+        """Return whether this is a file of a name that the recorder, or we, give in this bag."""
+        recorded = re.fullmatch(rf"{re.escape(self.bag.name)}_\d+\.mcap", path.name)
+        is_named = recorded or path.name in (_KEY, _METADATA, USAGE)
+        return bool(is_named) and path.is_file() and not path.is_symlink()
+
+    def _size(self) -> int:
+        """Return the bytes of the files of the bag."""
+        files = [path for path in self._entries() if path.name != _KEY and path.is_file()]
+        return sum(file.stat().st_size for file in files)
+
+    def _read(self) -> dict[str, Any]:
+        try:
+            content = json.loads(self.path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return content if isinstance(content, dict) else {}

@@ -1,0 +1,1 @@
+"""The page on localhost on which a person moves the arm, pushes it, and changes its law."""

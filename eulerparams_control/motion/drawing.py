@@ -1,0 +1,49 @@
+"""Geometry that views draw: the ellipsoid of a stiffness, the poles of Euler angles."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.laws.compiled import Array
+
+# Semi-axes along which there is no stiffness are drawn this thin, of the longest.
+_THIN = 0.02
+
+
+class Ellipsoid(NamedTuple):
+    """An ellipsoid about the origin of the frame of its matrix.
+
+    Attributes:
+        R: (3, 3) rotation whose columns are the principal axes.
+        radii: (3,) [m] semi-axes along them.
+    """
+
+    R: Array
+    radii: Array
+
+
+def ellipsoid(K: Array, longest: float) -> Ellipsoid:
+    """Return the ellipsoid of a stiffness K (3, 3), as long along each axis as K is stiff.
+
+    Args:
+        K: symmetric, positive semidefinite.
+        longest: semi-axis [m] along which K is stiffest.
+    """
+    values, R = np.linalg.eigh(K)
+    if np.linalg.det(R) < 0:
+        R[:, 0] *= -1.0
+    most = values[-1]
+    shares = np.maximum(values / most, _THIN) if most > 0 else np.full(3, _THIN)
+    return Ellipsoid(R, longest * shares)
+
+
+def pole_axes(i: int, k: int, R: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (3,), base frame: R(phi) is at a pole where they are parallel.
+
+    They are axis i of the base and axis k of R = R_i(alpha) R_j(beta) R_k(gamma), of any sequence.
+
+    Args:
+        i, k: first and last axis of the sequence: 0, 1, 2.
+        R: (3, 3) orientation of the frame that has the angles.
+    """
+    return np.eye(3)[i], R[:, k]

@@ -1,0 +1,295 @@
+"""The page ``live`` in a browser: what a person does there moves the simulated arm.
+
+It needs chromium (``apt install chromium``); without it the tests are skipped, unless the
+environment variable REQUIRE_CHROMIUM is set.
+"""
+
+import math
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from playwright.sync_api import Page, sync_playwright
+from ros_processes import PATIENCE, Graph, Process, environment, values
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from eulerparams_control.control import compile_laws
+from eulerparams_control.events import Event, events_of
+from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.live.geometry import MARGIN
+from eulerparams_control.live.panel import PLOTS_WIDTH
+from eulerparams_control.live.scene import FIELD_OF_VIEW, GIZMO
+from eulerparams_control.messages.from_ros import quaternion_from_ros, vector_from_ros
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+
+pytestmark = pytest.mark.slow
+
+CONTROLLER = "impedance_control"
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE: Any = {"width": 1000, "height": 640}
+NARROW: Any = {"width": 400, "height": 640}
+FAR = 0.01  # [m] that is no noise
+ARM = load_robot("ur5")
+
+
+class Live:
+    """The executable, and where the arm is that it started."""
+
+    def __init__(self, graph: Graph, *options: str) -> None:
+        self.graph, graph.peer.call = graph, self._call
+        self.poses = graph.peer.listen(PoseStamped, f"{CONTROLLER}/pose")
+        command = [sys.executable, "-m", "eulerparams_control.live.main", "--port", "0", *options]
+        env = environment(graph.folder, graph.domain)
+        self.process = Process(command, graph.folder / "live", f"live{len(options)}", env)
+        graph.processes.append(self.process)
+        graph.until(lambda: self.url or self.process.exit_code is not None, "the URL")
+        assert self.url, self.process.log
+
+    @property
+    def url(self) -> str:
+        ready = [e for e in events_of(self.process.stdout) if e["event"] == Event.READY]
+        return str(ready[0]["url"]) if ready else ""
+
+    def _call(self, kind: Any, service: str, request: Any) -> Any:
+        client = self.graph.peer.node.create_client(kind, service)
+        self.graph.until(client.service_is_ready, f"the service {service}")
+        future = client.call_async(request)
+        self.graph.until(future.done, f"an answer of {service}")
+        return future.result()
+
+    @property
+    def tip(self) -> np.ndarray:
+        """Where the tip is now."""
+        self.graph.peer.catch_up()
+        self.poses.clear()
+        self.graph.until(lambda: self.poses, "a pose")
+        return vector_from_ros(self.poses[-1].pose.position)
+
+    @property
+    def R(self) -> np.ndarray:
+        """The orientation of the tip now."""
+        assert self.tip is not None
+        return np.asarray(quaternion_from_ros(self.poses[-1].pose.orientation).R)
+
+    def turned_by(self, before: np.ndarray) -> float:
+        return float(angle_between(before, self.R))
+
+    def until(self, mode: str) -> Any:
+        return self.graph.peer.status(CONTROLLER, lambda s: values(s).get("mode") == mode)
+
+    def until_at_rest(self) -> np.ndarray:
+        """Return where the tip is, once it has stayed there and does not turn."""
+        seen: list[np.ndarray] = []
+
+        def stays() -> bool:
+            seen.append(
+                np.vstack((self.tip, quaternion_from_ros(self.poses[-1].pose.orientation).R))
+            )
+            return len(seen) > 20 and float(np.ptp(seen[-20:], axis=0).max()) < 1e-4
+
+        self.graph.until(stays, "the arm at rest")
+        return seen[-1][0]
+
+    def until_moved(self, before: np.ndarray, by: float = FAR) -> None:
+        self.graph.until(lambda: math.dist(self.tip, before) > by, "a motion of the tip")
+
+
+@pytest.fixture(scope="module")
+def open_page() -> Iterator[Callable[..., Page]]:
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        (pytest.fail if os.environ.get("REQUIRE_CHROMIUM") else pytest.skip)(
+            "no browser was found: apt install chromium"
+        )
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+
+        def opened(url: str, **size: Any) -> Page:
+            page = browser.new_page(viewport=size or SIZE)
+            page.set_default_timeout(1e3 * PATIENCE)
+            page.goto(url)
+            page.wait_for_selector("canvas[data-engine]")
+            return page
+
+        yield opened
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    compile_laws.main([])  # else the law is silent for seconds when its representation is changed
+    with Graph(tmp_path_factory.mktemp("live")) as graph:
+        live = Live(graph)
+        live.until("holding")
+        yield live
+        live.process.stop()
+
+
+@pytest.fixture(scope="module")
+def page(live: Live, open_page: Callable[..., Page]) -> Page:
+    page = open_page(live.url)
+    page.get_by_text("the arm holds its pose").wait_for()
+    return page
+
+
+def hold(page: Page, live: Live, label: str, until: Callable[[], Any]) -> None:
+    """Hold a button until something is so."""
+    page.get_by_role("button", name=label).hover()
+    page.mouse.down()
+    live.graph.until(until, f"what '{label}' does")
+    page.mouse.up()
+
+
+def click(page: Page, label: str) -> None:
+    page.get_by_role("button", name=label, exact=True).click()
+
+
+def choose(page: Page, before: str, name: str) -> None:
+    """Choose from the list on a page that shows ``before``."""
+    page.locator(f"input[role=combobox][value={before}]:visible").first.click()
+    page.get_by_role("option", name=name, exact=True).locator("visible=true").click()
+
+
+def pixel(page: Page, point: np.ndarray) -> np.ndarray:
+    """Return where a point [m] of the base is in the window, seen by the camera of the start."""
+    reach = Robot(ARM.urdf, ARM.base_frame, ARM.tip_frame).length
+    eye, at = reach * np.array([[1.3, -1.3, 1.0], [0.25, 0.0, 0.35]]) + [0, 0, -0.002]
+    ahead = (at - eye) / np.linalg.norm(at - eye)
+    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    seen = np.array([right, -np.cross(right, ahead), ahead]) @ (point - eye)
+    scale = SIZE["height"] / 2 / math.tan(FIELD_OF_VIEW / 2)
+    controls = page.get_by_role("button", name="Halt", exact=True).bounding_box()
+    assert controls is not None
+    middle = np.array([(PLOTS_WIDTH + controls["x"]) / 2, SIZE["height"] / 2])
+    return middle + scale * seen[:2] / seen[2]
+
+
+def test_dragging_the_target_with_the_mouse_moves_the_arm_along_its_arrow(live, page):
+    before = live.until_at_rest()
+    z = live.R[:, 2]  # of the target: seen from the side
+    grip, to = (pixel(page, before + share * GIZMO * z) for share in (0.7, 1.2))
+
+    def dragged() -> bool:
+        for share in np.linspace(-0.05, 1.0, 10):
+            page.mouse.move(*(grip + max(0.0, share) * (to - grip)))
+            page.mouse.down()
+        page.mouse.up()
+        return math.dist(live.tip, before) > FAR
+
+    live.graph.until(dragged, "a motion of the tip")  # again where the page is too slow to see it
+    moved = live.until_at_rest() - before
+    assert moved @ z > 0.9 * np.linalg.norm(moved)
+
+
+def test_jogging_moves_the_arm_while_the_button_is_held_and_no_longer(live, page):
+    before = live.until_at_rest()
+    hold(page, live, "Hold to jog forwards", lambda: live.tip[0] > before[0] + FAR)
+    moved = live.until_at_rest() - before
+    assert np.abs(moved[1:]).max() < 0.1 * moved[0]
+
+
+def test_a_push_displaces_the_tool_and_ends_with_the_button(live, page):
+    page.get_by_role("tab", name="Push").click()
+    before = live.until_at_rest()
+    hold(page, live, "Hold to push", lambda: live.tip[0] > before[0] + FAR)
+    after = live.until_at_rest()
+    assert math.dist(after, before) < FAR / 2
+
+
+def test_a_push_that_is_kept_ends_when_its_page_is_closed(live, open_page):
+    other = open_page(live.url)
+    other.get_by_role("tab", name="Push").click()
+    before = live.until_at_rest()
+    click(other, "Keep pushing for 30 s")
+    live.until_moved(before)
+    other.close()
+    live.graph.until(lambda: math.dist(live.tip, before) < FAR / 2, "the end of the push")
+
+
+def test_the_representation_and_the_stiffness_are_those_of_the_node(live, page):
+    page.get_by_role("tab", name="Law").click()
+    page.locator("input[role=combobox][value=euler_parameters]").click()
+    page.get_by_role("option", name="angle_axis").click()
+    get = live.graph.peer.get_parameters
+    live.graph.until(lambda: get(CONTROLLER, "orientation") == ["angle_axis"], "its change")
+    live.graph.peer.set_parameters(CONTROLLER, orientation="euler_angles", K_p=[500.0] * 3)
+    page.wait_for_function("[...document.querySelectorAll('input')].some(i => i.value === '500')")
+    page.wait_for_function(
+        "[...document.querySelectorAll('input')].some(i => i.value === 'euler_angles')"
+    )
+
+
+def test_euler_parameters_pass_the_pole(live, page):
+    def turn(label: str) -> np.ndarray:
+        click(page, label)
+        live.graph.until(lambda: live.turned_by(before) > MARGIN / 10, f"what '{label}' does")
+        live.until_at_rest()
+        return live.R
+
+    page.get_by_role("tab", name="Move").click()
+    assert live.graph.peer.set_parameters(CONTROLLER, orientation="euler_parameters") == []
+    live.until_at_rest()
+    before = live.R
+    before = turn("Go next to the pole")
+    turn("Through the pole")
+    assert live.turned_by(before) == pytest.approx(2 * MARGIN, rel=0.01)
+
+
+def test_a_halt_stops_the_arm_until_it_is_resumed(live, page):
+    before = live.until_at_rest()
+    click(page, "Back to the start")
+    live.until_moved(before, FAR / 10)
+    click(page, "Halt")
+    live.until("stopped")
+    page.get_by_text("Cause: halt").wait_for()
+    halted = live.until_at_rest()
+    click(page, "Back to the start")
+    page.get_by_text("Not taken").first.wait_for()
+    assert math.dist(live.until_at_rest(), halted) < FAR / 100
+    click(page, "Resume")
+    live.until("holding")
+    click(page, "Back to the start")
+    live.until_moved(halted, FAR / 10)
+
+
+def test_two_pages_do_not_fight_and_a_narrow_one_has_all_controls(live, page, open_page):
+    other = open_page(live.url, **NARROW)
+    page.get_by_text("2 pages are open").wait_for()
+    before = live.until_at_rest()
+    page.get_by_role("button", name="Hold to jog backwards").hover()
+    page.mouse.down()
+    live.until_moved(before)
+    click(other, "Back to the start")
+    other.get_by_text("moves the arm.").last.wait_for()
+    choose(other, "x", "y")
+    page.get_by_text("press the button again").first.wait_for()
+    moved = live.until_at_rest() - before
+    assert np.abs(moved[1:]).max() < 0.1 * abs(moved[0])
+    page.mouse.up()
+    choose(other, "y", "x")
+    other.close()
+
+
+def test_a_page_of_somebody_else_is_refused(live):
+    with pytest.raises(InvalidStatus):
+        connect(live.url.replace("http", "ws"), origin="http://example.com").recv()
+
+
+def test_a_node_that_is_gone_is_said_and_ctrl_c_ends_all(live, page):
+    children = Path(f"/proc/{live.process._child.pid}/task/{live.process._child.pid}/children")
+    robot, law = map(int, children.read_text().split())
+    os.kill(robot, signal.SIGKILL)
+    page.get_by_text(re.compile("pybullet_bridge died")).wait_for()
+    assert live.process.stop() == 0
+    assert not Path(f"/proc/{law}").exists()

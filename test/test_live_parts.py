@@ -1,0 +1,134 @@
+"""The parts of the page that need no browser: joints, passages, and who may do what."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tolerances import assert_close
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.orientation.sequences import EulerSequence
+from eulerparams_control.laws.rotations import EulerParameters, R_angle_axis
+from eulerparams_control.live import page
+from eulerparams_control.live.desk import HELD, KEPT, Desk, Order
+from eulerparams_control.live.geometry import MARGIN, R_rpy, joint_motion, passage, wxyz
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
+
+ROUNDING = 1e-7  # of angles near a pole, where their cosine is flat
+PUSH = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_joints_turn_and_slide_as_the_urdf_says():
+    turned = joint_motion("revolute", [0, 0, 2], math.pi / 2)
+    assert_close(turned.R @ [1, 0, 0], [0, 1, 0], 1e-15)
+    assert_close(joint_motion("prismatic", [0, 0, 2], 0.3).p, [0, 0, 0.3], 1e-15)
+    assert_close(R_rpy(0.0, 0.0, math.pi / 2) @ [1, 0, 0], [0, 1, 0], 1e-15)
+    R = R_rpy(0.1, 0.2, 0.3)  # about the fixed x, y, z
+    assert_close(R, EulerSequence("ZYX").R(np.array([0.3, 0.2, 0.1])), 1e-15)
+    assert_close(EulerParameters(wxyz(R)[0], wxyz(R)[1:]).R, R, 1e-15)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_passage_leads_through_the_pole(name):
+    arm = load_robot(name)
+    robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame, arm.joints)
+    sequence, q = EulerSequence("XYZ"), np.array(arm.home)
+    found = passage(robot, q, sequence.axes)
+    assert found is not None
+    before, beyond = found
+    assert sequence.pole_distance(before) == pytest.approx(MARGIN)
+    assert sequence.pole_distance(beyond) == pytest.approx(MARGIN)
+    turn = EulerParameters.from_R(beyond @ before.T)
+    middle = R_angle_axis(turn.theta / 2, turn.eps / np.linalg.norm(turn.eps)) @ before
+    assert sequence.pole_distance(middle) < ROUNDING
+
+
+def test_an_arm_that_cannot_reach_a_pole_has_no_passage():
+    arm = load_robot("baxter")
+    robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame, arm.joints)
+    assert passage(robot, np.array(arm.home), EulerSequence("XYZ").axes) is None
+
+
+def test_a_jog_ends_when_nobody_holds_the_button_with_one_zero_and_a_push_with_some():
+    desk = Desk()
+    assert desk.twist(0.0) is None
+    desk.jog(PUSH, 1.0)
+    assert_close(desk.twist(1.0 + 0.9 * HELD), PUSH, 0)
+    assert_close(desk.twist(1.0 + HELD), np.zeros(6), 0)
+    assert desk.twist(1.0 + HELD) is None
+    desk.push(PUSH, 1.0, KEPT)
+    assert_close(desk.wrench(KEPT), PUSH, 0)
+    assert_close(desk.wrench(1.0 + KEPT), np.zeros(6), 0)
+    assert desk.wrench(2.0 + KEPT) is None
+
+
+def test_what_a_page_asked_for_ends_when_it_is_closed_and_not_when_another_is():
+    desk = Desk()
+    assert desk.may(1, 0.0)
+    desk.push(PUSH, 0.0, KEPT)
+    desk.left(2, 1.0)
+    assert_close(desk.wrench(1.0), PUSH, 0)
+    desk.left(1, 2.0)
+    assert_close(desk.wrench(2.0), np.zeros(6), 0)
+    assert desk.may(2, 2.0)
+
+
+def test_one_page_at_a_time_moves_the_arm():
+    desk = Desk()
+    assert desk.may(1, 0.0)
+    assert not desk.may(2, 0.5)
+    assert desk.may(1, 0.9)
+    assert not desk.may(2, 1.8)
+    assert desk.may(2, 2.0)
+    assert desk.owner == 2
+    desk.push(PUSH, 2.0, KEPT)
+    assert not desk.may(1, 20.0)
+
+
+def test_a_held_button_whose_values_change_asks_for_nothing_until_it_is_pressed_again():
+    desk = Desk()
+    along_x, along_y = (Order(1, "jog", (1.0, axis, 0.3, "base")) for axis in (0, 1))
+    assert desk.holds(along_x, 0.0)
+    assert desk.holds(along_x, 0.1)
+    assert not desk.holds(along_y, 0.2)
+    assert not desk.holds(along_y, 0.3)
+    assert not desk.holds(along_x, 0.4)
+    assert desk.holds(along_y, 1.5)
+    assert desk.holds(Order(1, "jog", (-1.0, 0, -0.3, "base")), 1.6)  # the other button
+
+
+def test_what_a_page_asked_for_before_it_was_closed_is_dropped_but_for_a_halt():
+    desk = Desk()
+    for name in ("left", "keep", "halt"):
+        desk.put(Order(1, name))
+    desk.put(Order(2, "keep"))
+    taken = []
+    for order in desk.taken():
+        taken.append((order.page, order.name))
+        if order.name == "left":
+            desk.left(order.page, 0.0)
+    assert taken == [(1, "left"), (1, "halt"), (2, "keep")]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_pages_of_this_server_may_connect_and_no_others(host):
+    server = page.serve(host, 0)
+    port = server.get_port()
+    try:
+        for origin in (f"http://localhost:{port}", f"http://{host}:{port}", None):
+            connect(f"ws://127.0.0.1:{port}", origin=origin).close()
+        for origin in ("http://example.com", f"http://example.com:{port}", "http://localhost:1"):
+            with pytest.raises(InvalidStatus):
+                connect(f"ws://127.0.0.1:{port}", origin=origin)
+    finally:
+        page.stop(server)
+
+
+def test_no_page_is_served_that_cannot_be_guarded(monkeypatch):
+    monkeypatch.setattr(page, "websockets", SimpleNamespace(serve=None))
+    with pytest.raises(ConfigurationError, match="guarded"):
+        page.serve("127.0.0.1", 0)
