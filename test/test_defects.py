@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from ros_processes import FRAMES, HOME, Controlled, Graph, assert_may_stay, pose, reference, values
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.judge import AT_REST
-from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.from_ros import ns_from_ros, quaternion_from_ros, vector_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
 DT = 0.001  # [s] of a tick: an arm that is at rest moves less than AT_REST in it
@@ -72,8 +73,20 @@ def test_an_arm_that_is_halted_says_so_and_is_resumed_when_it_is_at_rest(world, 
     assert "ask when it is at rest" in why
     status = values(node.status(lambda s: values(s)["mode"] == "stopped"))
     assert (status["cause"], status["remedy"]) == ("halt", "call ~/resume")
+    poses = node.peer.listen(PoseStamped, f"{executable}/pose")
+    errors = node.peer.listen(TwistStamped, f"{executable}/error")
     node.arm.ticks(1000)
     assert np.abs(node.arm.dq).max() < AT_REST
+    assert errors  # while it braked
+    errors.clear()
+    pushed = node.arm.q + 1e-4
+    for _ in range(50):
+        node.arm.tick(pushed)
+    p, R = pose(pushed)
+    last = poses[-1].pose
+    np.testing.assert_allclose(vector_from_ros(last.position), p, atol=1e-9)
+    np.testing.assert_allclose(quaternion_from_ros(last.orientation).R, R, atol=1e-9)
+    assert not errors
     assert ask("resume")[0]
     assert values(node.status())["mode"] == "holding"
 

@@ -47,6 +47,7 @@ class Guidance:
         is_braking: whether it brakes along its path, to hold what it comes to.
         tick_now: the last tick of the scheme; None before the first.
         of_law: the same; None until the law in force has made one.
+        ticked: stamp of the last tick [ns].
         saturated: how many ticks a limit has changed.
         dt: [s] of the last tick.
     """
@@ -61,6 +62,7 @@ class Guidance:
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.of_law: Tick | None = None
+        self.ticked: int | None = None
         self.saturated, self.dt = 0, 0.0
         self.is_braking, self._jump = False, 0  # [ns] that the stamps are ahead of the motion
         self._options = options
@@ -181,6 +183,7 @@ class Guidance:
             scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
         self._ticks, self.dt = (tick, self._ticks[0]), dt
         self.tick_now = self.of_law = tick
+        self.ticked = t
         self.saturated += tick.saturated
         return tick.command
 

@@ -32,6 +32,9 @@ _PATIENT = {"use_sim_time": True, "state_timeout": 0.5}  # the same for the law
 
 _FRICTIONLESS = {"friction_viscous": [0.0], "friction_coulomb": [0.0]}  # some is too stiff
 
+_ENCODERS = {"noise_position": 1e-4, "noise_velocity": 1e-3}
+"""Noise of a good encoder [rad, rad/s]: without it the tool keeps off the pole by luck."""
+
 
 def main(args: list[str] | None = None) -> int:
     """Run the page, and what it shows unless it is only attached; return the exit code."""
@@ -99,7 +102,8 @@ def _start(
         who = node.get_subscriptions_info_by_topic(scheme.command)
         _refuse(f"{scheme.command} is subscribed to already, maybe by a robot", who)
         time.sleep(0.05)
-    own = {"robot": robot.name, "control": scheme.control, **_EASY, **_PUSH, **_FRICTIONLESS}
+    own = {"robot": robot.name, "control": scheme.control, **_EASY, **_PUSH}
+    own |= _FRICTIONLESS | _ENCODERS
     law = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame, **_PATIENT}
     namespace = node.get_namespace()
     for name, given in ((_BRIDGE, own), (scheme.name, law)):

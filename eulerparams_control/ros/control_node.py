@@ -189,10 +189,11 @@ class ControlNode(ManagedNode):
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
         period = self._period if command is not None else 0
-        is_due = self._report.answered(controller, t, period, self._params.orientation)
-        tick = None if controller.fault else controller.guidance.of_law
-        if is_due and tick is not None:
-            self._report.tick(controller, tick, self._stamp)
+        if self._report.answered(controller, t, period, self._params.orientation):
+            guidance = controller.guidance
+            is_asked = guidance.ticked == t and not controller.fault
+            tick = guidance.of_law if is_asked else None
+            self._report.arm(controller, tick, q, dq, self._stamp)
         self._ending.review()
 
     def _see_rivals(self, controller: Controller) -> None:

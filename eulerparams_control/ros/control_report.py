@@ -13,6 +13,7 @@ from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import NO_STATES, Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE, SATURATED, SLOWED
 from eulerparams_control.messages.to_ros import (
@@ -121,13 +122,24 @@ class ControlReport:
         self._next = t + period
         return True
 
-    def tick(self, controller: Controller, tick: Tick, stamp: Any) -> None:
-        """Publish pose, desired frame, error and Lyapunov function of the last tick, if heard."""
+    def arm(
+        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Any
+    ) -> None:
+        """Publish the pose, and desired frame, error and Lyapunov function of a tick, if heard.
+
+        Args:
+            controller: that answered.
+            tick: of the law; None where it was not asked: the pose is the measured one then.
+            q, dq: (n,) measured.
+            stamp: of the state.
+        """
         robot, stamp = controller.scheme.robot, Time(sec=stamp.sec, nanosec=stamp.nanosec)
         frame = robot.base_frame
         if self._pose.get_subscription_count():
-            arm = tick.state
+            arm = robot.state(q, dq) if tick is None else tick.state
             self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
+        if tick is None:
+            return
         if self._desired.get_subscription_count():
             desired = motion_to_ros(Trajectory([0.0], [tick.desired]), frame, robot.tip_frame)
             desired.header.stamp = stamp
