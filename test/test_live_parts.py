@@ -13,7 +13,7 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import EulerParameters, R_angle_axis
 from eulerparams_control.live import page
-from eulerparams_control.live.desk import HELD, KEPT, Desk, Order
+from eulerparams_control.live.desk import HELD, KEPT, Deed, Desk, Order
 from eulerparams_control.live.geometry import MARGIN, R_rpy, joint_motion, passage, wxyz
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -91,27 +91,41 @@ def test_one_page_at_a_time_moves_the_arm():
 
 def test_a_held_button_whose_values_change_asks_for_nothing_until_it_is_pressed_again():
     desk = Desk()
-    along_x, along_y = (Order(1, "jog", (1.0, axis, 0.3, "base")) for axis in (0, 1))
+    along_x, along_y = (Order(1, Deed.JOG, (1.0, axis, 0.3, "base")) for axis in (0, 1))
     assert desk.holds(along_x, 0.0)
     assert desk.holds(along_x, 0.1)
     assert not desk.holds(along_y, 0.2)
     assert not desk.holds(along_y, 0.3)
     assert not desk.holds(along_x, 0.4)
     assert desk.holds(along_y, 1.5)
-    assert desk.holds(Order(1, "jog", (-1.0, 0, -0.3, "base")), 1.6)  # the other button
+    assert desk.holds(Order(1, Deed.JOG, (-1.0, 0, -0.3, "base")), 1.6)  # the other button
 
 
 def test_what_a_page_asked_for_before_it_was_closed_is_dropped_but_for_a_halt():
     desk = Desk()
-    for name in ("left", "keep", "halt"):
-        desk.put(Order(1, name))
-    desk.put(Order(2, "keep"))
+    for deed in (Deed.LEFT, Deed.KEEP, Deed.HALT):
+        desk.put(Order(1, deed))
+    desk.put(Order(2, Deed.KEEP))
     taken = []
     for order in desk.taken():
-        taken.append((order.page, order.name))
-        if order.name == "left":
+        taken.append((order.page, order.deed))
+        if order.deed is Deed.LEFT:
             desk.left(order.page, 0.0)
-    assert taken == [(1, "left"), (1, "halt"), (2, "keep")]
+    assert taken == [(1, Deed.LEFT), (1, Deed.HALT), (2, Deed.KEEP)]
+
+
+def test_an_order_that_moves_the_arm_is_not_obeyed_late():
+    deeds = [deed for deed in Deed if Order(1, deed, at=0.0).is_late(2.0)]
+    assert deeds == [Deed.DRAG, Deed.JOG, Deed.PUSH, Deed.KEEP, Deed.HOME, Deed.APPROACH, Deed.PASS]
+    assert [deed for deed in deeds if Order(1, deed, at=0.0).is_late(0.5)] == [Deed.JOG, Deed.PUSH]
+
+
+def test_a_goal_that_follows_a_jog_is_not_ended_by_its_zeros():
+    desk = Desk()
+    desk.jog(PUSH, 0.0)
+    assert desk.twist(0.1) is not None
+    desk.end_jog()
+    assert desk.twist(0.1) is None
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])

@@ -215,7 +215,23 @@ def test_the_arm_goes_where_it_is_released_and_not_while_it_is_dragged(clik):
     ("p", "frame_id"), [(P_E + math.nan, FRAMES["base_frame"]), (P_E, "nowhere")]
 )
 def test_an_impossible_target_is_rejected_and_moves_nothing(clik, p, frame_id):
-    clik.mouse.publish(feedback(Feedback.MOUSE_UP, p, frame_id))
-    status = clik.status(lambda s: "~/target/feedback rejected" in values(s))
-    assert status
+    for kind in (Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP):
+        clik.mouse.publish(feedback(kind, p, frame_id))
+    assert clik.status(lambda s: "~/target/feedback rejected" in values(s))
     assert height(clik) == pytest.approx(P_E[2], abs=1e-6)
+
+
+def test_a_click_moves_nothing_and_a_drag_that_began_before_a_fault_does_not_end_it(clik):
+    for kind in (Feedback.MOUSE_DOWN, Feedback.MOUSE_UP, Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE):
+        clik.mouse.publish(feedback(kind, P_E + UP))
+    clik.status()
+    assert height(clik) == pytest.approx(P_E[2], abs=1e-6)
+    clik.arm.send(clik.arm.message(clik.arm.q + 1e-3))  # under the stamp of the last one
+    clik.status(lambda s: values(s)["cause"] == "stamp_stuck")
+    clik.arm.ticks(200, dt=0.01)
+    clik.mouse.publish(feedback(Feedback.MOUSE_UP, P_E + UP))
+    clik.status(lambda s: "~/target/feedback rejected" in values(s))
+    assert values(clik.status())["mode"] == "stopped"
+    for kind in (Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP):
+        clik.mouse.publish(feedback(kind, P_E + UP))
+    clik.graph.until(lambda: height(clik) > P_E[2] + 0.999 * UP[2], "the arm at the target")

@@ -6,12 +6,14 @@ done by the thread that takes them.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
 
 HELD = 0.25
@@ -21,23 +23,62 @@ KEPT = 30.0
 """A push that is kept ends after this time [s]."""
 
 _OWNED = 1.0  # [s] that the arm stays with a page after its last order
+_LATE = 1.0  # [s] after which an order that moves the arm is dropped
 _ENDING = 0.3  # [s] for which the end of a push is repeated
 _NOTHING = np.zeros(6)
 
 
+class Deed(StrEnum):
+    """A kind of order."""
+
+    HALT = "halt"
+    RESUME = "resume"
+    SET = "set"  # a parameter
+    LEFT = "left"  # the page was closed
+    RELEASE = "release"  # ends a jog or a push
+    DRAG = "drag"
+    JOG = "jog"
+    PUSH = "push"
+    KEEP = "keep"  # pushing
+    HOME = "home"
+    APPROACH = "approach"  # the pole
+    PASS = "pass"  # through it
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is for a simulated arm only: nobody watches the way."""
+        return self in (Deed.HOME, Deed.APPROACH, Deed.PASS)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it lasts while a button is held."""
+        return self in (Deed.JOG, Deed.PUSH)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves the arm."""
+        return self.is_far or self.is_held or self in (Deed.DRAG, Deed.KEEP)
+
+
 @dataclass(frozen=True)
 class Order:
-    """What somebody did on a page.
+    """An action of a person on a page.
 
     Attributes:
         page: its number.
-        name: of the order.
+        deed: the kind of order.
         value: what belongs to it.
+        at: when it came, steady clock [s].
     """
 
     page: int
-    name: str
+    deed: Deed
     value: Any = None
+    at: float = field(default_factory=steady, compare=False)
+
+    def is_late(self, now: float) -> bool:
+        """Return whether it is too old at ``now`` [s] to move the arm."""
+        return self.deed.moves and now - self.at > (HELD if self.deed.is_held else _LATE)
 
 
 @dataclass
@@ -49,7 +90,7 @@ class _Lasting:
 
 
 class Desk:
-    """Who moves the arm, and what is asked for now.
+    """Arbiter between the pages: which of them moves the arm, and what is asked for now.
 
     Attributes:
         owner: the number of the page that moves the arm, or moved it last; None before the first.
@@ -62,7 +103,7 @@ class Desk:
         self._jog, self._push = _Lasting(_NOTHING), _Lasting(_NOTHING)
         self._jogged = False
         self._gone: set[int] = set()
-        self._held: tuple[int, str, float] | None = None  # page, name, which button
+        self._held: tuple[int, Deed, float] | None = None  # page, kind, which button
         self._asked: Any = None  # when it was pressed
         self._last = -math.inf
 
@@ -77,7 +118,7 @@ class Desk:
                 order = self._orders.get_nowait()
             except Empty:
                 return
-            if order.page not in self._gone or order.name == "halt":
+            if order.page not in self._gone or order.deed is Deed.HALT:
                 yield order
 
     def may(self, page: int, now: float) -> bool:
@@ -94,7 +135,7 @@ class Desk:
         The first of its values says which button it is. If another changes, which any page may
         do, it asks for nothing until it is pressed again.
         """
-        button = order.page, order.name, order.value[0]
+        button = order.page, order.deed, order.value[0]
         if button != self._held or now >= self._last + _OWNED:  # a slow page may pause
             self._held, self._asked = button, order.value
         elif order.value != self._asked:
@@ -113,6 +154,10 @@ class Desk:
     def let_go(self, now: float) -> None:
         """End jog and push."""
         self._jog.until, self._push.until = (min(x.until, now) for x in (self._jog, self._push))
+
+    def end_jog(self) -> None:
+        """Ask for no twist any more, not even one of zeros: a goal leads the arm."""
+        self._jog.until, self._jogged = -math.inf, False
 
     def left(self, page: int, now: float) -> None:
         """End what a page asked for that was closed."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.orientation.sequences import Axes
+from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, log
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot
@@ -25,8 +25,7 @@ def wxyz(R: Array) -> Array:
 
 def R_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Return the rotation (3, 3) of the angles [rad] of a URDF."""
-    x, y, z = np.eye(3)
-    return np.asarray(R_angle_axis(yaw, z) @ R_angle_axis(pitch, y) @ R_angle_axis(roll, x))
+    return np.asarray(EulerSequence("ZYX").R(np.array([yaw, pitch, roll])))
 
 
 def joint_motion(kind: str, axis: Array, value: float) -> Placement:
@@ -87,6 +86,6 @@ def _reach(robot: Robot, q: Array, p: Array, R: Array) -> Array | None:
             return q
         J = arm.J
         dq = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(6), e)
-        q = q + dq * min(1.0, _STEP / float(np.abs(dq).max()))
+        q = q + dq * (_STEP / max(_STEP, float(np.abs(dq).max())))
         q = np.clip(q, robot.limits.lower, robot.limits.upper)
     return None

@@ -30,7 +30,10 @@ _PUSH = {"external_wrench_timeout": 0.5}  # [s] it ends when the page has gone
 
 _PATIENT = {"use_sim_time": True, "state_timeout": 0.5}  # the same for the law
 
-_FRICTIONLESS = {"friction_viscous": [0.0], "friction_coulomb": [0.0]}  # some is too stiff
+_FRICTIONLESS: dict[str, Any] = {
+    "friction_viscous": [0.0],
+    "friction_coulomb": [0.0],
+}  # some is too stiff
 
 _ENCODERS = {"noise_position": 1e-4, "noise_velocity": 1e-3}
 """Noise of a good encoder [rad, rad/s]: without it the tool keeps off the pole by luck."""
@@ -38,7 +41,7 @@ _ENCODERS = {"noise_position": 1e-4, "noise_velocity": 1e-3}
 
 def main(args: list[str] | None = None) -> int:
     """Run the page, and what it shows unless it is only attached; return the exit code."""
-    from eulerparams_control.live.live_node import LiveNode  # the ROS layer
+    from eulerparams_control.live.ros.live_node import LiveNode  # the ROS layer
     from eulerparams_control.ros.runtime import run
 
     given = sys.argv[1:] if args is None else args

@@ -15,7 +15,7 @@ from eulerparams_control.control.mode import Mode
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.live.desk import HELD, KEPT, Order
+from eulerparams_control.live.desk import HELD, KEPT, Deed, Order
 from eulerparams_control.live.view import View
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.parameters.fields import fields_of, is_list
@@ -65,9 +65,9 @@ error grow, until a limit holds them or the arm stops. `euler_parameters` have n
 next to the pole, then through it, with each."""
 
 _FAR = (
-    ("Go next to the pole", "approach", "Turns the tool to 20 deg before a pole."),
-    ("Through the pole", "pass", "Turns it through the pole to 20 deg beyond."),
-    ("Back to the start", "home", "To the pose in which this page found the arm."),
+    ("Go next to the pole", Deed.APPROACH, "Turns the tool to 20 deg before a pole."),
+    ("Through the pole", Deed.PASS, "Turns it through the pole to 20 deg beyond."),
+    ("Back to the start", Deed.HOME, "To the pose in which this page found the arm."),
 )
 """Label, order and hint of what only a simulated arm does."""
 
@@ -91,6 +91,7 @@ class LivePanel:
         self._defaults: dict[str, Any] = {n: f.default for n, f in self._fields.items()}
         self._inputs: dict[str, list[Any]] = {}
         self._touched: dict[str, float] = {}
+        self._shown: dict[str, Any] = {}
         self._samples: deque[tuple[float, ...]] = deque(maxlen=round(_SECONDS / _PERIOD))
         self._next = 0.0
         gui = self._gui
@@ -99,8 +100,12 @@ class LivePanel:
         gui.main_panel.dock_right()
         self._state = gui.add_html("")
         self._people = gui.add_html("")
-        self._button("Halt", "halt", "Brakes the arm along its path; only Resume leads on.", "red")
-        self._button("Resume", "resume", "Goes on after a halt or a fault, from where the arm is.")
+        self._button(
+            "Halt", Deed.HALT, "Brakes the arm along its path; only Resume leads on.", "red"
+        )
+        self._button(
+            "Resume", Deed.RESUME, "Goes on after a halt or a fault, from where the arm is."
+        )
         gui.add_html(
             _LINE.format(
                 "<b>Halt</b> brakes the arm along its path. <b>Resume</b> goes on after a halt "
@@ -122,20 +127,20 @@ class LivePanel:
         self._gui.add_markdown(text)
 
     def _button(
-        self, label: str, order: str, says: str, colour: Any = None
+        self, label: str, deed: Deed, says: str, colour: Any = None
     ) -> viser.GuiButtonHandle:
         button = self._gui.add_button(label, hint=says, color=colour)
-        button.on_click(lambda event: self._order(event, order))
+        button.on_click(lambda event: self._order(event, deed))
         return button
 
-    def _hold(self, label: str, order: str, value: Callable[[], Any], says: str) -> Any:
+    def _hold(self, label: str, deed: Deed, value: Callable[[], Any], says: str) -> Any:
         button = self._gui.add_button(label, hint=says)
-        button.on_hold(lambda event: self._order(event, order, value()), callback_hz=_HOLD_HZ)
+        button.on_hold(lambda event: self._order(event, deed, value()), callback_hz=_HOLD_HZ)
         return button
 
-    def _order(self, event: Any, name: str, value: Any = None) -> None:
+    def _order(self, event: Any, deed: Deed, value: Any = None) -> None:
         if event.client_id is not None:  # not from ourselves
-            self._put(Order(event.client_id + 1, name, value))
+            self._put(Order(event.client_id + 1, deed, value))
 
     def _build_move(self) -> None:
         gui = self._gui
@@ -153,7 +158,9 @@ class LivePanel:
             return sign, AXES.index(axis.value), sign * speed.value / 100, frame.value
 
         for sign, label in ((-1.0, "Hold to jog backwards"), (1.0, "Hold to jog forwards")):
-            self._hold(label, "jog", partial(twist, sign), f"Stops {HELD:g} s after its release.")
+            self._hold(
+                label, Deed.JOG, partial(twist, sign), f"Stops {HELD:g} s after its release."
+            )
         self._far: list[Any] = [self._gui.add_markdown(_PASS)]
         self._far += [self._button(*far) for far in _FAR]
 
@@ -171,12 +178,12 @@ class LivePanel:
             return 1.0, AXES.index(axis.value), force.value
 
         self._pushes = [
-            self._hold("Hold to push", "push", push, f"Ends {HELD:g} s after its release."),
+            self._hold("Hold to push", Deed.PUSH, push, f"Ends {HELD:g} s after its release."),
             gui.add_button(f"Keep pushing for {KEPT:g} s", hint="Ends if this page is closed."),
             gui.add_button("Stop pushing", color="gray"),
         ]
-        self._pushes[1].on_click(lambda event: self._order(event, "keep", push()))
-        self._pushes[2].on_click(lambda event: self._order(event, "let go"))
+        self._pushes[1].on_click(lambda event: self._order(event, Deed.KEEP, push()))
+        self._pushes[2].on_click(lambda event: self._order(event, Deed.RELEASE))
         self._nobody = gui.add_html("")
 
     def _build_law(self) -> None:
@@ -225,7 +232,7 @@ class LivePanel:
     def _set(self, name: str, number: int, event: Any) -> None:
         if event.client_id is not None:
             self._touched[name] = time.monotonic()
-            self._order(event, "set", (name, number, event.target.value))
+            self._order(event, Deed.SET, (name, number, event.target.value))
 
     def _build_plots(self) -> None:
         panel = self._gui.add_panel()
@@ -299,8 +306,13 @@ class LivePanel:
             for entry in inputs:
                 if entry.disabled == is_shown:
                     entry.disabled = not is_shown
-            if not is_shown or now - self._touched.get(name, -math.inf) < _SETTLES:
+            is_touched = name in self._touched
+            if not is_shown or now < self._touched.get(name, -math.inf) + _SETTLES:
                 continue
+            if value == self._shown.get(name) and not is_touched:
+                continue  # what a page changes meanwhile is not set back before it is heard
+            self._touched.pop(name, None)
+            self._shown[name] = value
             for entry, wanted in zip(inputs, values, strict=True):
                 if entry.value != wanted:
                     if hasattr(entry, "max") and wanted > entry.max:

@@ -69,9 +69,11 @@ class ControlNode(ManagedNode):
         if on_tf and not HAS_TF:
             self._health.complain("publish_tf: tf2_msgs is not installed; no frames on /tf")
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(PERIOD, self._draw, clock=clock)
+        draw = partial(self._show, "~/markers", self._draw)
+        self.create_timer(PERIOD, draw, clock=clock)
         self._marker = InteractiveTarget(self)
-        self.create_timer(interactive_target.PERIOD, self._place_marker, clock=clock)
+        place = partial(self._show, "~/target", self._place_marker)
+        self.create_timer(interactive_target.PERIOD, place, clock=clock)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=clock)
         self._subscribe()
@@ -241,7 +243,8 @@ class ControlNode(ManagedNode):
         controller.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
 
     def _drag(self, controller: Controller, robot: Robot, msg: InteractiveMarkerFeedback) -> None:
-        goal = self._marker.released(msg)
+        mode = controller.supervisor.mode
+        goal = self._marker.released(msg, mode.why.at if mode.is_halted else None)
         if goal is not None:
             self._aim(controller, robot, goal)
 
@@ -287,6 +290,13 @@ class ControlNode(ManagedNode):
             self._report.show(controller, tick, self._params)
             values.update(self.values_of(tick))
 
+    def _show(self, what: str, show: Callable[[], None]) -> None:
+        """Show something: a failure must not end the node that controls the arm."""
+        try:
+            show()
+        except Exception as error:
+            self._health.complain(f"{defect(error)}, of {what}", error=True, about=what)
+
     def _draw(self) -> None:
         """Show the last tick to who watches; where the law makes none, where the arm is."""
         controller, robot, measured = self._controller, self._robot, self._input.measured
@@ -298,14 +308,11 @@ class ControlNode(ManagedNode):
             return
         is_stopped, self._drawn = bool(controller.fault) or tick is last_tick, (t, tick)
         stamp = Time(sec=self._stamp.sec, nanosec=self._stamp.nanosec)
-        try:
-            stiffness = self.stiffness_of(tick)
-            if is_stopped:
-                tick, stamp = tick._replace(look=partial(robot.state, q, dq)), stamp_to_ros(t)
-            poles = self._params.poles
-            self._views.show(tick, robot, stamp, stiffness, poles, is_stopped=is_stopped)
-        except Exception as error:  # what is shown must not end what controls
-            self._health.complain(f"{defect(error)}, of ~/markers", error=True, about="markers")
+        stiffness = self.stiffness_of(tick)
+        if is_stopped:
+            tick, stamp = tick._replace(look=partial(robot.state, q, dq)), stamp_to_ros(t)
+        poles = self._params.poles
+        self._views.show(tick, robot, stamp, stiffness, poles, is_stopped=is_stopped)
 
     def _place_marker(self) -> None:
         """Show the target where the arm is led to, or is held."""

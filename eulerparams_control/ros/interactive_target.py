@@ -18,6 +18,7 @@ from visualization_msgs.msg import (
 )
 from visualization_msgs.srv import GetInteractiveMarkers
 
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -44,6 +45,8 @@ class InteractiveTarget:
     def __init__(self, node: Node) -> None:
         self._at = PoseStamped()
         self._number, self._is_held, self._is_given = 0, False, False
+        self._is_dragged = False
+        self._stop: float | None = None  # when the mouse took it, the arm being stopped
         self._updates = node.create_publisher(InteractiveMarkerUpdate, f"~/{NAME}/update", 100)
         service = f"~/{NAME}/get_interactive_markers"
         node.create_service(GetInteractiveMarkers, service, self._give)
@@ -71,13 +74,29 @@ class InteractiveTarget:
             update.markers, self._is_given = [_marker(self._at)], True
         self._updates.publish(update)
 
-    def released(self, msg: InteractiveMarkerFeedback) -> PoseStamped | None:
-        """Return the pose at which it was released; None while it is dragged, or is not."""
-        if msg.event_type == InteractiveMarkerFeedback.MOUSE_DOWN:
-            self._is_held = True
-        if msg.event_type != InteractiveMarkerFeedback.MOUSE_UP:
+    def released(self, msg: InteractiveMarkerFeedback, stop: float | None) -> PoseStamped | None:
+        """Return the pose at which it was released; None while it is dragged, or was not.
+
+        Args:
+            msg: what the mouse does.
+            stop: when the arm was stopped [s]; None: it is not.
+
+        Raises:
+            InvalidMessageError: if the arm was stopped after the mouse had taken it.
+        """
+        kind = msg.event_type
+        if kind == InteractiveMarkerFeedback.MOUSE_DOWN:
+            self._is_held, self._is_dragged, self._stop = True, False, stop
+        self._is_dragged |= self._is_held and kind == InteractiveMarkerFeedback.POSE_UPDATE
+        if kind != InteractiveMarkerFeedback.MOUSE_UP:
             return None
-        self._is_held = False
+        was_dragged, self._is_held, self._is_dragged = self._is_dragged, False, False
+        if not was_dragged:
+            return None
+        if stop is not None and stop != self._stop:
+            raise InvalidMessageError(
+                "the arm was stopped while its target was dragged: drag again"
+            )
         goal = PoseStamped(pose=msg.pose)  # without a stamp: those of the mouse are not the robot's
         goal.header.frame_id = msg.header.frame_id
         return goal

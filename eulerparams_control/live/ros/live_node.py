@@ -5,24 +5,16 @@ desk.  What the robot says 1000 times a second is read when it is shown.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.type_support import check_for_type_support
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
@@ -31,10 +23,12 @@ from eulerparams_control.errors import EulerParamsError, InvalidMessageError, de
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.live.desk import KEPT, Desk, Order
+from eulerparams_control.live.desk import KEPT, Deed, Desk, Order
 from eulerparams_control.live.geometry import Passage, passage
 from eulerparams_control.live.page import serve, stop
 from eulerparams_control.live.panel import BASE, LivePanel
+from eulerparams_control.live.ros.exchange import Exchange
+from eulerparams_control.live.ros.topics import Newest, Outlet
 from eulerparams_control.live.scene import Scene
 from eulerparams_control.live.view import View
 from eulerparams_control.messages.from_ros import (
@@ -50,83 +44,20 @@ from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.catalogue import RobotDescription
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED
+from eulerparams_control.ros.qos import QOS_LATCHED
 from sim_bridge.drive_modes import DriveMode
 
 BRIDGE = "pybullet_bridge"
 _HZ = 30.0
-_SILENT, _QUIET, _LONG = 0.6, 1.6, 5.0
-"""[s] of what comes often, and of what comes once a second, where it commands the arm or not."""
+_SILENT = 0.6  # [s] without what comes often, after which that is said
+_QUIET = 1.6  # [s] the same, of what comes once a second
+_LONG = 5.0  # [s] without a word of the simulated robot, after which there is none
 
 _T = TypeVar("_T")
-_ASK_EVERY = 0.5  # [s] for the parameters
 _AGAIN = 5.0  # [s] after which the same notice is shown again
-_CONFIRMS = 0.5  # [s] in which a service answers
 _OFTEN = 2.0  # [Hz] of what tells within _SILENT that its sender is gone
-_RESTS = 2.0  # [s] after which a publisher is taken back
 _MOMENT = 0.1  # [m] a moment is a force times this
-_LAST = Duration(seconds=0.5)  # for the last messages to arrive
 _TARGETS = "target_pose", "target_twist", "external_wrench"
-_FAR = {"approach", "pass", "home"}  # of a simulated arm only: nobody watches the way
-_MOVES = {"drag", "jog", "push", "keep"} | _FAR
-
-
-class _Call(NamedTuple):
-    """A call of a service: until when [s] it is to be answered; None is what comes of no answer."""
-
-    client: Any
-    future: Any
-    until: float
-    then: Callable[[Any], None]
-
-
-class Newest:
-    """The newest message of a topic, taken when it is looked at: no callback for each of them."""
-
-    def __init__(self, node: Node, kind: type[Any], topic: str, depth: int = 1) -> None:
-        self._kind, self._message, self.came = kind, None, -math.inf
-        check_for_type_support(kind)  # which loads it
-        qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT).get_c_qos_profile()
-        with node.handle:
-            self._handle = rclpy_implementation.Subscription(node.handle, kind, topic, qos)
-
-    def look(self, concerns: Callable[[Any], bool] = lambda _: True) -> Any:
-        """Return the newest of those that concern us; None before the first."""
-        with self._handle:
-            while found := self._handle.take_message(self._kind, False):
-                if concerns(found[0]):
-                    self._message, self.came = found[0], steady()
-        return self._message
-
-
-class Outlet:
-    """A publisher that is there while it is used: others may lead the arm after it."""
-
-    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
-        self._node, self._make = node, partial(node.create_publisher, kind, topic, QOS)
-        self._publisher: Any = None
-        self._used, self._unheard = -math.inf, None
-
-    def send(self, msg: Any) -> None:
-        """Publish a message, later if nobody hears it yet."""
-        self._publisher = self._publisher or self._make()
-        self._used, self._unheard = steady(), msg
-        self.turn()
-
-    def turn(self) -> None:
-        """Send what nobody has heard yet; take the publisher back if it is not used."""
-        if self._unheard is not None and self._publisher.get_subscription_count():
-            self._publisher.publish(self._unheard)
-            self._unheard = None
-        if self._publisher is not None and steady() - self._used > _RESTS:
-            self._node.destroy_publisher(self._publisher)
-            self._publisher = self._unheard = None
-
-    def close(self, msg: Any) -> None:
-        """Publish a last message, if it is used."""
-        if self._publisher is not None:
-            self._publisher.publish(msg)
-            self._publisher.wait_for_all_acked(_LAST)
 
 
 class LiveNode(Node):
@@ -158,10 +89,7 @@ class LiveNode(Node):
         self._said: dict[str, Any] = {}  # the last status of each node
         self._heard: dict[str, float] = {}  # when, each node
         self._refused: dict[str, int] = {}
-        self._values: dict[str, Any] = {}
-        self._wanted: dict[str, Any] = {}  # to be set: until that is confirmed
-        self._calls: list[_Call] = []
-        self._asked = self._turned = -math.inf
+        self._turned = -math.inf
         self._failed: set[str] = set()  # what was said already
         self._told: dict[tuple[int, str], float] = {}  # when, each page and text
         self._robot: Robot | None = None
@@ -182,7 +110,7 @@ class LiveNode(Node):
             self._build(robot.base_frame, robot.tip_frame)
         self._ended = start(self)
         self._server.on_client_disconnect(
-            lambda client: self._desk.put(Order(client.client_id + 1, "left"))
+            lambda client: self._desk.put(Order(client.client_id + 1, Deed.LEFT))
         )
         self.create_timer(1 / _HZ, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.url = f"http://{host}:{self._server.get_port()}"
@@ -200,13 +128,19 @@ class LiveNode(Node):
         self._target = Outlet(self, PoseStamped, "target_pose")
         self._jog = Outlet(self, TwistStamped, "target_twist")
         self._push = Outlet(self, WrenchStamped, "external_wrench")
-        self._get = self.create_client(GetParameters, f"{name}/get_parameters")
-        self._set = self.create_client(SetParameters, f"{name}/set_parameters")
-        services = {"halt": name, "resume": name, "unlock": BRIDGE}
-        self._triggers = {
-            service: self.create_client(Trigger, f"{node}/{service}")
-            for service, node in services.items()
-        }
+        self._exchange = Exchange(
+            self,
+            name,
+            list(fields_of(self._scheme.parameters)),
+            {Deed.HALT: name, Deed.RESUME: name, "unlock": BRIDGE},
+            self._notify,
+            self._alarm,
+        )
+
+    @property
+    def _values(self) -> dict[str, Any]:
+        """Parameters of the controller, by name."""
+        return self._exchange.values
 
     def close(self) -> None:
         """End jog and push, and the pages."""
@@ -226,15 +160,17 @@ class LiveNode(Node):
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
             prefix, _, name = status.name.rpartition("/")
-            if prefix != self._prefix or name not in (self._scheme.name, BRIDGE):
-                continue
-            values = {entry.key: entry.value for entry in status.values}
-            self._said[name] = status.level[0], status.message, values
-            self._heard[name] = steady()
-            refused = sum(int(values.get(f"{topic} rejected", 0)) for topic in _TARGETS)
-            if refused > self._refused.get(name, refused):
-                self._notify("Not taken", values.get("last rejected", ""))
-            self._refused[name] = refused
+            if prefix == self._prefix and name in (self._scheme.name, BRIDGE):
+                self._guarded("A status cannot be read", self._take_status, name, status)
+
+    def _take_status(self, name: str, status: DiagnosticStatus) -> None:
+        values = {entry.key: entry.value for entry in status.values}
+        self._said[name] = status.level[0], status.message, values
+        self._heard[name] = steady()
+        refused = sum(int(values.get(f"{topic} rejected", 0)) for topic in _TARGETS)
+        if refused > self._refused.get(name, refused):
+            self._notify("Not taken", values.get("last rejected", ""))
+        self._refused[name] = refused
 
     def _build(self, base: str, tip: str) -> None:
         """Draw the robot, if it is another one than before."""
@@ -254,164 +190,124 @@ class LiveNode(Node):
             self._undrawn = ""
             self._robot, self._reader = robot, JointStateReader(robot.joints)
 
-    # --- parameters ----------------------------------------------------------------------
-
-    def _exchange(self, now: float) -> None:
-        """Set what is wanted, and ask for what there is."""
-        busy = [call.client for call in self._calls]
-        if self._wanted and not self._set.service_is_ready():
-            self._wanted.clear()
-            self._alarm("Not set", "The controller is not there.")
-        if self._wanted and self._set not in busy:
-            sent = dict(self._wanted)
-            parameters = [_parameter(*entry).to_parameter_msg() for entry in sent.items()]
-            request = SetParameters.Request(parameters=parameters)
-            self._ask(self._set, request, now, partial(self._on_set, sent))
-        due = now > self._asked + _ASK_EVERY and self._get not in busy
-        if due and self._get.service_is_ready():
-            self._asked, names = now, list(fields_of(self._scheme.parameters))
-            request = GetParameters.Request(names=names)
-            self._ask(self._get, request, now, partial(self._on_parameters, names))
-
-    def _ask(self, client: Any, request: Any, now: float, then: Callable[[Any], None]) -> None:
-        self._calls.append(_Call(client, client.call_async(request), now + _CONFIRMS, then))
-
-    def _hear(self, now: float) -> None:
-        """Take what services have answered, or not in time, ``now`` [s] being the last turn."""
-        for call in self._calls[:]:
-            if call.future.done() or now > call.until:
-                self._calls.remove(call)
-                call.client.remove_pending_request(call.future)
-                call.then(call.future.result() if call.future.done() else None)
-
-    def _on_set(self, sent: dict[str, Any], answer: Any) -> None:
-        if answer is None:
-            text = f"{', '.join(sent)} was not confirmed within {_CONFIRMS:g} s: it is sent again."
-            self._alarm("Not set", text)
-            return
-        for (name, value), result in zip(sent.items(), answer.results, strict=True):
-            if self._wanted.get(name) == value:
-                del self._wanted[name]
-            if result.successful:
-                self._values = self._values | {name: value}
-            else:
-                self._notify("The controller refuses this", result.reason)
-        self._asked = -math.inf  # ask what they are now
-
-    def _on_parameters(self, names: list[str], answer: Any) -> None:
-        if answer is not None:
-            values = map(parameter_value_to_python, answer.values)
-            self._values = dict(zip(names, values, strict=True))
-
     # --- orders --------------------------------------------------------------------------
 
     def _on_drag(self, page: int, phase: str, at: Placement) -> None:
-        self._desk.put(Order(page, "drag", (phase, at)))
+        self._desk.put(Order(page, Deed.DRAG, (phase, at)))
 
     def _obey(self, order: Order, now: float) -> None:
-        desk, value = self._desk, order.value
-        if order.name in _MOVES and not desk.may(order.page, now):
-            self._notify("Wait", f"Page {desk.owner} moves the arm.", order.page)
+        deed, desk = order.deed, self._desk
+        if deed is Deed.DRAG and self._robot is not None:
+            self._scene.dragged_by = None if order.value[0] == "end" else order.page
+        if deed.is_held and order.is_late(now):
+            return  # the button sends another, if it is still held
+        if deed.moves and not self._may(order, now):
             return
-        if order.name in _FAR and not self._is_simulated(now):
-            self._notify("Not taken", "Only a simulated arm is sent there.", order.page)
-            return
-        match order.name:
-            case "halt" | "resume":
-                self._goal = None
-                desk.let_go(now)
-                robot = self._said.get(BRIDGE, (0, "", {}))[2].get(MODE)
-                if order.name == "resume" and robot == DriveMode.STOPPING:
-                    self._call("unlock", now)
-                self._call(order.name, now)
-            case "set":
-                name, number, given = value
-                known = self._wanted.get(name, self._values.get(name))
-                if known is not None:
-                    many = isinstance(known, Sequence) and not isinstance(known, str)
-                    new = list(known) if many else [known]
-                    new[number] = given
-                    self._wanted[name] = new if many else given
-            case "left":
+        match deed:
+            case Deed.HALT | Deed.RESUME:
+                self._let_go(now)
+                drive = self._said.get(BRIDGE, (0, "", {}))[2].get(MODE)
+                if deed is Deed.RESUME and drive == DriveMode.STOPPING:
+                    # halted, the commands begin where the arm is: then the robot takes them
+                    self._exchange.call(Deed.HALT, Deed.RESUME, "unlock")
+                else:
+                    self._exchange.call(deed)
+            case Deed.SET:
+                self._exchange.want(*order.value)
+            case Deed.LEFT:
+                if order.page == desk.owner:
+                    self._let_go(now)
                 desk.left(order.page, now)
                 if self._robot is not None and order.page == self._scene.dragged_by:
                     self._scene.dragged_by = None
-            case "let go":
+            case Deed.RELEASE:
                 desk.let_go(now)
-            case "drag" if self._robot is not None:
-                phase, at = value
-                self._scene.dragged_by = None if phase == "end" else order.page
-                self._goal = at if phase == "update" else self._goal
-            case "jog" | "push" if not desk.holds(order, now):
+            case Deed.JOG | Deed.PUSH if not desk.holds(order, now):
                 desk.let_go(now)
-                text = "What it asks for was changed on a page: press the button again."
+                text = "What it asks for was changed on a page: let go, wait, press it again."
                 self._notify("Not held any longer", text, order.page)
-            case "jog":
-                _, axis, part, self._jog_axes = value
+            case Deed.JOG:
+                _, axis, part, self._jog_axes = order.value
+                self._goal = None
                 desk.jog(_along(axis, part * self._speed(axis)), now)
-            case "push" | "keep":
-                _, axis, force = value
+            case Deed.PUSH | Deed.KEEP:
+                _, axis, force = order.value
                 wrench = _along(axis, force * (1.0 if axis < 3 else _MOMENT))
-                desk.push(wrench, now, *([KEPT] if order.name == "keep" else []))
-            case "home":
-                self._goal = self._home
-            case "approach" | "pass":
-                self._to_the_pole(order)
+                desk.push(wrench, now, *([KEPT] if deed is Deed.KEEP else []))
+            case Deed.DRAG | Deed.HOME | Deed.APPROACH | Deed.PASS:
+                goal = self._goal_of(order)
+                if goal is not None:
+                    self._goal = goal
+                    desk.end_jog()
 
-    def _speed(self, axis: int) -> float:
-        name = "max_linear_speed" if axis < 3 else "max_angular_speed"
-        return float(self._values.get(name) or 0.1)
+    def _may(self, order: Order, now: float) -> bool:
+        """Return whether an order may move the arm; say why not."""
+        title, why = "Not taken", ""
+        if order.is_late(now):
+            why = "The page, or this computer, was too slow: do it again."
+        elif not self._desk.may(order.page, now):
+            title, why = "Wait", f"Page {self._desk.owner} moves the arm."
+        elif order.deed.is_far and not self._is_simulated(now):
+            why = "Only a simulated arm is sent there."
+        if why:
+            self._notify(title, why, order.page)
+        return not why
 
-    def _to_the_pole(self, order: Order) -> None:
+    def _let_go(self, now: float) -> None:
+        """End what was asked for, also what nobody has heard yet."""
+        self._goal = None
+        self._desk.let_go(now)
+        self._target.forget()
+        self._jog.forget()
+
+    def _goal_of(self, order: Order) -> Placement | None:
+        """Return the goal that an order names; None: none."""
+        if order.deed is Deed.HOME:
+            return self._home
+        if order.deed is Deed.DRAG:
+            phase, at = order.value
+            return at if phase == "update" and self._robot is not None else None
         if self._robot is None or self._tip is None:
-            return
+            return None
         sequence = EulerSequence(str(self._values.get("euler_sequence", "XYZ")))
-        if order.name == "approach" or self._passage is None:
+        if order.deed is Deed.APPROACH or self._passage is None:
             self._passage = passage(self._robot, self._q, sequence.axes)
         if self._passage is None:
             text = f"From here the arm reaches no pole of {sequence.name} on both sides; choose "
             self._notify("Out of reach", text + "other Euler angles (Law).", order.page)
-            return
+            return None
         before, beyond = self._passage
-        if order.name == "pass":
+        if order.deed is Deed.PASS:
             self._passage = Passage(beyond, before)
-        self._goal = Placement(beyond if order.name == "pass" else before, self._tip.p)
+        return Placement(beyond if order.deed is Deed.PASS else before, self._tip.p)
 
-    def _call(self, name: str, now: float) -> None:
-        client = self._triggers[name]
-        if client.service_is_ready():
-            self._ask(client, Trigger.Request(), now, partial(self._on_called, name))
-        else:
-            self._on_called(name, None)
-
-    def _on_called(self, name: str, answer: Any) -> None:
-        what = "use the emergency stop." if name == "halt" else "try again."
-        if answer is None:
-            self._alarm(f"No {name}", f"{name.capitalize()} was not confirmed: {what}")
-        elif not answer.success:
-            self._alarm(f"No {name}", f"{answer.message}: {what}")
+    def _speed(self, axis: int) -> float:
+        name = "max_linear_speed" if axis < 3 else "max_angular_speed"
+        return float(self._values.get(name) or 0.1)
 
     def _alarm(self, title: str, text: str) -> None:
         self._notify(title, text, colour="red")
 
     def _notify(self, title: str, text: str, page: int = 0, colour: Any = "orange") -> None:
         """Show a text on one page, 0: on all; the same only after a while."""
-        if steady() < self._told.get((page, text), -math.inf) + _AGAIN:
+        now = steady()
+        self._told = {said: t for said, t in self._told.items() if now < t + _AGAIN}
+        if (page, text) in self._told:
             return
-        self._told[page, text] = steady()
+        self._told[page, text] = now
         for number, client in self._server.get_clients().items():
             if page in (0, number + 1):
                 client.add_notification(title, text, auto_close_seconds=8.0, color=colour)
 
     def _guarded(self, what: str, do: Callable[..., _T], *given: Any) -> _T | None:
-        """Return what comes of it; None where it fails, which is said once."""
+        """Return what comes of it; None where it fails, which is said, and logged once."""
         try:
             return do(*given)
         except Exception as error:
             text = str(error) if isinstance(error, EulerParamsError) else defect(error)
+            self._alarm(what, text)
             if kind_of(error) not in self._failed:
                 self._failed.add(kind_of(error))
-                self._notify(what, text)
                 self.get_logger().error(f"{what}: {text}")
             return None
 
@@ -421,8 +317,8 @@ class LiveNode(Node):
         now = steady()
         for order in self._desk.taken():
             self._guarded("Not taken", self._obey, order, now)
-        self._guarded("No answer", self._hear, self._turned)
-        self._guarded("Not set", self._exchange, now)
+        self._guarded("No answer", self._exchange.hear, self._turned)
+        self._guarded("Not set", self._exchange.turn, now)
         self._guarded("Not drawn", self._show, now)
         self._guarded("Not sent", self._send, now)
         self._turned = now
@@ -564,7 +460,7 @@ class LiveNode(Node):
         if self._stiffness[1] is None:
             return None
         K, axes = self._stiffness[1]
-        R = np.eye(3) if axes == BASE or desired is None else np.asarray(desired.R)
+        R = np.eye(3) if axes == "base" or desired is None else np.asarray(desired.R)
         return R @ np.asarray(K) @ R.T
 
 
@@ -581,9 +477,3 @@ def _frame(msg: Any) -> Placement | None:
 
 def _along(axis: int, size: float) -> Array:
     return size * np.eye(6)[axis]
-
-
-def _parameter(name: str, value: Any) -> Parameter:
-    if isinstance(value, list) and not value:
-        return Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])
-    return Parameter(name, value=value)

@@ -1,0 +1,1 @@
+"""The page on its topics: the node, its publishers, and the services that it calls."""
