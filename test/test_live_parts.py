@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from std_srvs.srv import Trigger
 from tolerances import assert_close
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -15,6 +16,7 @@ from eulerparams_control.laws.rotations import EulerParameters, R_angle_axis
 from eulerparams_control.live import page
 from eulerparams_control.live.desk import HELD, KEPT, Deed, Desk, Order
 from eulerparams_control.live.geometry import MARGIN, R_rpy, joint_motion, passage, wxyz
+from eulerparams_control.live.ros.exchange import Exchange
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
@@ -146,3 +148,36 @@ def test_no_page_is_served_that_cannot_be_guarded(monkeypatch):
     monkeypatch.setattr(page, "websockets", SimpleNamespace(serve=None))
     with pytest.raises(ConfigurationError, match="guarded"):
         page.serve("127.0.0.1", 0)
+
+
+def test_services_are_called_one_after_the_other_and_none_after_a_refusal(graph):
+    names, called, refused, said = ("halt", "resume", "unlock"), [], set(), []
+    node = graph.peer.node
+
+    def serve(name):
+        def answer(_request, response):
+            called.append(name)
+            response.success = name not in refused
+            return response
+
+        return node.create_service(Trigger, f"arm/{name}", answer)
+
+    services = [serve(name) for name in names]
+    owners = dict.fromkeys(names, "arm")
+    exchange = Exchange(node, "arm", [], owners, *2 * [lambda *words: said.append(words)])
+    clients = exchange._triggers.values()
+    graph.until(lambda: all(client.service_is_ready() for client in clients), "the services")
+
+    def ends(on):
+        exchange.call(*names)
+        graph.until(lambda: exchange.hear(0.0) or not exchange._calls, f"an answer of {on}")
+        taken = called[:]
+        called.clear()
+        return taken
+
+    assert ends("unlock") == list(names)
+    assert not said
+    refused.add("resume")
+    assert ends("resume") == ["halt", "resume"]
+    assert [title for title, _ in said] == ["No resume"]
+    assert len(services) == 3
