@@ -38,6 +38,11 @@ class EulerParamsError(Exception):
         return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 500]} ... {line[-400:]}"
 
 
+def text_of(error: Exception) -> str:
+    """Return what an error says; of one that is not ours its type, too."""
+    return str(error) if isinstance(error, EulerParamsError) else repr(error)
+
+
 class ConfigurationError(EulerParamsError):
     """A parameter, a YAML file or an option is impossible."""
 

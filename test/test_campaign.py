@@ -234,6 +234,10 @@ def an_arm_that_runs_away(record: SequenceRecord) -> None:
     put(record.truth, at(1.7), dq=changed(ZERO, 4, -2.001 * float(MODEL.limits.velocity[4])))
 
 
+def an_arm_without_a_speed(record: SequenceRecord) -> None:
+    put(record.truth, at(1.7), dq=changed(ZERO, 4, math.nan))
+
+
 def a_first_command_beside_the_arm(record: SequenceRecord) -> None:
     record.asked = AskedLimits(joint_acceleration=(10.0,))
     silence(record, 1.0, 1.4)
@@ -272,6 +276,7 @@ PLANTS: list[tuple[str, str, Spoil]] = [
     ("torque", "held still", an_arm_that_sinks_while_it_is_held),
     ("torque", "held still", an_arm_that_moves_while_its_states_are_away),
     ("torque", "no runaway", an_arm_that_runs_away),
+    ("torque", "no runaway", an_arm_without_a_speed),
     ("torque", "recovers", saying(2, END - 0.1, ERROR, "a fault", Mode.STOPPED)),
     ("torque", "recovers", ending(tip_error=(0.0051, 0.0))),
     ("torque", "recovers", ending(tip_error=(0.0, 1.01))),
@@ -460,6 +465,28 @@ def test_a_sequence_that_takes_its_worker_with_it_is_an_error_and_the_others_go_
     assert by_seed[0].is_good
     assert by_seed[2].is_good
     assert "its worker died" in by_seed[1].error
+
+
+def fails(plan: Any) -> SequenceOutcome:
+    raise ValueError(f"seed {plan.seed}")
+
+
+def test_what_a_worker_that_lives_says_of_an_error_is_kept(monkeypatch):
+    monkeypatch.setattr(schedule, "run", fails)
+    (outcome,) = schedule.run_all(plans(1, 7, ("clik",)), 1)
+    assert outcome.error == "ValueError('seed 7')"
+
+
+def test_an_error_of_an_oracle_is_that_of_its_sequence(monkeypatch):
+    def lockstep(plan: Any, _domain: int) -> SequenceRecord:
+        return calm(plan.control)
+
+    def judge_badly(*_: object) -> None:
+        raise ZeroDivisionError("in an oracle")
+
+    monkeypatch.setattr("eulerparams_control.lab.campaign.ros.lockstep.run_lockstep", lockstep)
+    monkeypatch.setattr(schedule, "look", judge_badly)
+    assert schedule.run(*plans(1, 0, ("clik",))).error == "ZeroDivisionError('in an oracle')"
 
 
 @pytest.mark.slow

@@ -343,7 +343,7 @@ def test_a_variant_that_does_not_exist_is_refused_with_those_that_do(tmp_path, c
     path = str(write(tmp_path, GOOD))
     experiment = load_experiment(path)
     assert check_names([], experiment) == ["first", "second", "angles"]
-    assert check_names(["second"], experiment) == ["second"]
+    assert check_names(["second", "first", "second"], experiment) == ["second", "first"]
     assert main([path, "--variant", "third", "--out", str(tmp_path / "out")]) == 2
     said = "error: short has no variant 'third'; it has first, second, angles\n"
     assert capsys.readouterr().out == said

@@ -5,8 +5,9 @@ import itertools
 import os
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 
-from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.errors import text_of
 from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, FAULTY, SequencePlan, make_plan
 from eulerparams_control.lab.run.domains import Domain
@@ -37,10 +38,9 @@ def run(plan: SequencePlan) -> SequenceOutcome:
     started = time.monotonic()
     try:
         record = run_lockstep(plan, _domain().number)
+        return look(plan, record, time.monotonic() - started)
     except Exception as error:  # of any kind: the others go on
-        said = str(error) if isinstance(error, EulerParamsError) else repr(error)
-        return SequenceOutcome(plan, error=said, seconds=time.monotonic() - started)
-    return look(plan, record, time.monotonic() - started)
+        return SequenceOutcome(plan, error=text_of(error), seconds=time.monotonic() - started)
 
 
 def run_all(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome]:
@@ -48,6 +48,10 @@ def run_all(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome
     for few in itertools.batched(todo, jobs * _LIFE):
         with Processes(min(jobs, len(few))) as pool:
             for plan, future in results(pool, run, few):
-                died = "its worker died, also when it was run by itself"
-                lost = future.exception() is not None
-                yield SequenceOutcome(plan, error=died) if lost else future.result()
+                try:
+                    yield future.result()
+                except BrokenExecutor:
+                    died = "its worker died, also when it was run by itself"
+                    yield SequenceOutcome(plan, error=died)
+                except Exception as error:  # say, an outcome that cannot be pickled
+                    yield SequenceOutcome(plan, error=text_of(error))

@@ -128,8 +128,6 @@ def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress:
         SimulationError: if a node dies that was not killed; with its last words.
         RunStopped: if it was told to.
     """
-    for part in _parts(record):  # of a run before
-        shutil.rmtree(part)
     nodes.wait_for_event(INJECTOR, Event.READY, START_TIMEOUT)
     due = deeds(settings.faults)
     began = time.monotonic()
@@ -191,6 +189,12 @@ def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
     found = [(fault.at, True, fault.node) for fault in kills]
     found += [(fault.end, False, fault.node) for fault in kills if fault.end < float("inf")]
     return sorted(found, key=lambda deed: deed[0])
+
+
+def clear_parts(record: RunRecord) -> None:
+    """Remove what recorders that were started again have left of a run before."""
+    for part in _parts(record):
+        shutil.rmtree(part)
 
 
 def join(record: RunRecord) -> None:

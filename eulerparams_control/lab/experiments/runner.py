@@ -25,6 +25,7 @@ from eulerparams_control.lab.experiments.faulty import (
     RECORDER,
     START_TIMEOUT,
     Progress,
+    clear_parts,
     injector_parameters,
     join,
     kill_and_start,
@@ -102,6 +103,7 @@ def run_variant(
     settings = experiment.variants[variant]
     record, parameters = RunRecord(folder, variant), node_parameters(settings)
     record.clear()
+    clear_parts(record)
     making = making_of(settings, parameters)
     record.begin(making)
     with turn(stop) if settings.faults else nullcontext():
@@ -274,11 +276,11 @@ def _check_moved(bag: Path, command: str) -> None:
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:
-    """Return the variants to run: those named, or all; raises ConfigurationError."""
+    """Return the variants to run, each once: those named, or all; raises ConfigurationError."""
     for name in names:
         if name not in experiment.variants:
             raise ConfigurationError(
                 f"{experiment.name} has no variant '{name}'; it has "
                 f"{', '.join(experiment.variants)}"
             )
-    return names or list(experiment.variants)
+    return list(dict.fromkeys(names)) or list(experiment.variants)

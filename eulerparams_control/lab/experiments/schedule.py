@@ -11,7 +11,7 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack
 from functools import partial
 
-from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.errors import text_of
 from eulerparams_control.lab.experiments.display import Display
 from eulerparams_control.lab.experiments.evaluate import look
 from eulerparams_control.lab.experiments.model import Task
@@ -64,7 +64,7 @@ class Schedule:
                 except IncompleteBagError as error:
                     task.error = task.error or f"{variant}: {error}, run by itself, too"
                 except Exception as error:  # of any kind: the others go on
-                    task.error = task.error or f"{variant}: {_said(error)}"
+                    task.error = task.error or f"{variant}: {text_of(error)}"
                 if len(task.runs) == len(task.variants):
                     end(task)
             return [self._looks[task.experiment.name].result() for task in self._tasks]
@@ -97,16 +97,11 @@ class Schedule:
         """Return what came of an experiment, after all its runs."""
         outcome = Outcome(task.experiment, task.folder, error=task.error)
         try:
-            if not task.error:
+            if not (task.error or self._stop.is_set()):
                 runs = {name: run for name in task.variants if (run := task.runs[name])}
                 outcome = looker.submit(look, task.experiment, task.folder, runs).result()
         except Exception as error:  # of any kind: the others go on
-            outcome = Outcome(task.experiment, task.folder, error=_said(error))
+            outcome = Outcome(task.experiment, task.folder, error=text_of(error))
         if not self._stop.is_set():
             self._display.finished(outcome)
         return outcome
-
-
-def _said(error: Exception) -> str:
-    """Return what an error says; of one that is not ours its type, too."""
-    return str(error) if isinstance(error, EulerParamsError) else repr(error)

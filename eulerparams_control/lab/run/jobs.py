@@ -17,7 +17,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
-    wait,
+    wait as wait_for,
 )
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -61,7 +61,7 @@ def results[J, R](
             yield running[future], future
     for job in lost:
         alone = pool.submit(function, job)
-        wait([alone])
+        wait_for([alone])
         yield job, alone
 
 
@@ -83,7 +83,7 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._pool = self._new()
+        self._pool, self._ended, self._lock = self._new(), False, threading.Lock()
 
     def _new(self) -> ProcessPoolExecutor:
         spawn = multiprocessing.get_context("spawn")
@@ -93,16 +93,21 @@ class Processes(Executor):
         self, function: Callable[P, R], /, *args: P.args, **keywords: P.kwargs
     ) -> Future[R]:
         """See Executor."""
-        try:
-            return self._pool.submit(function, *args, **keywords)
-        except BrokenExecutor:
-            self._pool = self._new()
-            return self._pool.submit(function, *args, **keywords)
+        with self._lock:
+            try:
+                return self._pool.submit(function, *args, **keywords)
+            except BrokenExecutor:
+                if self._ended:
+                    raise
+                self._pool = self._new()
+                return self._pool.submit(function, *args, **keywords)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End them, whatever they do."""
-        workers = list((self._pool._processes or {}).values())
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            self._ended = True
+            workers = list((self._pool._processes or {}).values())
+            self._pool.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.terminate()
 

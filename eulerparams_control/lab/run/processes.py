@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -26,10 +26,16 @@ LOG, EVENTS = ".log", ".events"
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
 
-# Lets a process be interrupted when the one that started it is killed; None: no Linux. Between fork
-# and exec nothing may be loaded.
+# None: no Linux.  Loaded here: between fork and exec nothing may be.
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
-_END_WITH_PARENT = partial(_PRCTL, 1, signal.SIGINT) if _PRCTL else None
+
+
+def _end_with(parent: int) -> None:
+    """Let this process be interrupted when the thread that started it ends, also by a kill."""
+    if _PRCTL:
+        _PRCTL(1, signal.SIGINT)
+        if os.getppid() != parent:  # it has ended before
+            os._exit(1)
 
 
 class RunStopped(Exception):
@@ -77,12 +83,7 @@ class Nodes:
     def __enter__(self) -> "Nodes":
         return self
 
-    def __exit__(
-        self,
-        _type: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.stop(*reversed(list(self.processes)))
         if self._domain is not None:
             self._domain.release()
@@ -145,7 +146,7 @@ class Nodes:
                 stderr=log,
                 env=self.environment,
                 start_new_session=True,  # a Ctrl-C in the terminal is ours to pass on
-                preexec_fn=None if self._domain else _END_WITH_PARENT,
+                preexec_fn=None if self._domain else partial(_end_with, os.getpid()),
             )
 
     def _file(self, executable: str, kind: str) -> Path:

@@ -55,7 +55,7 @@ def _moves(record: SequenceRecord, start: float, end: float) -> str:
 def no_runaway(record: SequenceRecord) -> Found:
     """Yield where the arm is fastest, if that is too fast."""
     parts = speed_of_limit(np.array([truth.dq for truth in record.truth]), record.limits)
-    if len(parts) and parts.max() > _RUNAWAY:
+    if len(parts) and not parts.max() <= _RUNAWAY:
         k, i = np.unravel_index(int(np.argmax(parts)), parts.shape)
         text = f"{record.joints[i]} is as fast as {parts[k, i]:.3g} times its limit"
         yield record.truth[k].t, text
