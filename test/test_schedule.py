@@ -558,7 +558,8 @@ def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(watch, monkeypatc
 
 
 def test_after_a_signal_nothing_is_looked_at(watch):
-    watch.add("e1")
+    watch.add("e1", "a")
+    watch.tasks[0].runs["a"] = Run(Path(), 1.0, None, 2.0)
     going = Schedule(watch.tasks, 1, watch)
     going._stop.set()
     with ThreadPoolExecutor() as looker:

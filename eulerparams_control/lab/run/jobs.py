@@ -17,7 +17,6 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
-    wait as wait_for,
 )
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -60,9 +59,8 @@ def results[J, R](
         else:
             yield running[future], future
     for job in lost:
-        alone = pool.submit(function, job)
-        wait_for([alone])
-        yield job, alone
+        for alone in as_completed([pool.submit(function, job)]):
+            yield job, alone
 
 
 class Threads(ThreadPoolExecutor):
