@@ -13,13 +13,15 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rewritten, write_run
 
+from eulerparams_control.analysis import quantities
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import measure, quotient
+from eulerparams_control.analysis.quantities import measure, motion, quotient
+from eulerparams_control.analysis.quantities.base import metric
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
 from eulerparams_control.analysis.scale import axis, symmetric_axis
 from eulerparams_control.analysis.series import Series
@@ -157,6 +159,23 @@ def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run):
     assert measure("peak_joint_speed", ended) == 2.0
     with pytest.raises(UnknownNameError):
         measure("peak_speed", ended)
+
+
+def test_an_infinite_number_counts_and_none_at_all_is_said(dynamic):
+    def with_effort(value: float) -> Recording:
+        return replace(dynamic, effort=dynamic.effort._replace(tau=dynamic.effort.tau * value))
+
+    assert measure("peak_effort", with_effort(math.inf)) == math.inf
+    with pytest.raises(BagError, match="no finite value from 0 to inf s"):
+        measure("peak_effort", with_effort(math.nan))
+
+
+def test_no_two_numbers_have_one_name_or_one_place(monkeypatch):
+    with pytest.raises(ValueError, match="there is a metric peak_effort already"):
+        metric("Nm", name="peak_effort")(math.sqrt)
+    monkeypatch.setattr(motion, "ROWS", {2: None})  # has another in errors
+    with pytest.raises(ValueError, match=r"motion: ROWS 2 is taken"):
+        quantities._by_place("ROWS")
 
 
 def test_a_quotient_by_zero_is_infinite_or_nothing():

@@ -400,6 +400,21 @@ def test_a_topic_that_cannot_be_decoded_is_named(tmp_path, data):
     assert len(list(bag.read_raw())) == 2
 
 
+def test_a_topic_whose_definition_changes_between_files_is_refused(tmp_path):
+    for name, kind in (("bag", STRING), ("other", JOINT_STATE)):
+        with BagWriter(tmp_path / name) as written:
+            written.add_topic(Topic("/odd", kind))
+            data = string("text") if kind == STRING else joint_state(1)
+            written.write("/odd", data, START, START)
+    mcap_of(tmp_path / "other").rename(tmp_path / "bag/bag_1.mcap")
+    bag = Bag(tmp_path / "bag")
+    words = f"/odd has 2 definitions that differ, of {JOINT_STATE}, {STRING}; read its files one by"
+    with pytest.raises(BagError, match=words):
+        list(bag.messages())
+    for name in ("bag_0.mcap", "bag_1.mcap"):
+        assert len(list(Bag(tmp_path / "bag" / name).messages())) == 1
+
+
 def test_reading_needs_little_memory_however_long_the_bag(tmp_path):
     write_bag(tmp_path / "bag", 20_000)
     size = mcap_of(tmp_path / "bag").stat().st_size

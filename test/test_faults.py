@@ -15,7 +15,7 @@ from in_process import Running, World
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.faults import (
     Fault,
     FaultStream,
@@ -25,6 +25,7 @@ from eulerparams_control.lab.faults import (
     parse_faults,
     random_faults,
 )
+from eulerparams_control.lab.faults.base import MessageFault
 from eulerparams_control.lab.faults.fields import numbers
 from eulerparams_control.parameters.schemes import schemes
 
@@ -376,6 +377,12 @@ def test_a_fault_that_means_nothing_is_refused_with_the_reason(content, words):
         parse_fault(content)
 
 
+def test_a_kind_that_changes_no_message_is_refused_where_it_is_defined():
+    with pytest.raises(TypeError, match="Idle changes no message: it needs a change or a stage"):
+        type("Idle", (MessageFault,), {"name": "idle"})
+    assert "idle" not in Fault.registry
+
+
 def test_of_several_faults_the_wrong_one_is_named():
     with pytest.raises(ConfigurationError, match=r"here: entry 2: unknown fault 'dorp'"):
         parse_faults("here", [GOOD, changed(fault="dorp")])
@@ -409,6 +416,8 @@ def test_random_faults_are_the_same_for_the_same_seed_only():
     found = [random_faults(seed, "clik", 4.0) for seed in range(50)]
     assert found == [random_faults(seed, "clik", 4.0) for seed in range(50)]
     assert len(set(map(str, found))) == 50
+    with pytest.raises(UnknownNameError, match=r"unknown controller 'clikk'.*did you mean 'clik'"):
+        random_faults(0, "clikk", 4.0)
 
 
 # --- the node, over DDS ----------------------------------------------------------------------

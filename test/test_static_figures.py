@@ -11,13 +11,14 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_runs import write_run
 
+from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities.contact import VECTORS
 from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR, POSITION_ERROR
 from eulerparams_control.analysis.quantities.motion import JOINT_SPEED, JOINT_SPEEDS
 from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.analysis.static import quantity_figure, svg, write_figures
+from eulerparams_control.analysis.static import chart_figure, quantity_figure, svg, write_figures
 from eulerparams_control.analysis.static_image import plain
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 
@@ -77,6 +78,11 @@ def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run):
     assert lengths == pytest.approx(lengths[:1] * 3)
     joints = quantity_figure([run], JOINT_SPEEDS).axes
     assert [axes.get_title("left") for axes in joints] == ["hinge", "roll"]
+
+
+@pytest.mark.parametrize("lines", [(), (Line("", ((0.0, 1.0), (1.0, 2.0))),)])
+def test_a_chart_without_names_has_no_legend(lines):
+    assert chart_figure(Chart("x", "y", lines)).legends == []
 
 
 def test_a_figure_is_the_same_text_each_time(run):

@@ -16,10 +16,10 @@ from eulerparams_control.analysis.desired import DesiredFrames
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.queues import (
     LATEST,
-    NO_REFERENCES,
     Diagnostics,
     Queue,
     SentReferences,
+    no_references,
 )
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
@@ -96,11 +96,13 @@ class _Reader:
         controller = arm.topics.get("desired", "").rpartition("/")[0]
         self._reports = Reports(options.start, options.end, controller)
         self._rates, self._departure = np.zeros((0, 4)), Departure()
+        there = arm.topics
+        self._sent = SentReferences(bag, arm) if SentReferences.name in there else None
+        self._said = Diagnostics(bag, arm, self._reports) if Diagnostics.name in there else None
         self._queues = {
-            name: kind(bag, arm) for name, kind in Queue.registry.items() if name in arm.topics
-        }
-        if isinstance(said := self._queues.get(Diagnostics.name), Diagnostics):
-            said.reports = self._reports
+            name: kind(bag, arm)
+            for name, kind in Queue.registry.items() if kind.is_timed and name in there
+        } | {queue.name: queue for queue in (self._sent, self._said) if queue}  # fmt: skip
         self._desired = DesiredFrames(arm.lasting(), self._measured_pose)
         self._end_of_part = -math.inf
         self._jumped = False
@@ -254,15 +256,14 @@ class _Reader:
         if overlap is not None:
             ticks = ticks.take(ticks.stamp > overlap[0][-1])
             at = at[at > overlap[0][-1]]
-        said, sent = self._queues.get(Diagnostics.name), self._queues.get(SentReferences.name)
         began: dict[int, int] = {}
-        if isinstance(said, Diagnostics):
-            said.settle()
-            began = said.began
-        references = sent.all(began) if isinstance(sent, SentReferences) else NO_REFERENCES
+        if self._said:
+            self._said.settle()
+            began = self._said.began
+        references = self._sent.all(began) if self._sent else no_references()
         frames, done = self._desired.follow(references, ticks.stamp, ticks.sent, at)
-        if isinstance(sent, SentReferences):
-            sent.forget(done)
+        if self._sent:
+            self._sent.forget(done)
         own = at
         if overlap is not None:
             own = np.concatenate([overlap[0], own])

@@ -66,6 +66,16 @@ class Quantity:
             return np.zeros(0), np.zeros(0)
 
 
+type _Vector = tuple[str, str, str, str, str, float, Callable[[Recording], tuple[Array, Array]]]
+
+
+def vectors(
+    group: str, *given: _Vector, components: tuple[str, ...] = XYZ
+) -> tuple[Quantity, ...]:
+    """Return quantities with components, under one heading, of what is given from name to of."""
+    return tuple(Quantity(*each, components=components, group=group) for each in given)
+
+
 class Prediction(NamedTuple):
     """Prediction of theory for a quantity, drawn dashed.
 

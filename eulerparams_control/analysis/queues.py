@@ -270,7 +270,7 @@ class SentReferences(ShapedFrames):
         parts = [*([] if self._pending is None else [self._pending]), *self._rows]
         self._rows = []
         if not parts:
-            return NO_REFERENCES
+            return no_references()
         self._pending = found = joined(parts).in_order()
         for news, start in began.items():
             before = int(np.searchsorted(found.sent, news, side="right"))
@@ -291,16 +291,19 @@ class SentReferences(ShapedFrames):
         self._pending = left if len(left.sent) else None
 
 
-NO_REFERENCES = RecordedReferences(
-    np.zeros(0, np.int64), np.zeros(0, np.int64), Frames.nowhere(0), {}
-)
+def no_references() -> RecordedReferences:
+    """Return those of a run without any."""
+    return RecordedReferences(np.zeros(0, np.int64), np.zeros(0, np.int64), Frames.nowhere(0), {})
 
 
 class Diagnostics(Queue):
     """What the nodes say, which is given on, and when a controller said that a reference began.
 
-    Attributes:
+    Args:
+        bag, arm: see Queue.
         reports: take what the nodes say.
+
+    Attributes:
         began: stamps [ns] at which references began, by the time of sending of the news.
     """
 
@@ -308,10 +311,9 @@ class Diagnostics(Queue):
     type = "diagnostic_msgs/msg/DiagnosticArray"
     is_timed = False
 
-    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
+    def __init__(self, bag: Bag, arm: RecordedArm, reports: Reports) -> None:
         super().__init__(bag, arm)
-        self._namespace, self._others = arm.namespace, arm.others
-        self.reports = Reports()
+        self._namespace, self._others, self._reports = arm.namespace, arm.others, reports
         self.began: dict[int, int] = {}
         self._begins: set[str] = set()
 
@@ -330,7 +332,7 @@ class Diagnostics(Queue):
                 if of == self._namespace:
                     self._note(status, sent)
                 if not any(_is_of(other, of) for other in self._others):
-                    self.reports.add(status, sent)
+                    self._reports.add(status, sent)
         return [], valid
 
     def _note(self, status: Any, sent: int) -> None:

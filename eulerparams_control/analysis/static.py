@@ -240,6 +240,8 @@ def _finished(figure: Figure, charts: Sequence[Chart], axes: Sequence[Axes], key
             name = plain(chart.title, 30)
             one.set_title(name, loc="left", fontsize=7, pad=2, parse_math=False)
     texts = list(map(plain, keys))
+    if not texts:
+        return figure
     columns = 2 if max(map(len, texts)) <= _SHORT else 1
     width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + _ROW * math.ceil(len(texts) / columns))

@@ -140,14 +140,24 @@ class Bag:
         """Return the definition of the type of a topic.
 
         Raises:
-            BagError: if the bag has none.
+            BagError: if the bag has none, or several that differ.
         """
+        found = {}
         for file in self._files:
             scan = file.scan or file.rescan()
             for channel in scan.channels.values():
                 if channel.topic == topic and channel.schema_id in scan.schemas:
-                    return scan.schemas[channel.schema_id]
-        raise BagError(f"{self.path} does not say what the messages of {topic} are")
+                    schema = scan.schemas[channel.schema_id]
+                    found[schema.name, schema.encoding, schema.data] = schema
+        if not found:
+            raise BagError(f"{self.path} does not say what the messages of {topic} are")
+        if len(found) > 1:
+            names = ", ".join(sorted({name for name, _, _ in found}))
+            raise BagError(
+                f"{self.path}: {topic} has {len(found)} definitions that differ, of {names}; "
+                "read its files one by one"
+            )
+        return next(iter(found.values()))
 
     def decode(self, message: RawMessage) -> Any:
         """Return the fields of a message as attributes.

@@ -1,7 +1,7 @@
 """All quantities of a run, and the numbers made of them; importing this registers them.
 
 A new one is a function, its reductions and its plot in a module here, found by being there:
-``PLACES`` are its plots by their place in the page, ``ROWS`` its numbers by that in the table.
+``PLACES`` maps a position on the page to plots, ``ROWS`` a position in the table to numbers.
 Options that many numbers have:
 
 ``of``  what it looks at: the ``command`` (joint_reference), the motion that was ``measured``
@@ -53,7 +53,10 @@ def _by_place(name: str) -> list[Any]:
     """Return what the modules here have under a name, by its place."""
     places: dict[float, Any] = {}
     for module in pkgutil.iter_modules(__path__, f"{__name__}."):
-        places |= getattr(importlib.import_module(module.name), name, {})
+        own = getattr(importlib.import_module(module.name), name, {})
+        if twice := places.keys() & own.keys():
+            raise ValueError(f"{module.name}: {name} {min(twice):g} is taken")
+        places |= own
     return [places[place] for place in sorted(places)]
 
 

@@ -46,8 +46,8 @@ class Metric(NamedTuple):
 class TableNumber(NamedTuple):
     """A row of the table.
 
-    ``needs`` names what of a recording it is about, "" if any has it; ``of_parts`` makes the number
-    of a run from those of its parts.
+    ``needs`` names the attribute of the recording that it needs, "" if none; ``of_parts`` makes the
+    number of a run from those of its parts.
     """
 
     title: str
@@ -84,7 +84,9 @@ def metric(
     def register(function: Callable[..., float]) -> Callable[..., float]:
         description = text or (function.__doc__ or "").split("\n")[0].rstrip(".")
         quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
-        METRICS[name or function.__name__] = Metric(quiet(function), unit, description, raw)
+        if (called := name or function.__name__) in METRICS:
+            raise ValueError(f"there is a metric {called} already")
+        METRICS[called] = Metric(quiet(function), unit, description, raw)
         return function
 
     return register
@@ -228,16 +230,17 @@ def within(t: Array, after: float, before: float) -> NDArray[np.bool_]:
 
 def compared(t: Array, y: Array) -> Samples:
     """Return samples of an error; raises BagError if nothing was desired."""
-    if not np.isfinite(y).any():
+    if np.isnan(y).all():
         raise BagError("no desired frame was recorded: nothing to compare the motion with")
     return t, y
 
 
 def known(t: Array, y: Array, after: float, before: float) -> Samples:
     """Return what is known in a window of samples (N,) or (N, m); raises BagError if nothing is."""
-    is_known = np.isfinite(y.reshape(len(t), -1)).all(axis=1)
-    inside = within(t, after, before) & is_known
-    return compared(t[inside], y[inside])
+    inside = within(t, after, before) & ~np.isnan(y.reshape(len(t), -1)).any(axis=1)
+    if not inside.any():
+        raise BagError(f"no finite value from {after:g} to {before:g} s")
+    return t[inside], y[inside]
 
 
 def mean_at_end(t: Array, y: Array, window: float, before: float) -> Array:

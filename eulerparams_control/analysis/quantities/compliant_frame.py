@@ -31,7 +31,7 @@ from eulerparams_control.analysis.quantities.base import (
 )
 from eulerparams_control.analysis.quantities.contact import GROUP, lengths
 from eulerparams_control.analysis.quantities.stability import growth
-from eulerparams_control.analysis.quantity import XYZ, Quantity
+from eulerparams_control.analysis.quantity import Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
@@ -203,31 +203,16 @@ TURN = Quantity(
     1e-6,
     lengths(turn),
 )
-VECTORS = (
-    Quantity(
-        "p_cd_d",
-        "Displacement of the compliant frame, desired axes",
-        "displacement [mm]",
-        "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
-        "mm",
-        1e-6,
-        displacement,
-        components=XYZ,
-        group=GROUP,
-    ),
-    Quantity(
-        "rho_cd_d",
-        "Turn of the compliant frame, desired axes",
-        "turn [deg]",
-        "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
-        "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
-        "deg",
-        1e-6,
-        turn,
-        components=XYZ,
-        group=GROUP,
-    ),
-)
+VECTORS = vectors(
+    GROUP,
+    ("p_cd_d", "Displacement of the compliant frame, desired axes", "displacement [mm]",
+     "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
+     "mm", 1e-6, displacement),
+    ("rho_cd_d", "Turn of the compliant frame, desired axes", "turn [deg]",
+     "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
+     "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
+     "deg", 1e-6, turn),
+)  # fmt: skip
 
 PLACES = {4: DISPLACEMENT, 5: TURN, 21: VECTORS}
 ROWS = {

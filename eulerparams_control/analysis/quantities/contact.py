@@ -17,12 +17,13 @@ from eulerparams_control.analysis.quantities.base import (
     Samples,
     TableNumber,
     along,
+    compared,
     last,
     metric,
     reduced,
     within,
 )
-from eulerparams_control.analysis.quantity import XYZ, Quantity
+from eulerparams_control.analysis.quantity import Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.rotations import Array
@@ -44,10 +45,11 @@ def _wrench(recording: Recording, part: str, frame: str) -> Samples:
         raise BagError(f"{recording.path}: {recording.why_no_wrench}")
     if frame not in FRAMES:
         raise UnknownNameError("frame", frame, FRAMES)
-    vectors: Array = getattr(wrench, part)
-    if frame == "desired":  # R_d' v
-        vectors = np.einsum("nji,nj->ni", desired_rotations(recording, wrench.t), vectors)
-    return wrench.t, vectors
+    values: Array = getattr(wrench, part)
+    if frame == "base":
+        return wrench.t, values
+    R_d = desired_rotations(recording, wrench.t)
+    return compared(wrench.t, np.einsum("nji,nj->ni", R_d, values))  # R_d' v
 
 
 @reduced("force", "N", "contact force", "peak", "least", "final", vectors=True)
@@ -90,8 +92,8 @@ def lengths(of: Callable[[Recording], Samples]) -> Callable[[Recording], Samples
     """Return what gives the lengths of vectors over time."""
 
     def found(recording: Recording) -> Samples:
-        t, vectors = of(recording)
-        return t, along(vectors, ())
+        t, values = of(recording)
+        return t, along(values, ())
 
     return found
 
@@ -110,29 +112,10 @@ MOMENT = Quantity(
     "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, lengths(_MU)
 )
 
-VECTORS = (
-    Quantity(
-        "f",
-        "Contact force, base axes",
-        "f [N]",
-        f"Force: {_WRENCH}.",
-        "N",
-        1e-6,
-        _F,
-        components=XYZ,
-        group=GROUP,
-    ),
-    Quantity(
-        "mu",
-        "Contact moment, base axes",
-        "mu [Nm]",
-        f"Moment: {_WRENCH}.",
-        "Nm",
-        1e-6,
-        _MU,
-        components=XYZ,
-        group=GROUP,
-    ),
+VECTORS = vectors(
+    GROUP,
+    ("f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _F),
+    ("mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _MU),
 )
 
 PLACES = {2: FORCE, 3: MOMENT, 20: VECTORS}

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from eulerparams_control.analysis.quantities.base import metric, quotient
-from eulerparams_control.analysis.quantity import Quantity
+from eulerparams_control.analysis.quantity import Quantity, vectors
 from eulerparams_control.analysis.real_time import NODES, Unanswered, is_in_real_time, real_time
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.rotations import Array
@@ -139,29 +139,13 @@ PERCENTILES = tuple(
     for percent in (50, 99)
 )
 
-VECTORS = (
-    Quantity(
-        "memory",
-        "Memory of the nodes",
-        "resident memory [MiB]",
-        "What each process has mapped and touched, its own and shared.",
-        "MiB",
-        1e-3,
-        _memory,
-        components=NODES,
-        group=_GROUP,
-    ),
-    Quantity(
-        "processor",
-        "Processor of the nodes",
-        "of one core [%]",
-        "What each process takes of the time of one core.",
-        "%",
-        1e-3,
-        _processor,
-        components=NODES,
-        group=_GROUP,
-    ),
-)
+VECTORS = vectors(
+    _GROUP,
+    ("memory", "Memory of the nodes", "resident memory [MiB]",
+     "What each process has mapped and touched, its own and shared.", "MiB", 1e-3, _memory),
+    ("processor", "Processor of the nodes", "of one core [%]",
+     "What each process takes of the time of one core.", "%", 1e-3, _processor),
+    components=NODES,
+)  # fmt: skip
 
 PLACES = {15: ROUND_TRIP, 16: PERCENTILES, 25: VECTORS}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eulerparams_control.analysis.quantity import XYZ, Quantity
+from eulerparams_control.analysis.quantity import XYZ, Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
@@ -10,13 +10,14 @@ from eulerparams_control.laws.rotations import Array
 _NOTHING = np.zeros(0), np.zeros((0, 3))
 _ERRORS = "Orientation error in every representation"
 _TIP = "Pose of the tip"
+_ANGLES = "alpha", "beta", "gamma"
 
 
 def _error(kind: type[OrientationRepresentation]) -> Quantity:
     """Return the orientation error in a representation."""
     unit = "deg" if kind.unit == "rad" else kind.unit
     of_angles = "angles" in kind.name
-    components = ("alpha", "beta", "gamma") if of_angles else XYZ
+    components = _ANGLES if of_angles else XYZ
     terms = "angles of the sequence that was set" if of_angles else "base frame"
 
     def of(recording: Recording) -> tuple[Array, Array]:
@@ -57,41 +58,19 @@ def _p_d(recording: Recording) -> tuple[Array, Array]:
 ERRORS = tuple(map(_error, OrientationRepresentation.registry.values()))
 """One for each representation that is registered."""
 
-TIP = (
-    Quantity(
-        "p_d",
-        "Desired position",
-        "p_d [m]",
-        "Origin of the desired frame in the base frame.",
-        "m",
-        1e-9,
-        _p_d,
-        components=XYZ,
-        group=_TIP,
-    ),
-    Quantity(
-        "p_e",
-        "Position of the tip",
-        "p_e [m]",
-        "Origin of the tip in the base frame, of the commanded motion if there is one.",
-        "m",
-        1e-9,
-        _p_e,
-        components=XYZ,
-        group=_TIP,
-    ),
-    Quantity(
-        "phi_e",
-        "Euler angles of the tip",
-        "phi_e [deg]",
-        "Euler angles of the tip in the sequence that was set: they jump at its poles, not the "
-        "tip.",
-        "deg",
-        1e-6,
-        _phi_e,
-        components=("alpha", "beta", "gamma"),
-        group=_TIP,
-    ),
-)
+TIP = vectors(
+    _TIP,
+    ("p_d", "Desired position", "p_d [m]",
+     "Origin of the desired frame in the base frame.", "m", 1e-9, _p_d),
+    ("p_e", "Position of the tip", "p_e [m]",
+     "Origin of the tip in the base frame, of the commanded motion if there is one.",
+     "m", 1e-9, _p_e),
+) + vectors(
+    _TIP,
+    ("phi_e", "Euler angles of the tip", "phi_e [deg]",
+     "Euler angles of the tip in the sequence that was set: they jump at its poles, not the tip.",
+     "deg", 1e-6, _phi_e),
+    components=_ANGLES,
+)  # fmt: skip
 
 PLACES = {22: ERRORS, 24: TIP}

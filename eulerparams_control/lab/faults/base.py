@@ -211,6 +211,12 @@ class MessageFault(Fault):
 
     probability: float = setting("of a message to be hit", low=0.0, high=1.0, default=1.0)
 
+    def __init_subclass__(cls) -> None:
+        """Register a kind, which has a ``change`` or a ``stage`` of its own."""
+        if cls.name and cls.change is MessageFault.change and cls.stage is Stage:
+            raise TypeError(f"{cls.__name__} changes no message: it needs a change or a stage")
+        super().__init_subclass__()
+
     def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
         """Return what comes out for a message that is hit, if it remembers nothing."""
         raise NotImplementedError

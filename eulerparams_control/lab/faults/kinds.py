@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.faults.base import (
     FROM_ROBOT,
     ROBOT,
@@ -230,12 +231,10 @@ class Freeze(MessageFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stuck(MessageFault):
+class Stuck(Freeze):
     """The first message repeats, with its stamp."""
 
     name: ClassVar[str] = "stuck"
-    shakes: ClassVar[bool] = True
-    stage: ClassVar[type[Stage]] = _Hold
     stamps_go_on: ClassVar[bool] = False
 
 
@@ -360,7 +359,7 @@ class Kill(Fault):
     @classmethod
     def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
         """See Fault."""
-        return cls(node=draw.any_of((draw.controller,)), at=at, restart_after=duration)
+        return cls(node=draw.controller, at=at, restart_after=duration)
 
 
 def random_faults(seed: int, controller: str, duration: float) -> tuple[Fault, ...]:
@@ -373,7 +372,12 @@ def random_faults(seed: int, controller: str, duration: float) -> tuple[Fault, .
         seed: the same gives the same.
         controller: name of its scheme, which may be killed and is started again.
         duration: of the run [s].
+
+    Raises:
+        UnknownNameError: if there is no such scheme.
     """
+    if controller not in schemes():
+        raise UnknownNameError("controller", controller, schemes())
     random = np.random.default_rng([seed, *controller.encode()])
     draw = Draw(random, schemes()[controller].topics, controller)
     kinds = tuple(Fault.registry)

@@ -35,7 +35,10 @@ class MapDefinition:
 
     @property
     def fingerprint(self) -> str:
-        """A name of the numbers that it leads to: other options or code, another name."""
+        """A name of the numbers that it leads to: other options or code, another name.
+
+        The captions are code of the kind, so another caption is another name, too.
+        """
         options = {"kind": self.kind.kind, **asdict(self.kind)}
         return digest([options, self.kind.besides(), _code(type(self.kind).__module__)])
 
