@@ -1,6 +1,6 @@
 """A robot, simulated or real, its controller, a watchdog for efforts, a recorder, the page."""
 
-from collections.abc import Container
+from collections.abc import Container, Iterator
 from typing import Any
 
 import yaml
@@ -16,6 +16,7 @@ from eulerparams_control.robot.catalogue import load_robot
 
 RSP = "robot_state_publisher"
 VIEWS = config_folder() / "views"
+FRAMES = "base_frame", "tip_frame"
 BRIDGE, WATCHDOG, RECORDER = OTHERS = "pybullet_bridge", "watchdog", "bag_recorder"
 
 # The nodes of a controller, each with its file of config.
@@ -28,9 +29,14 @@ CONTROLLERS = {
 }
 EFFORTS = "dynamic_control", "impedance_control"
 
-# In an admittance the motion is sent to impedance_control, and clik follows the compliant frame.
-FOLLOWS = {name: f"~/{name}" for name in ("target_pose", "target_twist")}
-FOLLOWS["reference"] = "compliant_frame"
+# In an admittance the motion is sent to impedance_control, and clik follows the compliant frame
+# alone: its other inputs get topics on which nobody sends.
+FOLLOWS = {
+    "reference": "compliant_frame",
+    "target_pose": "~/target_pose",
+    "target_twist": "~/target_twist",
+    "~/target/feedback": "~/unused_feedback",
+}
 
 BOOLEAN = "true", "false"
 ARGUMENTS: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
@@ -71,87 +77,136 @@ def shown(package: str, installed: Container[str], **given: Any) -> Action:
     return LogInfo(msg=f"{package} is not installed: apt install ros-jazzy-{name}")
 
 
-def bringup(context: LaunchContext) -> list[Action]:
-    """Return what is to be started for the arguments that are given."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    is_sim, controllers = given["sim"] == "true", CONTROLLERS[given["controller"]]
-    parameters: dict[str, dict[str, Any]] = yaml.safe_load(given["parameters"])
-    known = {*OTHERS, "clik", *EFFORTS}
-    for name in parameters.keys() - known:
-        raise UnknownNameError("node", name, known)
-    if is_sim:  # it takes JointState, and is no controller of ros2_control
-        given["position_controller"] = given["effort_controller"] = ""
-    takes_efforts = given["controller"] in EFFORTS
-    is_guarded = takes_efforts and bool(given["effort_controller"] or given["watchdog"] == "true")
-    position_type, joint_reference = taken(given["position_controller"], "joint_reference")
-    effort_type, driver_effort = taken(given["effort_controller"], "driver_effort")
-    topics = {"joint_reference": joint_reference, "driver_effort": driver_effort}
-    topics |= yaml.safe_load(given["topics"])
+class Request:
+    """What the arguments ask for.
 
-    frames = {name: given[name] for name in ("base_frame", "tip_frame") if given[name]}
-    if is_sim:
-        robot = load_robot(given["robot"])
-        frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame, **frames}
+    Attributes:
+        given: the arguments, by name.
+        controllers: nodes of the controller, each with its file of config.
+        parameters: of nodes, by name.
+        robot: the simulated one; None for a real one.
+        frames: those of base_frame and tip_frame that are known.
+        takes_efforts: whether the arm takes efforts.
+        is_guarded: whether they go through the watchdog.
+        position_type, effort_type: the message types that the robot takes.
+        topics: other names of topics, for all nodes.
+    """
 
-    def node(name: str, file: str, own: dict[str, Any], renamed: dict[str, str]) -> Node:
-        values = {**own, **parameters.get(name, {})}
-        files = [str(config_folder() / f"{file}.yaml"), given["params_file"]]
-        last = files[1:] if name in controllers and given["params_file"] else []
+    def __init__(self, given: dict[str, str]) -> None:
+        self.given, self.controllers = given, CONTROLLERS[given["controller"]]
+        self.parameters: dict[str, dict[str, Any]] = yaml.safe_load(given["parameters"])
+        known = {*OTHERS, "clik", *EFFORTS}
+        for name in self.parameters.keys() - known:
+            raise UnknownNameError("node", name, known)
+        self.robot, own = None, {}
+        if self.asks("sim"):
+            self.robot = load_robot(given["robot"])
+            own = {"base_frame": self.robot.base_frame, "tip_frame": self.robot.tip_frame}
+            # it takes JointState, and is no controller of ros2_control
+            given["position_controller"] = given["effort_controller"] = ""
+        self.frames = own | {name: given[name] for name in FRAMES if given[name]}
+        self.takes_efforts = given["controller"] in EFFORTS
+        is_behind = bool(given["effort_controller"]) or self.asks("watchdog")
+        self.is_guarded = self.takes_efforts and is_behind
+        self.position_type, reference = taken(given["position_controller"], "joint_reference")
+        self.effort_type, effort = taken(given["effort_controller"], "driver_effort")
+        self.topics = {"joint_reference": reference, "driver_effort": effort}
+        self.topics |= yaml.safe_load(given["topics"])
+
+    def asks(self, name: str) -> bool:
+        """Whether an argument is "true"."""
+        return self.given[name] == "true"
+
+    def node(
+        self,
+        name: str,
+        own: dict[str, Any] | None = None,
+        renamed: dict[str, str] | None = None,
+    ) -> Node:
+        """Return a node of this package with parameters and topics of its own."""
+        values = {**(own or {}), **self.parameters.get(name, {})}
+        file = config_folder() / f"{self.controllers.get(name, name)}.yaml"
+        last = self.given["params_file"] if name in self.controllers else ""
         return Node(
             package=PACKAGE,
             executable=name,
-            namespace=given["namespace"],
-            parameters=[files[0], *filter(None, [values]), *last],
-            remappings=(topics | renamed).items(),
+            namespace=self.given["namespace"],
+            parameters=[*filter(None, [str(file), values, last])],
+            remappings=(self.topics | (renamed or {})).items(),
             output="screen",
         )
 
-    installed, nodes = get_packages_with_prefixes(), []
-    if is_sim:
-        own = {"robot": given["robot"], "control": "torque" if takes_efforts else "position"}
-        if given["live"] == "true":
-            own["external_wrench_timeout"] = 0.5  # a push ends when its page has gone
-        guarded = {"joint_effort": topics["driver_effort"]} if is_guarded else {}
-        nodes.append(node(BRIDGE, BRIDGE, own, guarded))
-        if RSP in installed:
-            own = {"robot_description": robot.urdf}
-            hidden = {"robot_description": "~/robot_description"}  # the bridge publishes it
-            nodes.append(Node(package=RSP, executable=RSP, namespace=given["namespace"],
-                              parameters=[own], remappings=hidden.items()))  # fmt: skip
-    if is_guarded:
-        nodes.append(node(WATCHDOG, WATCHDOG, {**frames, "command_type": effort_type}, {}))
-    types = {"clik": position_type, "impedance_control": "joint_state" if takes_efforts else "none"}
-    for name, file in controllers.items():
-        own = {**frames, "command_type": types.get(name, "joint_state")}
-        nodes.append(node(name, file, own, FOLLOWS if file == "clik_admittance" else {}))
-    if given["live"] == "true":
-        leading = next(iter(controllers))
-        nodes.append(
-            Node(
-                package=PACKAGE,
-                executable="live",
-                namespace=given["namespace"],
-                arguments=["--attach", "--controller", leading],
-                remappings=topics.items(),
-                output="screen",
-            )
+
+def robot(request: Request) -> Iterator[Action]:
+    """Yield the simulated robot, and what publishes the frames of its links."""
+    if request.robot is None:
+        return
+    own: dict[str, Any] = {
+        "robot": request.given["robot"],
+        "control": "torque" if request.takes_efforts else "position",
+    }
+    if request.asks("live"):
+        own["external_wrench_timeout"] = 0.5  # [s] a push ends when its page has gone
+    guarded = {"joint_effort": request.topics["driver_effort"]} if request.is_guarded else {}
+    yield request.node(BRIDGE, own, guarded)
+    if RSP in get_packages_with_prefixes():
+        hidden = {"robot_description": "~/robot_description"}  # the bridge publishes it
+        yield Node(
+            package=RSP,
+            executable=RSP,
+            namespace=request.given["namespace"],
+            parameters=[{"robot_description": request.robot.urdf}],
+            remappings=hidden.items(),
         )
-    if given["record"] == "true":
-        nodes.append(node(RECORDER, RECORDER, {}, {}))
-    arguments = ["-d", str(VIEWS / "arm.rviz")]
-    if "base_frame" in frames:
-        arguments += ["-f", frames["base_frame"]]
-    if given["rviz"] == "true":
-        nodes.append(shown("rviz2", installed, arguments=arguments, namespace=given["namespace"],
-                           remappings=topics.items()))  # fmt: skip
-    if given["foxglove"] == "true":
-        address = given["foxglove_address"]
-        nodes.append(shown("foxglove_bridge", installed, parameters=[{"address": address}]))
+
+
+def law(request: Request) -> Iterator[Action]:
+    """Yield the nodes of the controller, behind the watchdog if they need one."""
+    if request.is_guarded:
+        yield request.node(WATCHDOG, {**request.frames, "command_type": request.effort_type})
+    admits = "joint_state" if request.takes_efforts else "none"
+    types = {"clik": request.position_type, "impedance_control": admits}
+    for name, file in request.controllers.items():
+        own = {**request.frames, "command_type": types.get(name, "joint_state")}
+        yield request.node(name, own, FOLLOWS if file == "clik_admittance" else {})
+
+
+def views(request: Request) -> Iterator[Action]:
+    """Yield what shows the arm, and what records it."""
+    namespace, topics = request.given["namespace"], request.topics.items()
+    if request.asks("live"):
+        leading = next(iter(request.controllers))
+        yield Node(
+            package=PACKAGE,
+            executable="live",
+            namespace=namespace,
+            arguments=["--attach", "--controller", leading],
+            remappings=topics,
+            output="screen",
+        )
+    if request.asks("record"):
+        yield request.node(RECORDER)
+    installed = get_packages_with_prefixes()
+    if request.asks("rviz"):
+        base = request.frames.get("base_frame")
+        fixed = ["-f", base] if base else []
+        arguments = ["-d", str(VIEWS / "arm.rviz"), *fixed]
+        given = {"namespace": namespace, "remappings": topics}
+        yield shown("rviz2", installed, arguments=arguments, **given)
+    if request.asks("foxglove"):
+        address = request.given["foxglove_address"]
+        yield shown("foxglove_bridge", installed, parameters=[{"address": address}])
         if "foxglove_bridge" in installed:
             layout = VIEWS / "foxglove.json"
             text = f"Foxglove: open ws://{address}:8765 and import the layout {layout}"
-            nodes.append(LogInfo(msg=text))
-    return nodes
+            yield LogInfo(msg=text)
+
+
+def bringup(context: LaunchContext) -> list[Action]:
+    """Return what is to be started for the arguments that are given."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    request = Request(given)
+    return [*robot(request), *law(request), *views(request)]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
-from ros_processes import HOME, Process, environment
+from in_process import World
+from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
@@ -20,6 +21,7 @@ from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.ros.interactive_target import FEEDBACK
 from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,6 +99,18 @@ def sources() -> str:
     return "".join(path.read_text() for folder in folders for path in folder.glob("*.py"))
 
 
+def leading(folder: Path, rules: Sequence[str] = ()) -> set[str]:
+    """Return the topics that lead the arm of ``clik``: it listens to them while it is active."""
+    folder.mkdir()
+    with World(folder) as world:
+        node = world.start("clik", FRAMES, remap=rules).node
+        before = {each.topic_name for each in node.subscriptions}
+        arm = Arm(world, UR5)
+        arm.connect()
+        arm.tick()
+        return {each.topic_name for each in node.subscriptions} - before
+
+
 @pytest.mark.parametrize(("file", "controller"), CASES)
 def test_a_launch_file_names_what_is_there(launched, file, controller):
     nodes = launched(file, controller=controller, record="true")
@@ -105,7 +119,7 @@ def test_a_launch_file_names_what_is_there(launched, file, controller):
         assert node.executable in executables()
         assert values(node)
         for topic, _ in node.remappings:
-            assert f'"{topic}"' in sources(), topic
+            assert topic == FEEDBACK or f'"{topic}"' in sources(), topic
 
 
 @pytest.mark.parametrize("file", TAKES)
@@ -151,14 +165,16 @@ def test_the_push_test_commands_nothing(launched, file):
     assert sensor["wrench_sign"] == (-1 if file == "franka" else 1)
 
 
-def test_in_an_admittance_clik_follows_the_compliant_frame_and_nothing_else(launched):
+def test_in_an_admittance_clik_follows_the_compliant_frame_and_nothing_else(launched, tmp_path):
     nodes = by_name(launched("bringup", controller="admittance"))
     assert nodes.keys() == {"pybullet_bridge", "impedance_control", "clik"}
     assert values(nodes["pybullet_bridge"])["control"] == "position"
     assert values(nodes["impedance_control"])["command_type"] == "none"
-    renamed = {name: f"~/{name}" for name in ("target_pose", "target_twist")}
-    renamed["reference"] = "compliant_frame"
-    assert dict(nodes["clik"].remappings).items() >= renamed.items()
+    rules = [f"{topic}:={other}" for topic, other in nodes["clik"].remappings]
+    alone, following = leading(tmp_path / "alone"), leading(tmp_path / "following", rules)
+    assert {"/reference", "/target_pose", "/target_twist"} < alone
+    assert {topic for topic in following if not topic.startswith("/clik/")} == {"/compliant_frame"}
+    assert not alone & following
 
 
 def test_the_page_is_attached_to_the_controller_that_takes_the_targets(launched):
