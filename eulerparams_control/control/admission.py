@@ -24,9 +24,10 @@ _CONFLICTS, _CONTEST = 3, 1.0
 # Number of stamps in a row that are behind, but rise: those of a clock that was set back.
 _SET_BACK = 3
 
-# The loop of a gain may turn by so much within a period: beyond the first it is not stable, but
-# for what the measurement of the period is worth; beyond the second it is another loop.  A period
-# may be this part of the timeout of silence.  A verdict is left at this part of its bound.
+# Largest angles [rad] by which the loop of a gain may turn within a period: beyond the first it is
+# not stable, with some room for the error of the measured period; beyond the second it is another
+# loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
+# at which a verdict ends.
 _MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 
 # The longest step that a law integrates over [usual periods].
@@ -117,7 +118,7 @@ class RateCheck:
     def judge(self, scheme: Scheme) -> None:
         """Judge the rate for the fastest gain of a law, and for that of what holds the arm.
 
-        What does not even bear the latter is told before the period is known.
+        A rate that is too low even for the latter is reported before the period is known.
         """
         period, gain = self._period.seconds, scheme.fastest_gain
         turn = 0.0 if gain is None else gain.rate * period

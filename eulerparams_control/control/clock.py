@@ -11,8 +11,8 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
-# A period is known after so many steps, a bound of it after so few, by this factor of jitter; it
-# follows further steps by this part of the difference.
+# Number of steps after which a period is known, and after which its lower bound is; the factor of
+# jitter of that bound; and the part of the difference by which a period follows further steps.
 _FIRST, _FEW, _JITTER, _SMOOTHING = 9, 3, 1.5, 0.02
 
 # A step of the stamps [s] that is longer is a jump of the clock, not a loss of messages; one that

@@ -21,7 +21,7 @@ FASTEST, ENDLESS, TURNING = range(3)
 SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(9))
 """Codes: the state is the last one, or has its stamp; a joint, whose number is above all codes, is
 too fast, or too far from the last state; the arm is another one; positions stay although it moves;
-it runs away, or would if it were to be at rest; positions are turns from what came."""
+it runs away, or would while it is held; positions are turns from what came."""
 JOINT = 9
 
 AT_REST = 0.01
@@ -39,9 +39,9 @@ _FROZEN = 0.01
 # simulation that was started again: no command acts on it yet.
 _SAME_ARM = 0.03
 
-# An arm that is so many times as fast as its limits under efforts runs away: what is measured is
-# late, or the model is wrong, and only the brakes of the robot can stop it.  So does one that is
-# still so fast when it was to stop, but what is slower than this [rad/s or m/s] does not.
+# Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
+# and one that was to stop.  What is measured is late, or the model is wrong, and only the brakes of
+# the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not run away.
 RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
 
 

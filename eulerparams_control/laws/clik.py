@@ -251,8 +251,8 @@ class ClikLaw:
         return self.orientation.lyapunov_1(x_de, self.k_Po)
 
 
-# What a tick finds: a limit changed the command; or FAR, TURNED, or one of these, for which there
-# are words of their own but where the representation is singular.
+# What a tick finds: a limit changed the command; or FAR, TURNED, or one of these.  _WORDS has the
+# text of each code; _SINGULAR uses the text of the representation.
 _SATURATED = 1
 _SINGULAR, _LOST, _AWAY, _INFINITE = -3, -4, -5, -6
 

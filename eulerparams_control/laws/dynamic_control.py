@@ -155,8 +155,8 @@ def _acceleration(
     return is_found
 
 
-# What a tick finds beside what changed an effort: FAR, TURNED, or one of these, for which there are
-# words of their own but where the representation is singular.
+# What a tick finds beside what changed an effort: FAR, TURNED, or one of these.  _WORDS has the
+# text of each code; _SINGULAR uses the text of the representation.
 _SINGULAR, _STEEP, _STEEP_JOINT, _INFINITE = -3, -4, -5, -6
 _WORDS = {
     _STEEP: "the law asks for an infinite acceleration of the tip",

@@ -21,8 +21,8 @@ from eulerparams_control.motion.trajectories import (
     sampled,
 )
 
-# A trajectory is looked at at its points, between them, and in so many places a second, so many at
-# least and at most.
+# A trajectory is checked at its points, between them, and at a number of places a second; the
+# smallest and the largest number of places.
 _RATE, _FEWEST, _MOST = 200.0, 60, 4000
 
 # Where a segment is looked at: its jerk is largest at its ends, its acceleration near the second

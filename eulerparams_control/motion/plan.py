@@ -29,7 +29,8 @@ _STRAIGHT = 1e-3
 # What the axes across the way get of the limits: of a straight way, and else of what is left.
 _LEAST, _ACROSS = 0.01, 0.15
 
-# A plan is looked at in so many places; beyond its limits by this part it takes longer.
+# Number of places at which a plan is checked, and the part by which it may exceed its limits; else
+# it takes longer, by this factor at least, within this number of trials.
 _PLACES, _TOLERANCE, _LONGER, _TRIALS = 24, 0.01, 1.1, 8
 
 # Of the acceleration a plan takes this part: a law of finite rate adds to it where it changes.
@@ -38,7 +39,7 @@ _OF_ACCELERATION = 0.97
 # A limit that is infinite, for a library that wants numbers.
 _MOST = 1e6
 
-# A motion is joined after times that grow by this factor, at most so often.
+# Least factor between the times after which a motion is joined, and the largest number of trials.
 _LATER, _JOINS = 1.25, 30
 
 # A way [m, rad] that is shorter, or a speed that is less [m/s, rad/s], has no direction.

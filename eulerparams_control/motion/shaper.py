@@ -28,12 +28,12 @@ from eulerparams_control.motion.trajectories import Trajectory
 
 Reference = Trajectory | SetPoint | Jog
 
-# How many references may wait for their time, and the time [ns] without a reference that begins,
-# after which a stream stalls.
+# Largest number of references that wait for their time, and the time [ns] without a reference that
+# begins, after which a stream stalls.
 _WAITING, _STALLED = 1000, 1_000_000_000
 
-# A set-point with a twist goes on for so many intervals of its stream, but no longer [s], if that
-# is more than it was to last.
+# Number of intervals of its stream for which a set-point with a twist goes on, if that is more than
+# it was to last, and the longest such time [s].
 _GOES_ON, _LONGEST = 1.5, 0.4
 
 # Longest wait [s] for a pose of a stream after it was to come.
@@ -67,7 +67,7 @@ class Shaper:
         last: the frame sampled last.
         began: time [ns] at which the trajectory that is followed began; None if there is none.
         is_holding: whether no reference was given since it began to hold.
-        bearable: rate of time that the limits bear, which were lowered since the motion began.
+        bearable: rate of time that fits the limits, which were lowered since the motion began.
         slowed: rate of time of the trajectory that is followed, where it is slowest; else 1.
         leap: how far away [m, rad] a reference began that was refused for it; None if none was.
         waiting: references whose time has not come.

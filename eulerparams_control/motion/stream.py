@@ -21,7 +21,7 @@ _POSES, _TWISTS = 0.05, 0.1
 # Pause [s] after which a set-point begins a stream, or is a goal.
 PAUSE = 0.6
 
-# The interval follows the intervals by this part; jitter counts so many times.
+# Part of the difference by which the interval follows further ones, and the factor of its jitter.
 _SMOOTHING, _JITTER = 0.2, 2.0
 
 

@@ -23,7 +23,7 @@ _REMEMBERED = 2000
 MOVES = 0.05
 """A joint that is faster [rad/s or m/s] moves."""
 
-# So long [s] after an arm moved its efforts are those that brake it, not those that bear it.
+# Time [s] after an arm moved in which its efforts may brake it: they are no gravity compensation.
 _CALM = 0.1
 
 # Speeds that are not measured are differences of positions over the first time [s] at least, and
@@ -71,7 +71,7 @@ class StateInput:
 
     @property
     def efforts(self) -> Array | None:
-        """Efforts (n,) [Nm] of the last valid joint_states; None if they do not bear the arm."""
+        """Efforts (n,) [Nm] of the last valid joint_states; None if they may brake the arm."""
         if self._last is None or self._reader is None or self.measured is None:
             return None
         if self._moved is not None and 0 <= self.measured[0] - self._moved < _CALM * 1e9:
