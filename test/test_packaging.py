@@ -187,6 +187,7 @@ BY_CONDA = {"matplotlib-base": "matplotlib", "pinocchio": "pin"}
 WITH_MCAP = {"mcap", "lz4", "zstandard"}  # which mcap-ros2-support brings
 BY_ROS = {"ros-jazzy-rclpy", "ros-jazzy-common-interfaces"}
 FOR_ROS = {"ros2launch", "launch", "launch_ros", "ament_index_python"}
+VERBS = {"launch", "lifecycle", "node", "param", "run", "service", "topic"}
 TO_BUILD = {"python", "colcon-common-extensions", "pip", "setuptools", "ros-jazzy-rmw-fastrtps-cpp"}
 
 
@@ -211,7 +212,12 @@ def test_the_image_and_the_pixi_workspace_install_what_the_package_needs():
     pixi = tomllib.loads((ROOT / "pixi.toml").read_text(encoding="utf-8"))
     ros = {f"ros-jazzy-{each.replace('_', '-')}" for each in messages | FOR_ROS | {"rclpy"}}
     assert ros < pixi["dependencies"].keys()
-    by_conda = pixi["dependencies"].keys() - ros - TO_BUILD
+    shown = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    verbs = {*re.findall(r"ros2 ([a-z]+) ", shown)} & VERBS
+    assert verbs > {"launch", "param", "run", "service", "topic"}
+    cli = {f"ros-jazzy-ros2{verb}" for verb in verbs}
+    assert cli < pixi["dependencies"].keys()
+    by_conda = pixi["dependencies"].keys() - ros - cli - TO_BUILD
     assert {BY_CONDA.get(each, each) for each in by_conda} | pixi[
         "pypi-dependencies"
     ].keys() == needs
