@@ -55,7 +55,7 @@ PARAMETERS |= {
 }
 
 
-TOOLS = "analyze", "experiment", "failure_map", "fault_campaign"
+TOOLS = "analyze", "experiment", "failure_map", "fault_campaign", "live"
 
 
 def table(head: str, rows: Iterator[tuple[str, ...]]) -> str:
