@@ -60,9 +60,8 @@ _PLOTS = (
 """Title, lines with their colours, and the least that the highest value on the axis may be."""
 
 _PASS = """**Pass the pole of the Euler angles.** Where the purple needle meets a red pole, the law
-of `euler_angles` (tab Law) is singular: the nearer the tool comes, the more its speeds and its
-error grow, until a limit holds them or the arm stops. `euler_parameters` have no such place. Go
-next to the pole, then through it, with each."""
+of `euler_angles` (tab Law) is singular: there the tool is lost, or the arm stops.
+`euler_parameters` have no such place. Go next to the pole, then through it, with each."""
 
 _FAR = (
     ("Go next to the pole", Deed.APPROACH, "Turns the tool to 20 deg before a pole."),

@@ -24,6 +24,7 @@ FIELD_OF_VIEW = math.radians(50)
 GIZMO = 0.22
 """[m] length of the arrows of the target."""
 
+_NARROW = 0.75  # width by height of a window
 _GREY = (150, 155, 162)
 _GIVES, _WRENCH, _TOOL = (0, 120, 200), (230, 120, 0), (120, 60, 180)
 _POLE, _IDLE = (214, 39, 40), (150, 150, 150)
@@ -61,10 +62,9 @@ class Scene:
         self._draw_arm(tree, robot, urdf, root)
         floor = (0.0, 0.0, float(root.p[2]) - 0.002)
         scene.add_grid("/floor", 3.0, 3.0, cell_size=0.25, section_size=1.0, position=floor)
-        reach = robot.length
+        self._reach, self._floor = robot.length, floor[2]
         camera = server.initial_camera
-        camera.position = (1.3 * reach, -1.3 * reach, 1.0 * reach + floor[2])
-        camera.look_at = (0.25 * reach, 0.0, 0.35 * reach + floor[2])
+        camera.position, camera.look_at = self._seen_from((1.3, -1.3, 1.0), (0.25, 0.0, 0.35))
         camera.fov = FIELD_OF_VIEW
         self._tip = scene.add_frame("/tip", axes_length=0.1, axes_radius=0.004)
         self._compliant = scene.add_frame(
@@ -89,6 +89,15 @@ class Scene:
             at = Placement(R, np.array(event.target.position))
             if event.client_id is not None:
                 on_drag(event.client_id + 1, event.phase, at)
+
+    def _seen_from(self, *points: tuple[float, float, float]) -> Array:
+        """Return points (N, 3) [m] given in reaches of the arm above the floor."""
+        return self._reach * np.array(points) + [0.0, 0.0, self._floor]
+
+    def show_to(self, camera: viser.CameraHandle) -> None:
+        """Show the arm above the controls where these take the lower part of a narrow window."""
+        if camera.aspect < _NARROW:
+            camera.position, camera.look_at = self._seen_from((1.9, -2.1, 0.7), (0.3, 0.0, -0.3))
 
     def _draw_arm(self, tree: UrdfTree, robot: Robot, urdf: str, root: Placement) -> None:
         """Draw each link below the joints that carry it, so that a joint moves all it carries."""
@@ -149,8 +158,8 @@ class Scene:
             head_length=0.02,
         )  # fmt: skip
         scene.add_icosphere(
-            "/globe/ball", _GLOBE, color=_TOOL, opacity=0.08, cast_shadow=False
-        )  # lines would take a second to draw without a GPU
+            "/globe/ball", _GLOBE, color=_TOOL, opacity=0.08, side="back", cast_shadow=False
+        )  # its front would hide the ellipsoid; lines would take a second to draw without a GPU
         self._drawn_poles: tuple[str, bool] = "", False
 
     def update(self, view: View) -> None:

@@ -109,6 +109,7 @@ class LiveNode(Node):
             self._urdf = robot.urdf
             self._build(robot.base_frame, robot.tip_frame)
         self._ended = start(self)
+        self._server.on_client_connect(self._on_page)
         self._server.on_client_disconnect(
             lambda client: self._desk.put(Order(client.client_id + 1, Deed.LEFT))
         )
@@ -191,6 +192,10 @@ class LiveNode(Node):
             self._robot, self._reader = robot, JointStateReader(robot.joints)
 
     # --- orders --------------------------------------------------------------------------
+
+    def _on_page(self, client: Any) -> None:
+        if self._robot is not None:
+            self._scene.show_to(client.camera)
 
     def _on_drag(self, page: int, phase: str, at: Placement) -> None:
         self._desk.put(Order(page, Deed.DRAG, (phase, at)))
