@@ -9,6 +9,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted(
     path for name in ("eulerparams_control", "sim_bridge", "tools", "benchmarks")
@@ -135,3 +137,27 @@ def test_no_product_file_decides_by_words():
     }
     assert {text: path for text, path in caught.items() if text not in JUSTIFIED} == {}
     assert caught.keys() >= JUSTIFIED.keys()  # it sees what looks like words
+
+
+@pytest.mark.parametrize(
+    ("source", "decides"),
+    [
+        ('A, B = "following a reference", "slow"\nA in self.message and B in self.message', True),
+        ('restarted = controller.resets and "after a" in doing', True),
+        ('NOTHING, ACTIVE = "no commands until", "active with"\nif NOTHING in message: pass', True),
+        ("while self.log(executable).count(words) < times: pass", True),
+        ("if BEYOND.search(said): pass", True),
+        ('BEYOND = re.compile(r"not finite|must be \\d+ finite numbers")', True),
+        ('errors = [line for line in self.log(name).splitlines() if "[ERROR]" in line]', True),
+        ('return lambda line: line["who"] == who and words in line["says"]', True),
+        ('if status.message == "no valid joint_states": pass', True),
+        ('if "timed out" in str(error): pass', True),
+        ('BEGAN = "reference began at [ns]"\nvalue.key == BEGAN', False),
+        ('line.startswith("{")', False),
+        ("name in topics and status.mode == Mode.STOPPED", False),
+        ('say(console, f"warning: {digest.warning}")', False),
+        ("self._said.get(node) != report", False),
+    ],
+)
+def test_what_decides_by_words_is_caught_and_what_reads_keys_is_not(source, decides):
+    assert bool(found(source, {})) == decides

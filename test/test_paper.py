@@ -17,7 +17,13 @@ from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.equations import equation
 from eulerparams_control.lab.experiments.evaluate import chart_svg, look
-from eulerparams_control.lab.experiments.library import Result, library_names, run_library
+from eulerparams_control.lab.experiments.library import (
+    Result,
+    _errata,
+    library_names,
+    run_library,
+)
+from eulerparams_control.lab.experiments.library.e1 import residuals
 from eulerparams_control.lab.experiments.model import Criterion, Experiment
 from eulerparams_control.lab.experiments.paper import (
     headline,
@@ -30,6 +36,8 @@ from eulerparams_control.lab.experiments.paper import (
 from eulerparams_control.lab.experiments.predictions import FORMS, Predicted
 from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, judge, write_summary
 from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.laws.linear import Mat
+from eulerparams_control.laws.orientation import euler_angles, sequences
 from eulerparams_control.resources import config_names
 
 EVIL = "<script>alert('x')</script> & \"more\""
@@ -301,6 +309,30 @@ def test_every_criterion_on_the_library_is_met(found):
     assert len(verdicts) == sum(bool(criterion.number) for criterion in experiment.criteria) >= 2
     assert [verdict for verdict in verdicts if not verdict.met] == []
     assert {verdict.variant for verdict in verdicts} == {"library"}
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "left"),
+    [
+        ("dT_of", lambda dT: 3 * dT, {"(38)", "(50)"}),
+        ("T_of", lambda T: T * [1, 1, 2], {"(24)", "(38)", "(50)"}),
+    ],
+)
+def test_a_wrong_T_or_its_derivative_is_found(monkeypatch, name, wrong, left):
+    right = getattr(sequences, name)
+
+    def wrongly(*given):
+        found = right(*given)
+        if isinstance(found, np.ndarray):
+            return wrong(found)
+        rows = np.reshape([getattr(found, part) for part in Mat.__slots__], (3, 3))
+        return Mat(*np.ravel(wrong(rows)).tolist())
+
+    for module in (sequences, euler_angles):
+        monkeypatch.setattr(module, name, wrongly)
+    monkeypatch.setattr(_errata, "_SAMPLES", 30)
+    found = residuals(_errata.errata())
+    assert {name for name in ("(24)", "(38)", "(50)") if found[name] > 1.0} == left
 
 
 def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do():

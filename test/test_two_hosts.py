@@ -19,7 +19,7 @@ PATIENCE = 200.0
 
 sys.path.insert(0, str(TOOLS / "hosts"))
 
-from phases import BRAKED, OBEYING, SILENCE  # noqa: E402
+from phases import BRAKED, FULL_SPEED, OBEYING, SILENCE, Heard, Judge, Phase  # noqa: E402
 
 
 def run(*command: str, **more: str) -> subprocess.CompletedProcess[str]:
@@ -80,6 +80,59 @@ def test_without_root_it_says_so_in_one_line_and_ends_with_2(tmp_path):
 # --- the judge, on made-up logs -------------------------------------------------------------
 
 
+def status(t, who, mode, cause="", level=2):
+    values = {"mode": mode, "cause": cause}
+    return {"t": t, "who": who, "says": "", "level": level, "values": values}
+
+
+def moves(t, speed):
+    return {"t": t, "speed": speed, "stamp": 0.0}
+
+
+REST = [moves(10.2 + k / 100, 0.0) for k in range(180)]
+BRAKES, AGAIN = status(10.11, "pybullet_bridge", "braked", "silence"), moves(12.4, 0.5)
+OBEYS = status(12.3, "pybullet_bridge", "obeying", "", 0)
+ROBOT = [moves(10.05, 0.2), BRAKES, *REST, OBEYS, AGAIN]
+CONTROLLER = [
+    status(10.12, "clik", "following", "no_states"),
+    status(12.35, "clik", "following", "", 0),
+]
+
+
+def judge_of(*both):
+    return Judge(*(Heard(sorted(lines, key=lambda line: line["t"])) for lines in both), "clik")
+
+
+def without(line):
+    return [other for other in ROBOT if other is not line]
+
+
 def test_the_modes_are_those_of_the_robot():
     assert {OBEYING, *BRAKED} < set(DriveMode)
     assert SILENCE == DriveCause.SILENCE
+
+
+@pytest.mark.parametrize(
+    ("robot", "controller", "texts"),
+    [
+        (ROBOT, [], set()),
+        ([*ROBOT, moves(11.0, 1e-3)], [], {"and stay there"}),
+        ([*ROBOT, moves(13.0, FULL_SPEED + 0.01)], [], {"no joint is faster than its limit"}),
+        ([*without(BRAKES), BRAKES | {"t": 10.6}], [], {"the robot says that it brakes"}),
+        (ROBOT, [status(11.0, "clik", "following", "", 0)], {"and says nothing better meanwhile"}),
+        (without(AGAIN), [], {"mended: the arm moves again"}),
+    ],
+)
+def test_the_judge_finds_what_is_wrong_with_a_cut(robot, controller, texts):
+    verdicts = judge_of(robot, CONTROLLER + controller).cut(Phase("cut", 10.0, 12.0, 18.0))
+    assert {verdict.text for verdict in verdicts if not verdict.met} == texts
+
+
+@pytest.mark.parametrize("brakes", [True, False])
+def test_the_judge_finds_a_gap_of_commands_without_brakes(brakes):
+    commands = [{"t": 10 + k / 10, "command": 0.0} for k in range(110) if not 20 < k < 40]
+    braked = [status(12.12, "pybullet_bridge", "braked", "silence")] * brakes
+    judge = judge_of([*commands, moves(15.5, 0.5), *braked], CONTROLLER)
+    verdicts = judge.impaired(Phase("loss", 10.0, 15.0, 21.0))
+    lacking = {verdict.text for verdict in verdicts if not verdict.met}
+    assert lacking == (set() if brakes else {"in each gap of commands > 0.5 s it brakes"})
