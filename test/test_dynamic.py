@@ -22,6 +22,7 @@ from tolerances import (
     NO_JUMP,
     NULL_SPACE,
     RELATIVE,
+    V_2_SAMPLED,
     assert_close,
 )
 
@@ -856,7 +857,7 @@ def test_an_error_beyond_its_bound_stops_the_motion(name, bound, within, beyond,
 def test_with_a_bound_of_pi_no_orientation_error_stops_the_motion():
     scheme = dynamic(limits_of(rotation=math.pi))
     for angle in (1.0, 3.0, math.pi):
-        scheme.tick(DT, HOME, STILL, displaced(0.0, angle))
+        assert np.isfinite(scheme.tick(DT, HOME, STILL, displaced(0.0, angle)).command.effort).all()
 
 
 # --- Lyapunov functions of a run, eqs. (42), (43) ------------------------------------------
@@ -875,6 +876,24 @@ def test_only_euler_parameters_report_V_2_and_it_is_that_of_the_tick(name):
     expected = 100 * (1 - tick.x_de.Q_de.eta) + omega_de @ omega_de / 2  # eq. (42)
     assert value == pytest.approx(expected, rel=1e-12)
     assert rate == pytest.approx(-9 * omega_de @ omega_de, rel=1e-12)  # eq. (43)
+
+
+def test_the_measured_derivative_of_V_2_agrees_with_the_paper_and_V_2_never_increases():
+    far = ControllerOptions(max_jump_position=1.0, max_jump_rotation=4.0)
+    run = Run(dynamic(k_Po=100.0, k_Vo=14.0), far)
+    run.steps(1)
+    ends = [displaced(0.05, 1.2)[:2], displaced(0.08, 1.6)[:2]]
+    run.controller.follow(way_points([0.0, 0.8], ends), None)
+    told = []
+    for _ in range(800):
+        run.steps(1)
+        told.append(run.controller.guidance.lyapunov())
+    values, rates, measured = np.array(told)[1:].T
+    largest = np.abs(rates).max()
+    assert largest > 10
+    assert_close(measured[1:], (rates[1:] + rates[:-1]) / 2, V_2_SAMPLED * largest)  # eq. (43)
+    assert np.diff(values).max() < 1e-6 * values[0]  # E12
+    assert values[-1] < 0.01 * values[0]
 
 
 def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():

@@ -265,6 +265,21 @@ def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     assert "ZeroDivisionError" in running.fault  # until the next reference
 
 
+def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
+    running, t, q, dq, _ = following(clik(limits=UR5.limits))
+    running.scheme.tick = Failing(SingularityError)
+    command = running.step(t + MS, q, dq)
+    del running.scheme.tick  # the law has an answer again
+    for step in range(2, 600):
+        command = running.step(t + step * MS, command.q, command.dq)
+        assert running.fault == "of all things"
+    assert not command.dq.any()
+    here = running.scheme.frame_at(command.q)
+    running.follow(way_points([1.0], [(here.p_d, here.R_d)]), None)
+    running.step(t + 600 * MS, command.q, command.dq)
+    assert (running.mode, running.fault) == (Mode.FOLLOWING, "")
+
+
 def test_a_command_that_is_not_finite_never_leaves_the_controller():
     running, t, q, dq, _ = following(clik(limits=UR5.limits))
     tick = running.scheme.tick

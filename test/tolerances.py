@@ -84,9 +84,9 @@ CLOSED_LOOP = 5e-3
 E7_DEG, E7_MM = 5e-3, 0.02
 # The same of any robot of the catalogue.
 ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
-# dV_3 over a tick against the mean of (69) at its ends, of its largest value: the trapezium leaves
-# dt^2 / 12 of the second derivative.
-V_3_SAMPLED = 5e-4
+# dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
+# effort is constant for a tick; the trapezium leaves dt^2 / 12 of the second derivative (4e3).
+V_2_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
 
 # (69) by Simpson's rule over 2 steps of 2 ms [J], of about 50 J.
 ENERGY_BALANCE = 1e-7
