@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -34,11 +35,20 @@ def test_each_example_is_short_and_told_of():
         assert f"`{example.name}`" in told
 
 
-def start(nodes, name, *arguments):
-    command = [sys.executable, FOLDER / f"{name}.py", *arguments]
-    return subprocess.Popen(
-        command, env=nodes.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+@pytest.fixture
+def start():
+    """Yield what starts an example, which is killed at the end of the test if it still runs."""
+    with ExitStack() as stack:
+
+        def start(nodes, name, *arguments):
+            command = [sys.executable, FOLDER / f"{name}.py", *arguments]
+            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+            running = subprocess.Popen(command, env=nodes.environment, **pipes)
+            stack.enter_context(running)
+            stack.callback(running.kill)
+            return running
+
+        yield start
 
 
 def said(running, code=0):
@@ -49,14 +59,14 @@ def said(running, code=0):
 
 
 @pytest.mark.parametrize("example", ["jog", "send_pose", "stream_poses"])
-def test_an_example_moves_the_tip(example, tmp_path):
+def test_an_example_moves_the_tip(example, start, tmp_path):
     with Nodes(tmp_path) as nodes:
         nodes.start("pybullet_bridge", {"robot": "ur5", "rate": 250.0})  # the time is theirs
         nodes.start("clik", FRAMES)
         assert "the tip" in said(start(nodes, example))
 
 
-def test_a_recording_becomes_a_picture_and_a_table(tmp_path):
+def test_a_recording_becomes_a_picture_and_a_table(start, tmp_path):
     bag, table = tmp_path / "bag", tmp_path / "table.parquet"
     with Nodes(tmp_path) as nodes:
         for_bridge, for_controller = LOCKSTEP
@@ -88,7 +98,7 @@ def wall(ahead, stiffness):
 
 
 @pytest.fixture
-def presses(tmp_path):
+def presses(start, tmp_path):
     """Yield what starts the robot before a wall, and presses."""
     with Nodes(tmp_path) as nodes:
 

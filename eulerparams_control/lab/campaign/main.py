@@ -65,7 +65,7 @@ def _main(options: argparse.Namespace, console: Console) -> int:
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="fault_campaign",
-        description="Random faults on the topics and nodes around the three controllers: does "
+        description="Random faults on the topics and nodes of each controller: does "
         "what they command stay safe, and do they recover? A sequence is made of its seed and its "
         "controller, and repeats to the bit.",
         epilog="Ends with 1 if something was found, and with 2 if a sequence could not be run.",

@@ -6,14 +6,14 @@
       - {fault: kill, node: clik, at: 2.0, restart_after: 0.5}
     fault_seed: 1                 # of what is random
 
-Times count from the first message on ``reference``.  What faults there are, and what they take,
-says ``eulerparams_control.lab.faults``; ``kill`` ends a node of the run, without a word: the
-controller, ``reference``, ``pybullet_bridge`` or ``bag_recorder``.  A ``reference`` that is
-started again sends its motion again, as a user would.  The run waits until a node that is started
-again is at work, a robot until it is commanded; faults of messages go on meanwhile.
+Times count from the first message on ``reference``.  ``eulerparams_control.lab.faults`` lists the
+faults and their keys; ``kill`` kills a node of the run: the controller, ``reference``,
+``pybullet_bridge`` or ``bag_recorder``.  A ``reference`` that is started again sends its motion
+again, as a user would.  After a restart the run waits until the node works, after that of the robot
+until it is commanded; faults of messages go on meanwhile.
 
-The bag has joint_states as the robot sent them, the commands as the controller sent them and as
-the robot got them (``faulty/...``), references as they were sent, and /diagnostics.
+The bag has joint_states and references as they were sent, commands both as the controller sent
+them and as the robot received them (``faulty/...``), and /diagnostics.
 
 Without faults, with ``real_time: true``, the bag has also what the nodes took, see ``usage``.  A
 motion that a fault, or a silence of the robot, has ended is sent again.

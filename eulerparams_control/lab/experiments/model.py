@@ -93,7 +93,7 @@ class Experiment:
         equations: of the paper that it is about.
         variants: its runs, by name; none if it is in the library alone.
         criteria: what has to hold; the one that matters most first.
-        summary: one sentence with numbers; see ``analysis.sentence.fill``.
+        summary: one sentence with numbers; see ``analysis.headline.fill``.
         picture: name of the quantity that the page begins with.
         library: name of what is calculated without nodes, a module of
             ``experiments.library``; "" if nothing.

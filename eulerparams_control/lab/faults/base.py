@@ -160,11 +160,11 @@ def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
 
 
 class Stage:
-    """A fault at work on one topic: messages go in, and others come out.
+    """Applies a fault to the messages of one topic.
 
     Args:
-        fault: which.
-        random: of its own.
+        fault: the fault.
+        random: the random numbers of this stage alone.
     """
 
     def __init__(self, fault: "MessageFault", random: np.random.Generator) -> None:
