@@ -36,6 +36,7 @@ FOLLOWS = {
     "target_pose": "~/target_pose",
     "target_twist": "~/target_twist",
     "~/target/feedback": "~/unused_feedback",
+    "~/target/update": "~/unused_update",
 }
 
 BOOLEAN = "true", "false"

@@ -152,7 +152,7 @@ def test_when_the_wrench_stops_the_arm_stands_still_and_starts_from_rest_when_it
     arm.push(8.0, 0.0, 0.0)
     arm.sensor.on = True
     speeds = [float(np.linalg.norm(command.velocity)) for command in arm.ticks(50)]
-    assert max(np.diff(speeds)) < 0.1  # it was twice as fast when it stopped
+    assert max(np.diff(speeds, prepend=0.0)) < 0.1  # it was twice as fast when it stopped
     settle(arm)
     settle(arm)  # the wrench counts little by little
     assert_close(pose(arm.q)[0], p + [8.0 / K_P, 0.0, 0.0], FOLLOWED)

@@ -21,7 +21,7 @@ from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
-from eulerparams_control.ros.interactive_target import FEEDBACK
+from eulerparams_control.ros.interactive_target import FEEDBACK, UPDATE
 from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -119,7 +119,7 @@ def test_a_launch_file_names_what_is_there(launched, file, controller):
         assert node.executable in executables()
         assert values(node)
         for topic, _ in node.remappings:
-            assert topic == FEEDBACK or f'"{topic}"' in sources(), topic
+            assert topic in (FEEDBACK, UPDATE) or f'"{topic}"' in sources(), topic
 
 
 @pytest.mark.parametrize("file", TAKES)

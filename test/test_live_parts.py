@@ -116,10 +116,11 @@ def test_what_a_page_asked_for_before_it_was_closed_is_dropped_but_for_a_halt():
     assert taken == [(1, Deed.LEFT), (1, Deed.HALT), (2, Deed.KEEP)]
 
 
-def test_an_order_that_moves_the_arm_is_not_obeyed_late():
-    deeds = [deed for deed in Deed if Order(1, deed, at=0.0).is_late(2.0)]
-    assert deeds == [Deed.DRAG, Deed.JOG, Deed.PUSH, Deed.KEEP, Deed.HOME, Deed.APPROACH, Deed.PASS]
-    assert [deed for deed in deeds if Order(1, deed, at=0.0).is_late(0.5)] == [Deed.JOG, Deed.PUSH]
+def test_an_order_is_not_obeyed_late_unless_it_ends_a_motion():
+    in_time = [deed for deed in Deed if not Order(1, deed, at=0.0).is_late(2.0)]
+    assert in_time == [Deed.HALT, Deed.LEFT, Deed.RELEASE]
+    soon = [deed for deed in Deed if Order(1, deed, at=0.0).is_late(0.5)]
+    assert soon == [Deed.JOG, Deed.PUSH]
 
 
 def test_a_goal_that_follows_a_jog_is_not_ended_by_its_zeros():
@@ -168,8 +169,8 @@ def test_services_are_called_one_after_the_other_and_none_after_a_refusal(graph)
     clients = exchange._triggers.values()
     graph.until(lambda: all(client.service_is_ready() for client in clients), "the services")
 
-    def ends(on):
-        exchange.call(*names)
+    def ends(on, *called_now):
+        exchange.call(*called_now or names)
         graph.until(lambda: exchange.hear(0.0) or not exchange._calls, f"an answer of {on}")
         taken = called[:]
         called.clear()
@@ -180,4 +181,7 @@ def test_services_are_called_one_after_the_other_and_none_after_a_refusal(graph)
     refused.add("resume")
     assert ends("resume") == ["halt", "resume"]
     assert [title for title, _ in said] == ["No resume"]
+    exchange.call(*names)
+    exchange.call("halt")  # by somebody else, before anything is answered
+    assert ends("halt, called later", "halt") == ["halt"] * 3
     assert len(services) == 3

@@ -48,6 +48,7 @@ class Supervisor:
     Attributes:
         mode: the present mode.
         resets: how often the states started again after a jump of the stamps, or a silence.
+        stops: how often the arm was stopped, or stopped for another reason.
         left: when the last command left; None before the first.
         rate: whether the states come often enough.
     """
@@ -67,7 +68,7 @@ class Supervisor:
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
         self._admission = admission
         self.rate = RateCheck(admission.period, options.state_timeout)
-        self.resets = 0
+        self.resets = self.stops = 0
         self.left: Instant | None = None
 
     def begin(self, q: Array, *, acts: bool = False) -> None:
@@ -78,10 +79,11 @@ class Supervisor:
 
     def change(self, event: ModeEvent, why: Why = Why()) -> None:  # noqa: B008  it is frozen
         """Go over to the mode after an event."""
-        was_halted, guidance = self.mode.is_halted, self._guidance
+        was_halted, guidance, cause = self.mode.is_halted, self._guidance, self.mode.why.cause
         self.mode = self.mode.after(event, why if why.at else why._replace(at=self._clock.now()))
         if not self.mode.is_halted:
             return
+        self.stops += not was_halted or self.mode.why.cause is not cause
         if why.cause not in ON_THE_PATH or self.mode.mode is not Mode.STOPPED:
             if guidance.is_braking or not was_halted:
                 guidance.halt()

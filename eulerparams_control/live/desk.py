@@ -23,7 +23,7 @@ KEPT = 30.0
 """A push that is kept ends after this time [s]."""
 
 _OWNED = 1.0  # [s] that the arm stays with a page after its last order
-_LATE = 1.0  # [s] after which an order that moves the arm is dropped
+_LATE = 1.0  # [s] after which an order is dropped unless it ends a motion
 _ENDING = 0.3  # [s] for which the end of a push is repeated
 _NOTHING = np.zeros(6)
 
@@ -59,6 +59,11 @@ class Deed(StrEnum):
         """Whether it moves the arm."""
         return self.is_far or self.is_held or self in (Deed.DRAG, Deed.KEEP)
 
+    @property
+    def ends(self) -> bool:
+        """Whether it ends a motion, so that it is never too late."""
+        return self in (Deed.HALT, Deed.LEFT, Deed.RELEASE)
+
 
 @dataclass(frozen=True)
 class Order:
@@ -77,8 +82,8 @@ class Order:
     at: float = field(default_factory=steady, compare=False)
 
     def is_late(self, now: float) -> bool:
-        """Return whether it is too old at ``now`` [s] to move the arm."""
-        return self.deed.moves and now - self.at > (HELD if self.deed.is_held else _LATE)
+        """Return whether it is too old at ``now`` [s] to be obeyed."""
+        return not self.deed.ends and now - self.at > (HELD if self.deed.is_held else _LATE)
 
 
 @dataclass

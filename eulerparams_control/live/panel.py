@@ -90,7 +90,8 @@ class LivePanel:
         self._defaults: dict[str, Any] = {n: f.default for n, f in self._fields.items()}
         self._inputs: dict[str, list[Any]] = {}
         self._touched: dict[str, float] = {}
-        self._shown: dict[str, Any] = {}
+        self._shown: dict[str, Any] = {}  # and the touch after which it was
+        self._settled: dict[str, float | None] = {}
         self._samples: deque[tuple[float, ...]] = deque(maxlen=round(_SECONDS / _PERIOD))
         self._next = 0.0
         gui = self._gui
@@ -228,7 +229,8 @@ class LivePanel:
         slider.on_update(partial(self._set, name, len(inputs)))
         inputs.append(slider)
 
-    def _set(self, name: str, number: int, event: Any) -> None:
+    async def _set(self, name: str, number: int, event: Any) -> None:
+        # on the event loop, before the next change
         if event.client_id is not None:
             self._touched[name] = time.monotonic()
             self._order(event, Deed.SET, (name, number, event.target.value))
@@ -305,13 +307,12 @@ class LivePanel:
             for entry in inputs:
                 if entry.disabled == is_shown:
                     entry.disabled = not is_shown
-            is_touched = name in self._touched
-            if not is_shown or now < self._touched.get(name, -math.inf) + _SETTLES:
+            touched = self._touched.get(name)
+            if not is_shown or (touched is not None and now < touched + _SETTLES):
                 continue
-            if value == self._shown.get(name) and not is_touched:
+            if value == self._shown.get(name) and touched == self._settled.get(name):
                 continue  # what a page changes meanwhile is not set back before it is heard
-            self._touched.pop(name, None)
-            self._shown[name] = value
+            self._shown[name], self._settled[name] = value, touched
             for entry, wanted in zip(inputs, values, strict=True):
                 if entry.value != wanted:
                     if hasattr(entry, "max") and wanted > entry.max:

@@ -243,8 +243,7 @@ class ControlNode(ManagedNode):
         controller.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
 
     def _drag(self, controller: Controller, robot: Robot, msg: InteractiveMarkerFeedback) -> None:
-        mode = controller.supervisor.mode
-        goal = self._marker.released(msg, mode.why.at if mode.is_halted else None)
+        goal = self._marker.released(msg, (controller, controller.supervisor.stops))
         if goal is not None:
             self._aim(controller, robot, goal)
 

@@ -5,6 +5,7 @@ service gives the marker, ~/target/update moves it, ~/target/feedback tells what
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, Quaternion
@@ -23,7 +24,7 @@ from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
 NAME = "target"
-FEEDBACK = f"~/{NAME}/feedback"
+FEEDBACK, UPDATE = f"~/{NAME}/feedback", f"~/{NAME}/update"
 PERIOD = 0.2
 """Time [s] between two updates of its place."""
 
@@ -39,15 +40,22 @@ _WAYS = {
 }
 
 
+@dataclass
+class _Grip:
+    """The marker in the grip of a mouse, which took it when ``stops`` was so."""
+
+    stops: Any
+    is_dragged: bool = False
+
+
 class InteractiveTarget:
     """The marker of a control node.  It follows the desired frame while nobody drags it."""
 
     def __init__(self, node: Node) -> None:
         self._at = PoseStamped()
-        self._number, self._is_held, self._is_given = 0, False, False
-        self._is_dragged = False
-        self._stop: float | None = None  # when the mouse took it, the arm being stopped
-        self._updates = node.create_publisher(InteractiveMarkerUpdate, f"~/{NAME}/update", 100)
+        self._number, self._is_given = 0, False
+        self._grips: dict[str, _Grip] = {}  # by the mouse that has it
+        self._updates = node.create_publisher(InteractiveMarkerUpdate, UPDATE, 100)
         service = f"~/{NAME}/get_interactive_markers"
         node.create_service(GetInteractiveMarkers, service, self._give)
 
@@ -59,7 +67,7 @@ class InteractiveTarget:
     def place(self, frame: DesiredFrame, base_frame: str) -> None:
         """Show it at a frame, unless somebody drags it."""
         self._at = pose_to_ros(frame.p_d, frame.R_d, _NOW, base_frame)
-        if self._is_held:
+        if self._grips:
             return
         self._number += 1
         update = InteractiveMarkerUpdate(
@@ -74,35 +82,36 @@ class InteractiveTarget:
             update.markers, self._is_given = [_marker(self._at)], True
         self._updates.publish(update)
 
-    def released(self, msg: InteractiveMarkerFeedback, stop: float | None) -> PoseStamped | None:
+    def released(self, msg: InteractiveMarkerFeedback, stops: Any) -> PoseStamped | None:
         """Return the pose at which it was released; None while it is dragged, or was not.
 
         Args:
-            msg: what the mouse does.
-            stop: when the arm was stopped [s]; None: it is not.
+            msg: what a mouse does.
+            stops: what changes when the arm is stopped, or controlled anew.
 
         Raises:
-            InvalidMessageError: if the arm was stopped after the mouse had taken it.
+            InvalidMessageError: if that has changed since the mouse took it.
         """
-        kind = msg.event_type
+        kind, mouse = msg.event_type, msg.client_id
         if kind == InteractiveMarkerFeedback.MOUSE_DOWN:
-            self._is_held, self._is_dragged, self._stop = True, False, stop
-        self._is_dragged |= self._is_held and kind == InteractiveMarkerFeedback.POSE_UPDATE
+            self._grips[mouse] = _Grip(stops)
+        grip = self._grips.get(mouse)
+        if grip is None:
+            return None
+        grip.is_dragged |= kind == InteractiveMarkerFeedback.POSE_UPDATE
         if kind != InteractiveMarkerFeedback.MOUSE_UP:
             return None
-        was_dragged, self._is_held, self._is_dragged = self._is_dragged, False, False
-        if not was_dragged:
+        del self._grips[mouse]
+        if not grip.is_dragged:
             return None
-        if stop is not None and stop != self._stop:
-            raise InvalidMessageError(
-                "the arm was stopped while its target was dragged: drag again"
-            )
+        if grip.stops != stops:
+            raise InvalidMessageError("the arm stopped while its target was dragged: drag it again")
         goal = PoseStamped(pose=msg.pose)  # without a stamp: those of the mouse are not the robot's
         goal.header.frame_id = msg.header.frame_id
         return goal
 
     def _give(self, _request: Any, answer: Any) -> Any:
-        self._is_held = False  # somebody begins to show it
+        self._grips.clear()  # somebody begins to show it
         answer.sequence_number, self._is_given = self._number, bool(self._at.header.frame_id)
         answer.markers = [_marker(self._at)] if self._is_given else []
         return answer

@@ -239,7 +239,7 @@ def known(t: Array, y: Array, after: float, before: float) -> Samples:
     """Return what is known in a window of samples (N,) or (N, m); raises BagError if nothing is."""
     inside = within(t, after, before) & ~np.isnan(y.reshape(len(t), -1)).any(axis=1)
     if not inside.any():
-        raise BagError(f"no finite value from {after:g} to {before:g} s")
+        raise BagError(f"no value from {after:g} to {before:g} s")
     return t[inside], y[inside]
 
 

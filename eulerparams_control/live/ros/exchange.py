@@ -57,6 +57,7 @@ class Exchange:
         self._wanted: dict[str, Any] = {}  # to be set: until that is confirmed
         self._calls: list[_Call] = []
         self._asked = -math.inf
+        self._called = 0  # how often somebody called a service
         self._get = node.create_client(GetParameters, f"{controller}/get_parameters")
         self._set = node.create_client(SetParameters, f"{controller}/set_parameters")
         self._triggers = {
@@ -74,12 +75,23 @@ class Exchange:
         self._wanted[name] = new if is_list else given
 
     def call(self, *services: str) -> None:
-        """Call services one after the other, each once the one before has succeeded."""
-        client = self._triggers[services[0]]
+        """Call services one after the other, each once the one before has succeeded.
+
+        Those that are not called yet when somebody calls again are dropped.
+        """
+        self._called += 1
+        self._call(services, self._called)
+
+    def _call(self, services: tuple[str, ...], number: int) -> None:
+        client, then = self._triggers[services[0]], partial(self._on_called, services, number)
         if client.service_is_ready():
-            self._ask(client, Trigger.Request(), steady(), partial(self._on_called, services))
+            self._ask(client, Trigger.Request(), steady(), then)
         else:
-            self._on_called(services, None)
+            then(None)
+
+    def forget(self) -> None:
+        """Set nothing that is not set yet."""
+        self._wanted.clear()
 
     def hear(self, now: float) -> None:
         """Take what services have answered, or not in time, ``now`` [s] being the last turn."""
@@ -128,15 +140,15 @@ class Exchange:
             values = map(parameter_value_to_python, answer.values)
             self.values = dict(zip(self._names, values, strict=True))
 
-    def _on_called(self, services: tuple[str, ...], answer: Any) -> None:
+    def _on_called(self, services: tuple[str, ...], number: int, answer: Any) -> None:
         name, *then = services
         what = "use the emergency stop." if name == "halt" and not then else "try again."
         if answer is None:
             self._alarm(f"No {name}", f"{name.capitalize()} was not confirmed: {what}")
         elif not answer.success:
             self._alarm(f"No {name}", f"{answer.message}: {what}")
-        elif then:
-            self.call(*then)
+        elif then and number == self._called:
+            self._call(tuple(then), number)
 
 
 def _parameter(name: str, value: Any) -> Parameter:

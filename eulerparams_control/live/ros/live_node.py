@@ -53,6 +53,8 @@ _SILENT = 0.6  # [s] without what comes often, after which that is said
 _QUIET = 1.6  # [s] the same, of what comes once a second
 _LONG = 5.0  # [s] without a word of the simulated robot, after which there is none
 
+_STOPPED = Mode.STOPPED, Mode.RELEASING
+
 _T = TypeVar("_T")
 _AGAIN = 5.0  # [s] after which the same notice is shown again
 _OFTEN = 2.0  # [Hz] of what tells within _SILENT that its sender is gone
@@ -90,6 +92,7 @@ class LiveNode(Node):
         self._heard: dict[str, float] = {}  # when, each node
         self._refused: dict[str, int] = {}
         self._turned = -math.inf
+        self._stops = self._grip = 0  # of the arm: now, and when the mouse took the target
         self._failed: set[str] = set()  # what was said already
         self._told: dict[tuple[int, str], float] = {}  # when, each page and text
         self._robot: Robot | None = None
@@ -166,7 +169,10 @@ class LiveNode(Node):
 
     def _take_status(self, name: str, status: DiagnosticStatus) -> None:
         values = {entry.key: entry.value for entry in status.values}
+        before = self._said.get(name, (0, "", {}))[2].get(MODE)
         self._said[name] = status.level[0], status.message, values
+        if name == self._scheme.name and values.get(MODE) in _STOPPED and before not in _STOPPED:
+            self._stops += 1
         self._heard[name] = steady()
         refused = sum(int(values.get(f"{topic} rejected", 0)) for topic in _TARGETS)
         if refused > self._refused.get(name, refused):
@@ -180,7 +186,7 @@ class LiveNode(Node):
         self._built = self._urdf, base, tip
         self._undrawn = "The robot cannot be drawn."
         self._robot = self._tip = self._home = self._passage = None
-        self._desk.let_go(steady())
+        self._let_go(steady())
         self._server.scene.reset()
         try:
             robot = Robot(self._urdf, base, tip)
@@ -190,6 +196,8 @@ class LiveNode(Node):
         else:
             self._undrawn = ""
             self._robot, self._reader = robot, JointStateReader(robot.joints)
+            for client in self._server.get_clients().values():
+                self._scene.show_to(client.camera)
 
     # --- orders --------------------------------------------------------------------------
 
@@ -202,15 +210,15 @@ class LiveNode(Node):
 
     def _obey(self, order: Order, now: float) -> None:
         deed, desk = order.deed, self._desk
-        if deed is Deed.DRAG and self._robot is not None:
-            self._scene.dragged_by = None if order.value[0] == "end" else order.page
-        if deed.is_held and order.is_late(now):
-            return  # the button sends another, if it is still held
-        if deed.moves and not self._may(order, now):
+        if deed is Deed.DRAG and order.value[0] == "end":
+            self._end_drag(order.page)
+            return
+        if not self._may(order, now):
             return
         match deed:
             case Deed.HALT | Deed.RESUME:
                 self._let_go(now)
+                self._exchange.forget()
                 drive = self._said.get(BRIDGE, (0, "", {}))[2].get(MODE)
                 if deed is Deed.RESUME and drive == DriveMode.STOPPING:
                     # halted, the commands begin where the arm is: then the robot takes them
@@ -223,8 +231,7 @@ class LiveNode(Node):
                 if order.page == desk.owner:
                     self._let_go(now)
                 desk.left(order.page, now)
-                if self._robot is not None and order.page == self._scene.dragged_by:
-                    self._scene.dragged_by = None
+                self._end_drag(order.page)
             case Deed.RELEASE:
                 desk.let_go(now)
             case Deed.JOG | Deed.PUSH if not desk.holds(order, now):
@@ -234,29 +241,52 @@ class LiveNode(Node):
             case Deed.JOG:
                 _, axis, part, self._jog_axes = order.value
                 self._goal = None
-                desk.jog(_along(axis, part * self._speed(axis)), now)
+                self._target.forget()
+                desk.jog(_along(axis, part * self._speed(axis)), order.at)
             case Deed.PUSH | Deed.KEEP:
                 _, axis, force = order.value
                 wrench = _along(axis, force * (1.0 if axis < 3 else _MOMENT))
-                desk.push(wrench, now, *([KEPT] if deed is Deed.KEEP else []))
+                if deed is Deed.KEEP:
+                    desk.push(wrench, now, KEPT)
+                else:
+                    desk.push(wrench, order.at)
             case Deed.DRAG | Deed.HOME | Deed.APPROACH | Deed.PASS:
                 goal = self._goal_of(order)
                 if goal is not None:
                     self._goal = goal
                     desk.end_jog()
+                    self._jog.forget()
 
     def _may(self, order: Order, now: float) -> bool:
-        """Return whether an order may move the arm; say why not."""
-        title, why = "Not taken", ""
+        """Return whether an order may be obeyed; say why not."""
+        title, why, deed = "Not taken", "", order.deed
         if order.is_late(now):
+            if deed.is_held:
+                return False  # the button sends another, if it is still held
             why = "The page, or this computer, was too slow: do it again."
+        elif not deed.moves:
+            return True
         elif not self._desk.may(order.page, now):
             title, why = "Wait", f"Page {self._desk.owner} moves the arm."
-        elif order.deed.is_far and not self._is_simulated(now):
+        elif deed.is_far and not self._is_simulated(now):
             why = "Only a simulated arm is sent there."
         if why:
             self._notify(title, why, order.page)
         return not why
+
+    def _dragged(self, order: Order) -> Placement | None:
+        """Return where a target is dragged to; None if the arm has stopped since it was taken."""
+        phase, at = order.value
+        if phase == "start" or self._scene.dragged_by != order.page:
+            self._scene.dragged_by, self._grip = order.page, self._stops
+        if self._grip != self._stops:
+            self._notify("Not taken", "The arm stopped meanwhile: drag it again.", order.page)
+            return None
+        return None if phase == "start" else at
+
+    def _end_drag(self, page: int) -> None:
+        if self._robot is not None and self._scene.dragged_by == page:
+            self._scene.dragged_by = None
 
     def _let_go(self, now: float) -> None:
         """End what was asked for, also what nobody has heard yet."""
@@ -269,11 +299,10 @@ class LiveNode(Node):
         """Return the goal that an order names; None: none."""
         if order.deed is Deed.HOME:
             return self._home
-        if order.deed is Deed.DRAG:
-            phase, at = order.value
-            return at if phase == "update" and self._robot is not None else None
         if self._robot is None or self._tip is None:
             return None
+        if order.deed is Deed.DRAG:
+            return self._dragged(order)
         sequence = EulerSequence(str(self._values.get("euler_sequence", "XYZ")))
         if order.deed is Deed.APPROACH or self._passage is None:
             self._passage = passage(self._robot, self._q, sequence.axes)
@@ -293,13 +322,15 @@ class LiveNode(Node):
     def _alarm(self, title: str, text: str) -> None:
         self._notify(title, text, colour="red")
 
-    def _notify(self, title: str, text: str, page: int = 0, colour: Any = "orange") -> None:
-        """Show a text on one page, 0: on all; the same only after a while."""
+    def _notify(
+        self, title: str, text: str, page: int = 0, colour: Any = "orange", about: str = ""
+    ) -> None:
+        """Show a text on one page, 0: on all; the same, or one about the same, after a while."""
         now = steady()
         self._told = {said: t for said, t in self._told.items() if now < t + _AGAIN}
-        if (page, text) in self._told:
+        if (page, about or text) in self._told:
             return
-        self._told[page, text] = now
+        self._told[page, about or text] = now
         for number, client in self._server.get_clients().items():
             if page in (0, number + 1):
                 client.add_notification(title, text, auto_close_seconds=8.0, color=colour)
@@ -310,7 +341,7 @@ class LiveNode(Node):
             return do(*given)
         except Exception as error:
             text = str(error) if isinstance(error, EulerParamsError) else defect(error)
-            self._alarm(what, text)
+            self._notify(what, text, colour="red", about=f"{what}: {kind_of(error)}")
             if kind_of(error) not in self._failed:
                 self._failed.add(kind_of(error))
                 self.get_logger().error(f"{what}: {text}")

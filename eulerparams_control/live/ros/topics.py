@@ -14,6 +14,7 @@ from rclpy.type_support import check_for_type_support
 from eulerparams_control.control.clock import steady
 from eulerparams_control.ros.qos import QOS
 
+_LATE = 1.0  # [s] after which a message that nobody has heard is dropped
 _RESTS = 2.0  # [s] after which a publisher is taken back
 _LAST = Duration(seconds=0.5)  # for the last messages to arrive
 
@@ -57,6 +58,8 @@ class Outlet:
 
     def turn(self) -> None:
         """Send what nobody has heard yet; take the publisher back if it is not used."""
+        if steady() - self._used > _LATE:
+            self.forget()
         if self._unheard is not None and self._publisher.get_subscription_count():
             self._publisher.publish(self._unheard)
             self._unheard = None
