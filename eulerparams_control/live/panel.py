@@ -172,7 +172,7 @@ class LivePanel:
             "stiffness."
         )
         axis = gui.add_dropdown("Along", AXES)
-        force = gui.add_slider("N, 0.1 Nm", -40.0, 40.0, 1.0, 20.0)
+        force = gui.add_slider("N (0.1 Nm)", -40.0, 40.0, 1.0, 20.0)
 
         def push() -> tuple[float, int, float]:
             return 1.0, AXES.index(axis.value), force.value
