@@ -275,14 +275,17 @@ class LiveNode(Node):
         return not why
 
     def _dragged(self, order: Order) -> Placement | None:
-        """Return where a target is dragged to; None if the arm has stopped since it was taken."""
+        """Return where a target is dragged to; None at first, and if it is not to be any more."""
         phase, at = order.value
-        if phase == "start" or self._scene.dragged_by != order.page:
+        if phase == "start":
             self._scene.dragged_by, self._grip = order.page, self._stops
-        if self._grip != self._stops:
-            self._notify("Not taken", "The arm stopped meanwhile: drag it again.", order.page)
             return None
-        return None if phase == "start" else at
+        if self._scene.dragged_by == order.page and self._grip == self._stops:
+            goal: Placement = at
+            return goal
+        text = "The arm stopped, or another page moved it meanwhile: drag the target again."
+        self._notify("Not taken", text, order.page)
+        return None
 
     def _end_drag(self, page: int) -> None:
         if self._robot is not None and self._scene.dragged_by == page:
