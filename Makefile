@@ -12,7 +12,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup demo live test test-long bench paper map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long bench paper map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -21,6 +21,10 @@ $(FIRST): setup.py setup.cfg package.xml tools/setup
 
 $(READY): $(FIRST)
 	@bash tools/setup $(VENV) rest
+
+# What was changed since: a node that is active compiles nothing.
+compiled: $(READY)
+	@$(PYTHON) -m eulerparams_control.control.compile_laws
 
 # It needs a part of the set-up only.
 demo: $(FIRST)
@@ -31,12 +35,12 @@ demo: $(FIRST)
 live: $(READY)
 	@$(VENV)/bin/live $(ARGS)
 
-test: $(READY)
+test: compiled
 	@$(PYTHON) -m pytest -n 2 --dist loadfile -m "not slow" \
 	  --hypothesis-profile quick --durations 20 $(ARGS)
 
 # One after the other: many of these tests run in real time. Fuzzing has all its examples here.
-test-long: $(READY)
+test-long: compiled
 	@$(PYTHON) -m pytest -m "slow or hypothesis" --durations 20 $(ARGS)
 
 # As users run it, without the checks of fields.  Some minutes; see ARGS=--help.

@@ -47,6 +47,16 @@ class ConfigurationError(EulerParamsError):
     """A parameter, a YAML file or an option is impossible."""
 
 
+class NotCompiledError(ConfigurationError):
+    """A law would have to be compiled while an arm is controlled."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "its formulas are not compiled on this machine, which takes seconds without commands: "
+            "run compile_laws, then set it again; or deactivate, set it, and activate"
+        )
+
+
 class UnknownNameError(ConfigurationError):
     """A name is not among those that exist.
 
@@ -75,6 +85,15 @@ class FollowingError(EulerParamsError):
     remedy = (
         "find what blocks, brakes or delays the arm, then send the reference again; one out of "
         "reach, nearer"
+    )
+
+
+class ContactError(FollowingError):
+    """The controller feeds an oscillation of its contact."""
+
+    remedy = (
+        "lower K, or raise M and the damping, for a contact that is so stiff; see to delays of "
+        "sensor, network and servo; then send the reference again"
     )
 
 

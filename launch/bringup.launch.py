@@ -11,6 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.parameters.schemes import TORQUE, schemes
 from eulerparams_control.resources import PACKAGE, config_folder
 from eulerparams_control.robot.catalogue import load_robot
 
@@ -20,14 +21,11 @@ FRAMES = "base_frame", "tip_frame"
 BRIDGE, WATCHDOG, RECORDER = OTHERS = "pybullet_bridge", "watchdog", "bag_recorder"
 
 # The nodes of a controller, each with its file of config.
-CONTROLLERS = {
-    "clik": {"clik": "clik"},
-    "dynamic_control": {"dynamic_control": "dynamic_control"},
-    "impedance_control": {"impedance_control": "impedance_control"},
+CONTROLLERS = {name: {name: name} for name in schemes()} | {
     "push_test": {"impedance_control": "impedance_control"},  # which commands nothing
     "admittance": {"impedance_control": "impedance_control", "clik": "clik_admittance"},
 }
-EFFORTS = "dynamic_control", "impedance_control"
+EFFORTS = tuple(name for name, scheme in schemes().items() if scheme.control == TORQUE)
 
 # In an admittance the motion is sent to impedance_control, and clik follows the compliant frame
 # alone: its other inputs get topics on which nobody sends.

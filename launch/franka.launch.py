@@ -21,7 +21,8 @@ SENSOR = {
     f"qos_overrides.{WRENCH}.subscription.reliability": "best_effort",
 }
 
-ONLY = {"sim": ["false"], "controller": ["dynamic_control", "impedance_control", "push_test"]}
+TAKES = ["compliance_control", "dynamic_control", "impedance_control", "push_test"]
+ONLY = {"sim": ["false"], "controller": TAKES}
 ARGUMENTS = {
     "base_frame": "fr3_link0",
     "tip_frame": "fr3_hand_tcp",
@@ -30,6 +31,7 @@ ARGUMENTS = {
     "topics": f"{{joint_states: /franka/joint_states, wrench: {WRENCH}}}",
     "parameters": json.dumps(
         {
+            "compliance_control": EFFORTS,
             "dynamic_control": EFFORTS,
             "impedance_control": {**EFFORTS, **SENSOR},
             "watchdog": {"compensate_gravity": False},

@@ -26,6 +26,7 @@ ARGUMENTS = {
     "parameters": json.dumps(
         {
             "clik": GENTLE,
+            "compliance_control": EFFORTS,
             "dynamic_control": EFFORTS,
             "impedance_control": {**EFFORTS, **SENSOR},
             "watchdog": {"compensate_gravity": False},

@@ -35,10 +35,11 @@ from eulerparams_control.lab.run.domains import Domain
 # Number of messages that are handled before a condition is checked again, as a run in lock-step
 # does not end by itself; and the longest time [s] until it holds.
 _AT_ONCE, _LONGEST = 1000, 100.0
-
 # Time [s] that goes by between two looks at a condition, and after which it is given up.
 STEP, PATIENCE = 0.02, 200.0
-
+# Readers without a limit of samples: one of 5000 refuses all that comes after so many messages
+# of a publisher that it has missed.  It is read once, by the first node of this process.
+_DDS = Path(__file__).with_name("fast_dds.xml")
 # How long [s] a node may take to bring its arm to rest, as the executables have it.
 _STOP_SECONDS = 3.0
 
@@ -233,7 +234,8 @@ class World:
         self._routes: dict[int, list[tuple[Any, Subscription]]] = {}
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=self.domain)
-        self.peer = WorldPeer(self)
+        with patch.dict("os.environ", {"FASTRTPS_DEFAULT_PROFILES_FILE": str(_DDS)}):
+            self.peer = WorldPeer(self)
 
     def __enter__(self) -> "World":
         return self
@@ -474,19 +476,21 @@ class World:
         self.until(lambda: words in running.log, f"'{words}' in the log")
 
 
-@contextmanager
-def each_once(
-    folders: pytest.TempPathFactory, parameters: Callable[[str], dict[str, Any]]
-) -> Iterator[Callable[[str], Controlled]]:
-    """Yield what starts controllers by name, each once and in a world of its own."""
-    with ExitStack() as stack:
+def each_once(parameters: Callable[[str], dict[str, Any]]) -> Any:
+    """Return a fixture that starts controllers by name, each once and in a world of its own."""
 
-        @cache
-        def start(executable: str) -> Controlled:
-            world = stack.enter_context(World(folders.mktemp(executable)))
-            return Controlled(world, executable, parameters(executable))
+    @pytest.fixture(scope="module")
+    def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+        with ExitStack() as stack:
 
-        yield start
+            @cache
+            def start(executable: str) -> Controlled:
+                world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
+                return Controlled(world, executable, parameters(executable))
+
+            yield start
+
+    return shared
 
 
 class WorldPeer(Peer):

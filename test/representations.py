@@ -19,7 +19,7 @@ DEPENDS_ON_THE_BASE = {"euler_angles"}
 
 every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
 every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
-of_angles = pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
+OF_ANGLES = ("euler_angles", "relative_euler_angles")
 
 
 def make(name, sequence="XYZ", sign="hysteretic", initial=1) -> OrientationRepresentation:

@@ -43,16 +43,12 @@ from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState, Tool
 
 ROOT = Path(__file__).resolve().parents[1]
-
 # A guard against hanging, not a measure: what is waited for takes a second or two.
 PATIENCE = float(os.environ.get("PATIENCE", "200"))
-
 # The time [s] that a tick takes, whatever its stamps say.
 TICK = 0.001
-
 # An arm whose joints are all slower than this does not move [rad/s]; holding leaves 1e-13.
 STANDSTILL = 1e-9
-
 # Linux gives none of the ports of these domains to outgoing connections, and neither the
 # experiments nor the other tests use them.
 DOMAINS = range(215, 232)
@@ -62,7 +58,6 @@ MODULES = executables() | {
     "clik broken in timer": "broken_node clik",
     "dynamic_control broken in timer": "broken_node dynamic_control",
 }
-
 # The arm of the tests.
 UR5 = load_robot("ur5")
 HOME = np.array(UR5.home)
@@ -74,11 +69,9 @@ UNSHAPED = {
 }
 
 FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
-
 # For a controller that is asked for what begins at once, so that the law alone is seen.
 AT_ONCE = {**FRAMES, "max_joint_acceleration": [1e4]}
 MODEL = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)
-
 # Efforts [Nm] that hold a pose: the rounding of its error, 1e-15, times gains and inertia.
 HOLDING_EFFORT = 1e-9
 

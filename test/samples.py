@@ -12,14 +12,11 @@ from tolerances import POLE_CLEARANCE, STEP
 Array = NDArray[np.float64]
 
 SEED = 1999
-
 # Angles [rad] at which things go wrong: the identity, pi, and their neighbourhoods.
 SPECIAL_ANGLES = (0.0, 1e-12, 1e-9, 1e-7, 1e-4, 0.1, math.pi - 1e-4, math.pi - 1e-7, math.pi - 1e-9)
-
 # The non-diagonal stiffness K* of the experiments: its eigenvalues [Nm/rad] and axes, a rotation
 # vector.
 K_STAR, K_STAR_TURN = (20.0, 50.0, 100.0), (0.4, -0.7, 1.1)
-
 # Distances [rad] to the pole of a sequence, on both sides of where extraction changes.
 POLE_DISTANCES = (0.0, 1e-15, 1e-13, 3e-12, 1e-11, 1e-10, 1e-9, 1e-7, 1e-5, 1e-3, 0.1)
 

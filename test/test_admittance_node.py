@@ -36,10 +36,8 @@ COMPLIANT = {
     **{"M_o": [0.05] * 3, "K_o": [100.0] * 3, "damping_ratio_o": 1.0},
 }
 FOLLOWING = ("reference:=compliant_frame",)
-
 # An arm whose joints are slower than this stands [rad/s]; what is left of a motion at 10 ms.
 AT_REST = 1e-6
-
 # What CLIK at 100 / s leaves behind a frame that it learns of a tick late, at rest [m, rad].
 FOLLOWED = 1e-5
 
@@ -111,8 +109,6 @@ def spring(anchor: Array) -> Callable[[RobotState], Array]:
 
 
 # --- the arm that the test moves -------------------------------------------------------------
-
-
 def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(both):
     arm, (p, R) = both.arm, pose(HOME)
     arm.environment = spring(p)
@@ -191,8 +187,6 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
 
 
 # --- an arm that says less -------------------------------------------------------------------
-
-
 class PositionArm(Arm):
     """An arm that goes where the compliant frame is, and measures no velocities."""
 

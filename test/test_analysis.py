@@ -62,8 +62,6 @@ def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
 
 
 # --- numbers -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "options", "expected"),
     [
@@ -191,8 +189,6 @@ def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path):
 
 
 # --- recordings ----------------------------------------------------------------------
-
-
 def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path):
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False, urdf="")
     run = load(folder, URDF, "tip")
@@ -264,8 +260,6 @@ def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
 
 
 # --- Lyapunov functions --------------------------------------------------------------
-
-
 def test_v_1_and_its_derivative_are_those_of_the_paper(tmp_path):
     q = np.linspace(2.0, 0.1, 50)
     V = moved(tmp_path, q, parameters=GAINS).lyapunov
@@ -328,8 +322,11 @@ def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path):
     ("options", "words"),
     [
         ({"parameters": GAINS | {"orientation": "euler_angles"}}, "no Lyapunov function for euler"),
-        ({}, "no parameters of a node clik, dynamic_control or impedance_control were recorded"),
-        ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik, dynamic_contr"),
+        (
+            {},
+            "no parameters of a node clik, compliance_control, dynamic_control or imped",
+        ),
+        ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik, compliance_contr"),
         ({"parameters": GAINS, "desired": False}, "no desired frame was recorded"),
         ({"parameters": {"orientation": "euler_parameters"}}, "parameters of /clik lack k_Po"),
         ({"parameters": GAINS | {"orientation": "eluer"}}, "of parameter 'orientation': 'eluer'"),
@@ -349,8 +346,6 @@ def test_without_a_lyapunov_function_the_recording_says_why(tmp_path, options, w
 
 
 # --- runs that are not finite ---------------------------------------------------------
-
-
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [1e30, 1e200, 1e300])
 def test_every_number_of_a_run_that_diverged_has_no_warning(tmp_path, size):
@@ -381,8 +376,6 @@ def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers():
 
 
 # --- words and numbers ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [
@@ -415,8 +408,6 @@ def test_the_sentence_takes_its_numbers_from_the_recordings(tmp_path):
 
 
 # --- fewer points, axes --------------------------------------------------------------
-
-
 def test_decimation_keeps_the_ends_and_every_peak():
     t = np.arange(100_000) / 1e3
     y = np.sin(t)

@@ -294,8 +294,6 @@ def test_an_existing_folder_is_not_overwritten(small_bag, tmp_path):
 
 
 # --- what is read --------------------------------------------------------------------
-
-
 def test_a_bag_tells_its_topics_messages_parameters_and_robot(small_bag):
     bag = Bag(small_bag)
     assert {name: (info.type, info.count) for name, info in bag.topics.items()} == {
@@ -428,8 +426,6 @@ def test_reading_needs_little_memory_however_long_the_bag(tmp_path):
 
 
 # --- what survives -------------------------------------------------------------------
-
-
 def test_recovery_changes_nothing_in_a_whole_bag(tmp_path):
     write_bag(tmp_path / "bag", 5)
     before = {file: (file.read_bytes(), file.stat()) for file in (tmp_path / "bag").iterdir()}

@@ -25,7 +25,6 @@ from sim_bridge.simulator import Simulator
 
 # A braked joint is slower [rad/s]; brakes leave 1e-7.
 STANDS = 1e-3
-
 # The servo is this close to a goal that it has reached [rad].
 REACHED = 1e-3
 
@@ -47,8 +46,6 @@ DISTURBANCE = {"disturbance_effort": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
 
 
 # --- two controllers, signals, reports ------------------------------------------------------
-
-
 def is_standing(states: list[JointState]) -> bool:
     return bool(np.abs(states[-1].velocity[:6]).max() < STANDS)
 
@@ -201,8 +198,6 @@ def test_the_parameters_of_the_node_reach_the_simulator_and_the_drive():
 
 
 # --- what is around it ----------------------------------------------------------------------
-
-
 def written(folder: Path) -> Path:
     """Return a file with the environment, as a user gives it to the node."""
     given = {"environment": ENVIRONMENT, **TOOL, **DISTURBANCE}

@@ -16,18 +16,7 @@ from ros_processes import HOME, MODEL, Process, environment
 from test_experiments import nodes_of
 
 from eulerparams_control.control.mode import Cause, Mode
-from eulerparams_control.lab.campaign import schedule
-from eulerparams_control.lab.campaign.draws import (
-    CHUNKS,
-    GOALS,
-    MOTIONS,
-    POSES,
-    SMOOTH_MOTIONS,
-    STREAM,
-    TWISTS,
-    RobotDraw,
-    StreamDraw,
-)
+from eulerparams_control.lab.campaign import draws, schedule
 from eulerparams_control.lab.campaign.main import main
 from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.oracles import Oracle, judge
@@ -56,7 +45,6 @@ RATE = 250.0
 MAX_EFFORT_RATE = 1e4
 STATE_TIMEOUT = 0.1
 END = 3.0
-
 # The clock of the robot of these records is so far [s] ahead of their own.
 AHEAD = 100.0
 
@@ -64,7 +52,6 @@ ZERO = (0.0,) * 6
 AT_HOME = tuple(HOME.tolist())
 STEP = float(MODEL.limits.velocity[0]) / RATE  # [rad] between two commands
 WEIGHT = tuple(MODEL.dynamic_state(HOME, np.zeros(6)).g.tolist())
-
 # A sequence whose controller is killed, so that a start, a death and a restart repeat, too.
 KILLED_SEED = {
     name: next(seed for seed in range(1000) if "kill" in {f.name for f in faults_of(make_plan(
@@ -342,8 +329,6 @@ def test_the_hash_of_a_record_knows_each_bit_of_each_command():
 
 
 # --- sequences -------------------------------------------------------------------------
-
-
 def test_a_seed_makes_the_same_plan_and_another_seed_another():
     one, again, other = (make_plan(seed, "impedance_control") for seed in (3, 3, 4))
     home = MODEL.state(HOME, np.zeros(6))
@@ -357,7 +342,7 @@ def test_a_seed_makes_the_same_plan_and_another_seed_another():
 def test_a_campaign_has_all_controllers_motions_and_kinds_of_faults():
     todo = plans(300, 0)
     assert {plan.controller for plan in todo} == set(CONTROLLERS)
-    assert {plan.motion for plan in todo} == set(MOTIONS)
+    assert {plan.motion for plan in todo} == set(draws.MOTIONS)
     assert {fault.name for plan in todo for fault in faults_of(plan)} == set(Fault.registry)
     assert len({(plan.controller, plan.seed) for plan in todo}) == 300
 
@@ -394,8 +379,6 @@ def test_a_sequence_in_lock_step_holds_what_it_must_and_repeats_to_the_bit(contr
 
 
 # --- the executable --------------------------------------------------------------------
-
-
 def outcome_of(plan: Any, **values: Any) -> SequenceOutcome:
     """Return what comes of a sequence in which all is well, but for some values."""
     record = calm(plan.control)
@@ -433,14 +416,14 @@ def test_a_campaign_without_violations_ends_with_0_and_writes_page_and_summary(
     instead, tmp_path, capsys
 ):
     instead(outcome_of)
-    assert main(["--sequences", "6", "--out", str(tmp_path)]) == 0
+    assert main(["--sequences", "8", "--out", str(tmp_path)]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["met"]
     assert [(s["controller"], s["seed"]) for s in summary["sequences"]] == [
         (name, seed) for seed in (0, 1) for name in CONTROLLERS
     ]
     page = (tmp_path / "index.html").read_text()
-    assert "6 random fault sequences" in page
+    assert "8 random fault sequences" in page
     assert "prefers-color-scheme: dark" in page
     assert "<script" not in page
     assert "0 violations in 0 sequences" in capsys.readouterr().out
@@ -514,7 +497,7 @@ HOME_X = float(MODEL.state(HOME, np.zeros(6)).p_e[0])
 def test_smooth_sequences_have_robots_and_users_of_all_kinds_and_seeds_keep_their_old_ones():
     todo = plans(600, 0, kind=SMOOTH)
     robots = [plan.robot for plan in todo]
-    assert {plan.motion for plan in todo} == set(SMOOTH_MOTIONS)
+    assert {plan.motion for plan in todo} == set(draws.SMOOTH_MOTIONS)
     assert {robot.rate for robot in robots} == {20.0, 50.0, 125.0, 250.0, 500.0, 1000.0}
     for name in ("turns", "velocities", "on_silence"):
         assert len({getattr(robot, name) for robot in robots}) == 2, name
@@ -524,12 +507,12 @@ def test_smooth_sequences_have_robots_and_users_of_all_kinds_and_seeds_keep_thei
         assert is_clik or plan.robot.rate >= 250.0
         assert not is_clik or plan.parameters()["k_Pp"] <= 0.4 * plan.robot.rate
         old = make_plan(plan.seed, plan.controller)
-        assert (old.robot, old.stream, old.asked) == (RobotDraw(), StreamDraw(), None)
+        assert (old.robot, old.stream, old.asked) == (draws.RobotDraw(), draws.StreamDraw(), None)
         assert plan.asked is not None
     assert todo == plans(600, 0, kind=SMOOTH)
 
 
-def sent(motion: str, draw: StreamDraw, rate: float = 1000.0) -> list[tuple[float, Sent]]:
+def sent(motion: str, draw: draws.StreamDraw, rate: float = 1000.0) -> list[tuple[float, Sent]]:
     """Return when [s] and what is sent of a motion along x at 0.1 m/s, in 2 s."""
     home = MODEL.state(HOME, np.zeros(6))
     p, R = home.p_e, home.R_e
@@ -543,13 +526,13 @@ def sent(motion: str, draw: StreamDraw, rate: float = 1000.0) -> list[tuple[floa
 @pytest.mark.parametrize(
     ("draw", "rate", "count", "spread"),
     [
-        (StreamDraw(50.0), 1000.0, 100, 1e-9),
-        (StreamDraw(200.0), 20.0, 1 + 39 * 10, 1e-9),  # all that came between two looks
-        (StreamDraw(20.0, jitter=0.2), 1000.0, 41, 0.2 / 20.0),  # the last one is early
+        (draws.StreamDraw(50.0), 1000.0, 100, 1e-9),
+        (draws.StreamDraw(200.0), 20.0, 1 + 39 * 10, 1e-9),  # all that came between two looks
+        (draws.StreamDraw(20.0, jitter=0.2), 1000.0, 41, 0.2 / 20.0),  # the last one is early
     ],
 )
 def test_pieces_come_at_their_rate_with_their_jitter(draw, rate, count, spread):
-    found = sent(STREAM, draw, rate)
+    found = sent(draws.STREAM, draw, rate)
     assert len(found) == count
     early = [t - k / draw.rate for k, (t, _) in enumerate(found)] if rate == 1000.0 else [0.0]
     assert 0.5 * spread <= max(np.abs(early)) + 1e-9 <= 2.2 * spread + 2e-9 + 1e-3 * (spread > 1e-6)
@@ -559,22 +542,22 @@ def test_pieces_say_what_they_are_to_say():
     def line(each: Sent, t: float) -> float:
         return float(abs(each.motion.frames[0].p_d[0] - HOME_X - 0.1 * t))
 
-    exact = sent(STREAM, StreamDraw(50.0, skew=0.02))
+    exact = sent(draws.STREAM, draws.StreamDraw(50.0, skew=0.02))
     assert all(line(each, t) < 1e-12 and each.stamp == t + 0.02 for t, each in exact)
     assert all(each.motion.frames[0].dp_d[0] == pytest.approx(0.1) for _, each in exact)
-    blind = sent(POSES, StreamDraw(50.0, twists=False, noise=1e-3))
+    blind = sent(draws.POSES, draws.StreamDraw(50.0, twists=False, noise=1e-3))
     off = [line(each, t) for t, each in blind]
     assert 0.3e-3 < np.std(off) < 3e-3
     assert all(not each.motion.frames[0].dp_d.any() for _, each in blind)
     assert {each.topic for _, each in blind} == {"target_pose"}
-    chunks = sent(CHUNKS, StreamDraw(5.0, ahead=1.0))
+    chunks = sent(draws.CHUNKS, draws.StreamDraw(5.0, ahead=1.0))
     assert [each.motion.times for _, each in chunks] == [pytest.approx(np.arange(1, 11) / 10)] * 10
     t, each = chunks[3]
     assert each.motion.frames[4].p_d[0] == pytest.approx(HOME_X + 0.1 * (t + 0.5))
-    goals = sent(GOALS, StreamDraw(10.0))
+    goals = sent(draws.GOALS, draws.StreamDraw(10.0))
     assert {round(float(each.motion.frames[0].p_d[0] - HOME_X), 6) for _, each in goals} == {
         0.1, 0.2}  # fmt: skip
-    twists = sent(TWISTS, StreamDraw(10.0, twists=False))
+    twists = sent(draws.TWISTS, draws.StreamDraw(10.0, twists=False))
     assert {each.topic for _, each in twists} == {"target_twist"}
     assert all(each.motion.frames[0].dp_d[0] == pytest.approx(0.1) for _, each in twists)
 

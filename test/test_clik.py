@@ -66,8 +66,6 @@ def run(scheme, desired_at, steps, dt=DT):
 
 
 # --- the closed loop, eqs. (25), (26), (28), (29) ----------------------------------------------
-
-
 @every_orientation
 def test_the_errors_decay_with_their_gain_while_the_frame_moves_and_turns(orientation):
     start = displaced()
@@ -114,8 +112,6 @@ def test_at_any_rate_the_error_decays_as_in_continuous_time(orientation, dt):
 
 
 # --- feedback -----------------------------------------------------------------------------
-
-
 def test_internal_feedback_ignores_the_measured_joints_and_measured_feedback_uses_them():
     measured = HOME + 0.05 * generator(80).normal(size=6)
     dq = generator(81).normal(size=6)
@@ -145,8 +141,6 @@ def test_an_unknown_feedback_is_refused_with_those_that_exist():
 
 
 # --- another law --------------------------------------------------------------------------
-
-
 def run_and_replace(laws, blend_time=0.1, steps=30, goal=None):
     """Return two schemes after ``steps`` of the first law; in one the others replaced it.
 
@@ -238,8 +232,6 @@ def test_holding_ends_a_blend():
 
 
 # --- hold and reset -----------------------------------------------------------------------
-
-
 def test_hold_commands_the_position_commanded_last_without_velocity():
     scheme, given = clik(), HOME.copy()
     scheme.reset(given)
@@ -264,8 +256,6 @@ def test_nothing_is_integrated_when_the_law_has_no_answer():
 
 
 # --- limits -------------------------------------------------------------------------------
-
-
 def test_within_limits_no_command_is_faster_or_further_and_saturation_is_told():
     narrow = JointLimits(HOME - 0.2, HOME + 0.3, np.full(6, 0.7), np.full(6, math.inf))
     for key in range(4):
@@ -294,8 +284,6 @@ def test_an_arm_that_starts_outside_its_limits_moves_back_and_not_further_out(si
 
 
 # --- redundancy ---------------------------------------------------------------------------
-
-
 def redundant(robot, home, posture):
     """Return CLIK of an arm of seven joints that tends to a posture."""
     scheme = Clik(robot, law(k=20.0, posture=posture, k_posture=2.0))
@@ -350,8 +338,6 @@ def test_the_wrist_singularity_is_crossed_with_damping_and_reached_again():
 
 
 # --- inverse kinematics -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["kuka_iiwa", "panda", "ur10", "ur5"])
 def test_inverse_kinematics_reaches_poses_near_home(name):
     robot, home = robot_named(name)

@@ -79,7 +79,6 @@ RIGHT = math.pi / 2
 
 U_STAR = k_star_axes()
 STAR = (U_STAR * K_STAR) @ U_STAR.T  # K*
-
 # Those that have V_3.
 HAVE_V_3 = {"angle_axis", "euler_parameters", "rotation_vector"}
 
@@ -222,8 +221,6 @@ def residual_of_eq_52(Z, frame, d, c, f):
 
 
 # --- elastic forces and moments, eqs. (53)-(67) --------------------------------------------------
-
-
 def held(acceleration):
     """Return the force or moment (3,) at which an affine function of it is zero."""
     free = acceleration(O)
@@ -279,8 +276,6 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
 
 
 # --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
-
-
 def assert_stiffness(own, R_d, K):
     assert_close(stiffness(own, R_d), K, STIFFNESS * np.abs(K).max())
 
@@ -311,8 +306,6 @@ def test_with_euler_angles_the_stiffness_depends_on_the_desired_orientation(sequ
 
 
 # --- the equations hold along a motion, and the frame moves as it says ---------------------------
-
-
 def clear_motions(count, key=0):
     """Return desired motions that begin away from the pole of XYZ."""
     motions = [moving(i) for i in range(8 * count)]
@@ -446,8 +439,6 @@ def test_with_euler_angles_a_turn_of_the_base_about_the_first_axis_does_not_matt
 
 
 # --- V_3, eqs. (68)-(71) --------------------------------------------------------------------------
-
-
 @every_representation
 def test_V_3_is_kinetic_and_elastic_energy_and_its_rate_damping_and_contact_power(name):
     Z = Impedance(*positive_definite(3, 60))
@@ -481,8 +472,6 @@ def test_along_a_motion_V_3_changes_by_damping_and_by_the_power_of_the_contact(n
 
 
 # --- integration ---------------------------------------------------------------------------------
-
-
 def end(own, wrench_at, dt, duration=0.4):
     """Return where the frame is after a while: x (3,) and R_c, on a desired frame at rest."""
     desired = at(by_angles("XYZ", 0.3, 0.4, 0.2), [0.1, 0.2, 0.3])
@@ -696,8 +685,6 @@ def test_another_law_goes_on_from_the_same_frame_and_velocities(before, after):
 
 
 # --- where it fails visibly -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["euler_angles", "relative_euler_angles"])
 def test_at_the_pole_of_the_angles_a_frame_that_turns_has_no_finite_state(name):
     R_c = np.rint(about(1, RIGHT))

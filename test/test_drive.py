@@ -14,26 +14,9 @@ from tolerances import assert_close
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.robot.catalogue import load_robot
+from sim_bridge import drive as driving
 from sim_bridge.command_source import UNNUMBERED, Senders, StampOrder
 from sim_bridge.commands import push_from_ros
-from sim_bridge.drive import (
-    CLIPPED,
-    GIVEN_UP,
-    IN_STOP,
-    LATE,
-    OTHER,
-    PUSHES_OVER,
-    REJECTED,
-    STOPS,
-    TRANSITIONS,
-    Drive,
-    DriveCause,
-    DriveEvent,
-    DriveMode,
-    DrivePolicy,
-    DriveReply,
-    DriveStatus,
-)
 from sim_bridge.drive_words import ERROR, OK, WARN, DriveWords
 from sim_bridge.pacing import STANDS_STILL, LockStep, Tally, WallClock
 from sim_bridge.parameters import SimulatorParameters
@@ -46,22 +29,18 @@ REST = {"position": HOME.tolist(), "velocity": [0.0] * 6}
 FLOATING = {"control": "torque", "gravity": (0.0, 0.0, 0.0)}
 RACING = {"effort": [100.0, *[0.0] * 5]}
 MS = 1_000_000  # ns
-
 # A braked joint is slower [rad/s]; brakes leave 1e-7.
 STANDS = 1e-3
-
 # A braked arm stays where it is [rad]: what brakes leave, for some seconds.
 STAYS = 1e-6
-
 # The servo is this close to a goal that it has reached [rad].
 REACHED = 1e-3
-
 # A force that is felt or not [N]: the brakes leave 1e-3.
 FELT = 0.1
 
-PATIENT = DrivePolicy()
-
-MODES = (STANDBY, OBEYING, BRAKED, STOPPING, CONTESTED, ENDED) = tuple(DriveMode)
+Cause, Policy, Reply = driving.DriveCause, driving.DrivePolicy, driving.DriveReply
+PATIENT = Policy()
+MODES = (STANDBY, OBEYING, BRAKED, STOPPING, CONTESTED, ENDED) = tuple(driving.DriveMode)
 
 
 def message(stamp: int = 0, **fields: Any) -> JointState:
@@ -78,13 +57,13 @@ def at(q: Any) -> dict[str, Any]:
 class Bench:
     """A drive, its clock, what it said, and the numbers of a controller's messages."""
 
-    def __init__(self, policy: DrivePolicy = PATIENT, robot: Any = UR5, **parameters: Any) -> None:
+    def __init__(self, policy: Policy = PATIENT, robot: Any = UR5, **parameters: Any) -> None:
         given = SimulatorParameters(**{"rate": 100.0, "servo_bandwidth": 50.0, **parameters})
         self.dt, self.now = 1.0 / given.rate, 0.0
         self.publishers: list[str] = []
-        self.said: list[DriveStatus] = []
+        self.said: list[driving.DriveStatus] = []
         simulator = Simulator(robot, given)
-        self.drive = Drive(simulator, policy, self.said.append, lambda: self.publishers)
+        self.drive = driving.Drive(simulator, policy, self.said.append, lambda: self.publishers)
         self.words = DriveWords("ready", self.drive.topic, policy.command_timeout)
         self.numbers = itertools.count(1)
 
@@ -93,7 +72,7 @@ class Bench:
         return self.drive.state
 
     @property
-    def mode(self) -> DriveMode:
+    def mode(self) -> driving.DriveMode:
         return self.drive.status.mode
 
     @property
@@ -108,7 +87,7 @@ class Bench:
     def remedy(self) -> str:
         return self.words.describe(self.drive.status)[2]
 
-    def send(self, stamp: int = 0, number: int | None = None, **fields: Any) -> DriveReply:
+    def send(self, stamp: int = 0, number: int | None = None, **fields: Any) -> Reply:
         number = next(self.numbers) if number is None else number
         return self.drive.command(message(stamp, **fields), number, self.now)
 
@@ -140,8 +119,6 @@ def bench(closing: Any) -> Callable[..., Bench]:
 
 
 # --- the table of modes ----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("mode", "after"),
     [  # after command, silence, violation, standstill, contest, settled, end
@@ -154,22 +131,22 @@ def bench(closing: Any) -> Callable[..., Bench]:
     ],
 )
 def test_each_event_leads_from_each_mode_to_the_one_of_the_table(mode, after):
-    assert tuple(TRANSITIONS[mode].get(event, mode) for event in DriveEvent) == after
-    assert TRANSITIONS.keys() == set(DriveMode)
+    assert (
+        tuple(driving.TRANSITIONS[mode].get(event, mode) for event in driving.DriveEvent) == after
+    )
+    assert driving.TRANSITIONS.keys() == set(driving.DriveMode)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_there_are_words_for_each_mode_whatever_the_cause(mode):
     words = DriveWords("ready", "joint_effort", 0.1)
-    for cause in DriveCause:
-        level, message, _ = words.describe(DriveStatus(mode, cause, names=("/a", "/b")))
+    for cause in Cause:
+        level, message, _ = words.describe(driving.DriveStatus(mode, cause, names=("/a", "/b")))
         assert level in (OK, WARN, ERROR)
         assert message
 
 
 # --- wrong commands --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("control", "fields", "words"),  # the others: test_messages
     [
@@ -185,8 +162,8 @@ def test_a_command_that_cannot_be_used_is_rejected_with_its_reason_and_moves_not
 ):
     robot = bench(control=control)
     q = robot.state.q
-    assert robot.send(**fields) is DriveReply.REJECTED
-    assert robot.count(REJECTED) == 1
+    assert robot.send(**fields) is Reply.REJECTED
+    assert robot.count(driving.REJECTED) == 1
     assert words in robot.drive.values["last command rejected"]
     assert words in str(robot.drive.rejection)
     robot.step(0.5)
@@ -208,7 +185,7 @@ def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench):
     robot.step(0.5)
     robot.send(position=[np.nan] * 6)
     robot.review()
-    assert robot.drive.status.cause is DriveCause.SILENCE
+    assert robot.drive.status.cause is Cause.SILENCE
     assert "braked; commands are rejected: joint_reference" in robot.message
     assert (robot.level, robot.drive.rejection is None) == (ERROR, False)
     robot.send(**REST)
@@ -218,8 +195,6 @@ def test_a_robot_that_waits_says_why_it_rejects_commands_and_what_to_do(bench):
 
 
 # --- silence, delay --------------------------------------------------------------------------
-
-
 def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(bench):
     robot = bench(rate=1000.0)
     away = HOME + 1.0
@@ -229,7 +204,7 @@ def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(b
     robot.step(0.099)
     assert (robot.mode, robot.message) == (OBEYING, "commanded")
     robot.step(3 * robot.dt)
-    assert (robot.mode, robot.drive.status.cause) == (BRAKED, DriveCause.SILENCE)
+    assert (robot.mode, robot.drive.status.cause) == (BRAKED, Cause.SILENCE)
     assert robot.drive.status.since == pytest.approx(last + 0.1, abs=1.1 * robot.dt)
     assert (robot.level, robot.message) == (ERROR, "no command for 0.1 s: braked")
     assert "the next command is taken" in robot.remedy
@@ -241,7 +216,7 @@ def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(b
 
 
 def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench):
-    robot = bench(DrivePolicy(command_delay=3))
+    robot = bench(Policy(command_delay=3))
     away = at(HOME + 0.1)
     for _ in range(3):
         robot.send(**away)
@@ -262,12 +237,10 @@ def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench)
     assert robot.drive.reset(HOME, robot.now).step == 0
     assert (robot.mode, robot.drive.status.since) == (STANDBY, robot.now)
     assert_close(robot.state.q, HOME, STAYS)
-    assert robot.send(number=1, **REST) is DriveReply.TAKEN
+    assert robot.send(number=1, **REST) is Reply.TAKEN
 
 
 # --- clipped commands ------------------------------------------------------------------------
-
-
 def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_commanded(bench):
     robot = bench()
 
@@ -289,40 +262,43 @@ def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_
     robot.review()  # nothing was clipped since the last one
     assert (len(robot.said), robot.message, robot.level) == (3, "commanded", OK)
     clip(4)
-    assert (len(robot.said), robot.level, robot.count(CLIPPED)) == (4, WARN, 5)
+    assert (len(robot.said), robot.level, robot.count(driving.CLIPPED)) == (4, WARN, 5)
     assert NAMES[4] in robot.message
     robot.step(0.5)
-    assert (robot.mode, robot.count(CLIPPED)) == (BRAKED, 5)
+    assert (robot.mode, robot.count(driving.CLIPPED)) == (BRAKED, 5)
     clip(0)
     assert [each.mode for each in robot.said[-2:]] == [OBEYING, OBEYING]
-    assert (robot.drive.status.cause, robot.count(CLIPPED)) == (DriveCause.CLIPPED, 6)
+    assert (robot.drive.status.cause, robot.count(driving.CLIPPED)) == (
+        Cause.CLIPPED,
+        6,
+    )
 
 
 # --- the order of commands -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("takes_late", [False, True])
 def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench, takes_late):
-    robot = bench(DrivePolicy(takes_late=takes_late))
+    robot = bench(Policy(takes_late=takes_late))
     away, strayed = at(HOME + 0.2), []
 
     def both() -> None:
         newer = 10**9 + round(robot.now * 1e9)
-        assert robot.send(newer, **REST) is DriveReply.TAKEN
+        assert robot.send(newer, **REST) is Reply.TAKEN
         late = robot.send(newer - 10 * MS, **away)
-        assert late is (DriveReply.TAKEN if takes_late else DriveReply.REFUSED)
+        assert late is (Reply.TAKEN if takes_late else Reply.REFUSED)
         strayed.append(np.abs(robot.state.q - HOME).max())
 
     robot.step(0.5, both)
-    assert (max(strayed) < REACHED, robot.count(LATE)) == ((False, 0) if takes_late else (True, 50))
+    assert (max(strayed) < REACHED, robot.count(driving.LATE)) == (
+        (False, 0) if takes_late else (True, 50)
+    )
 
 
 def test_a_clock_that_goes_back_does_not_brake_the_robot(bench):
-    robot = bench(DrivePolicy())
+    robot = bench(Policy())
     robot.step(0.2, lambda: robot.send(9 * 10**9 + round(robot.now * 1e9), **REST))
     robot.step(0.2, lambda: robot.send(10**9 + round(robot.now * 1e9), **REST))
-    assert {said.mode for said in robot.said[1:]} <= {DriveMode.OBEYING}
-    assert 0 < robot.count(LATE) < 5
+    assert {said.mode for said in robot.said[1:]} <= {driving.DriveMode.OBEYING}
+    assert 0 < robot.count(driving.LATE) < 5
 
 
 def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
@@ -340,8 +316,6 @@ def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
 
 
 # --- two controllers -------------------------------------------------------------------------
-
-
 def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silent(bench):
     robot = bench()
     robot.publishers = ["/first"]
@@ -359,15 +333,18 @@ def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silen
     assert robot.remedy
     robot.step(0.2, both)
     assert np.abs(robot.state.dq).max() < STANDS
-    q, refused = robot.state.q, robot.count(OTHER)
+    q, refused = robot.state.q, robot.count(driving.OTHER)
     robot.step(1.0, both)
-    assert robot.count(OTHER) == refused + 200
+    assert robot.count(driving.OTHER) == refused + 200
     assert_close(robot.state.q, q, STAYS)
     robot.publishers = ["/first", "/second"]
     robot.review()
     assert "publishers are /first, /second; braked" in robot.message
     robot.step(6.0, lambda: robot.send(number=next(second), **at(HOME + 0.5)))
-    assert [each.cause for each in robot.said[-2:]] == [DriveCause.CONTEST_OVER, DriveCause.NONE]
+    assert [each.cause for each in robot.said[-2:]] == [
+        Cause.CONTEST_OVER,
+        Cause.NONE,
+    ]
     assert robot.words.describe(robot.said[-2])[0] == WARN
     assert np.abs(robot.state.q - HOME - 0.5).max() < REACHED
 
@@ -383,7 +360,7 @@ def test_the_successor_of_a_dead_controller_is_obeyed_while_the_graph_still_show
     robot.numbers = itertools.count(1)
     robot.go(HOME + 0.2)
     robot.review()
-    assert (robot.mode, robot.count(OTHER)) == (OBEYING, 0)
+    assert (robot.mode, robot.count(driving.OTHER)) == (OBEYING, 0)
     assert all(each.mode is not CONTESTED for each in robot.said)
 
 
@@ -472,8 +449,6 @@ def test_without_numbers_two_names_in_the_graph_are_two_controllers():
 
 
 # --- the protective stop ---------------------------------------------------------------------
-
-
 def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_when_it_stands(
     bench,
 ):
@@ -489,8 +464,8 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
         robot.step(0.0, race)
     assert (robot.level, bool(robot.remedy)) == (ERROR, True)
     assert "'shoulder_pan_joint'" in robot.drive.status.violation
-    assert robot.send(**RACING) is DriveReply.REFUSED
-    assert (robot.count(STOPS), robot.count(IN_STOP)) == (1, 1)
+    assert robot.send(**RACING) is Reply.REFUSED
+    assert (robot.count(driving.STOPS), robot.count(driving.IN_STOP)) == (1, 1)
     assert 1.5 * 3.15 < abs(robot.state.dq[0]) < 2.0 * 3.15
     assert fastest < 1.5 * 3.15
     while robot.mode is STOPPING:
@@ -498,9 +473,9 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
     assert np.abs(robot.state.dq).max() < STANDS
     robot.step(0.5)
     robot.review()
-    assert (robot.mode, robot.drive.status.cause) == (BRAKED, DriveCause.PROTECTIVE_STOP)
+    assert (robot.mode, robot.drive.status.cause) == (BRAKED, Cause.PROTECTIVE_STOP)
     assert (robot.level, bool(robot.remedy)) == (ERROR, True)  # until a command
-    assert robot.send(effort=[0.0] * 6) is DriveReply.TAKEN
+    assert robot.send(effort=[0.0] * 6) is Reply.TAKEN
     assert (robot.level, robot.message) == (OK, "commanded")
 
 
@@ -508,22 +483,20 @@ def test_a_joint_that_is_too_fast_makes_the_robot_stop_and_take_commands_again_w
 def test_a_push_that_is_stronger_than_the_robot_stops_it_and_the_next_command_is_taken(
     bench, control
 ):
-    robot = bench(DrivePolicy(push_timeout=0.2), rate=200.0, control=control)
+    robot = bench(Policy(push_timeout=0.2), rate=200.0, control=control)
     command = {"effort": [0.0] * 6} if control == "torque" else REST
     robot.step(0.1, lambda: robot.send(**command))
     robot.drive.push([1e5, 0.0, 0.0, 0.0, 0.0, 0.0], robot.now)
     robot.step()
     assert "which no brakes could stop: locked where it was, and the push released" in robot.message
-    assert (robot.level, "a push" in robot.remedy, robot.count(STOPS)) == (ERROR, True, 1)
+    assert (robot.level, "a push" in robot.remedy, robot.count(driving.STOPS)) == (ERROR, True, 1)
     robot.step(0.5)
-    assert robot.send(**command) is DriveReply.TAKEN
+    assert robot.send(**command) is Reply.TAKEN
     assert (robot.level, robot.message) == (OK, "commanded")
-    assert PUSHES_OVER not in robot.drive.values
+    assert driving.PUSHES_OVER not in robot.drive.values
 
 
 # --- pushes ----------------------------------------------------------------------------------
-
-
 def push(force: float) -> WrenchStamped:
     msg = WrenchStamped()
     msg.header.frame_id = "tool0"
@@ -539,7 +512,7 @@ def test_a_push_that_is_impossible_is_refused():
 
 
 def test_a_push_ends_once_after_its_timeout_and_a_new_one_starts_the_time_anew(bench):
-    robot = bench(DrivePolicy(push_timeout=0.5))
+    robot = bench(Policy(push_timeout=0.5))
     wrench, felt = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0], []
 
     def note() -> None:
@@ -551,7 +524,7 @@ def test_a_push_ends_once_after_its_timeout_and_a_new_one_starts_the_time_anew(b
     robot.step(0.8, note)
     assert felt.index(True) == 1
     assert sum(felt) == 90
-    assert robot.count(PUSHES_OVER) == 1
+    assert robot.count(driving.PUSHES_OVER) == 1
     forever = bench()
     forever.drive.push(wrench, 0.0)
     forever.step(2.0)
@@ -559,8 +532,6 @@ def test_a_push_ends_once_after_its_timeout_and_a_new_one_starts_the_time_anew(b
 
 
 # --- when it steps ---------------------------------------------------------------------------
-
-
 class Paced:
     """A drive that is stepped by a pacing, whose clock goes on when the test says so."""
 
@@ -591,7 +562,7 @@ def lockstep(bench: Any) -> Callable[..., Paced]:
     """Return what makes a robot in lock-step at 1 kHz."""
 
     def make(duration: float = 0.0, watched: Any = lambda: True, **parameters: Any) -> Paced:
-        policy = DrivePolicy(push_timeout=0.02, changes_at_once=True)
+        policy = Policy(push_timeout=0.02, changes_at_once=True)
         robot = bench(policy, rate=1000.0, **parameters)
         return Paced(robot, LockStep, duration, timeout=1.0, is_watched=watched)
 
@@ -604,12 +575,12 @@ def test_in_lockstep_the_first_state_is_repeated_until_all_are_there_and_it_is_a
     for _ in range(3):
         paced.turn(0.05)
     assert paced.stamps == [0, 0, 0]
-    assert paced.answer() is DriveReply.UNASKED  # not all are there
+    assert paced.answer() is Reply.UNASKED  # not all are there
     there = True
     paced.turn(0.05)
-    assert paced.answer(5 * MS) is DriveReply.UNASKED
-    assert paced.answer() is DriveReply.TAKEN
-    assert paced.answer(0) is DriveReply.UNASKED  # it has been answered
+    assert paced.answer(5 * MS) is Reply.UNASKED
+    assert paced.answer() is Reply.TAKEN
+    assert paced.answer(0) is Reply.UNASKED  # it has been answered
     paced.turn(0.05)
     assert paced.stamps == [0, 0, 0, 0, MS]
 
@@ -618,10 +589,13 @@ def test_in_lockstep_the_duration_ends_the_run_when_its_last_state_is_answered(l
     paced = lockstep(duration=0.01)
     paced.turn(0.05)
     while not paced.pacing.done:
-        assert paced.answer() is DriveReply.TAKEN
+        assert paced.answer() is Reply.TAKEN
     assert paced.stamps == [k * MS for k in range(11)]
     assert (paced.pacing.error, paced.robot.message) == (None, "ended")
-    assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, DriveCause.FINISHED)
+    assert (paced.robot.mode, paced.robot.drive.status.cause) == (
+        ENDED,
+        Cause.FINISHED,
+    )
 
 
 def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_it(lockstep):
@@ -629,7 +603,7 @@ def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_
     paced.turn(0.05)
     for _ in range(5):
         paced.answer()
-    assert paced.answer(position=[np.nan] * 6) is DriveReply.REJECTED
+    assert paced.answer(position=[np.nan] * 6) is Reply.REJECTED
     paced.turn(1.0)
     assert not paced.pacing.done
     paced.turn(0.1)
@@ -650,14 +624,14 @@ def test_in_lockstep_time_goes_on_while_two_controllers_are_refused_and_in_a_sto
         paced.answer(**RACING)
     stamp = paced.stamps[-1]
     while robot.mode is STOPPING:
-        assert paced.answer(**RACING) is DriveReply.REFUSED
+        assert paced.answer(**RACING) is Reply.REFUSED
     assert paced.stamps[-1] > stamp
     for _ in range(10):
         paced.answer(number=next(second), effort=[0.0] * 6)
         paced.answer(effort=[0.0] * 6)
     assert robot.mode is CONTESTED
     stamp = paced.stamps[-1]
-    assert paced.answer(effort=[0.0] * 6) is DriveReply.REFUSED
+    assert paced.answer(effort=[0.0] * 6) is Reply.REFUSED
     assert paced.stamps[-1] == stamp + MS
     assert np.abs(robot.state.dq).max() < STANDS
 
@@ -687,21 +661,21 @@ def test_the_wall_clock_makes_the_steps_that_are_due_and_gives_up_those_beyond_c
     assert [paced.turn(0.0), paced.turn(0.0301), paced.turn(0.0)] == [0, 0, 0]
     assert paced.stamps == [10 * MS, 20 * MS, 30 * MS]
     assert paced.turn(2.0) == 200
-    assert paced.robot.count(GIVEN_UP) == 199
+    assert paced.robot.count(driving.GIVEN_UP) == 199
     assert paced.stamps[-1] == 2030 * MS  # no state is older than it says
     assert paced.turn(0.5) == 0
     assert paced.stamps[-50:] == [(2040 + 10 * k) * MS for k in range(50)]
 
 
 def test_time_stands_still_for_old_commands_which_is_reported_and_not_for_one_without_stamp(bench):
-    policy = DrivePolicy(command_timeout=60.0)
+    policy = Policy(command_timeout=60.0)
     paced = Paced(bench(policy), WallClock, max_command_age=0.05)
     paced.turn(0.1)
     paced.answer()
     paced.turn(0.5)  # stops when the command is too old
     still = paced.stamps[-1]
     for k in range(5):  # those that come answer what is long ago
-        assert paced.answer(still - (59 - k) * MS) is DriveReply.TAKEN
+        assert paced.answer(still - (59 - k) * MS) is Reply.TAKEN
         paced.turn(0.4)
     assert paced.stamps[-1] == still
     paced.pacing.review()
@@ -723,17 +697,20 @@ def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told
     assert paced.stamps[-1] == 500 * MS
     assert paced.pacing.brake()
     # slow enough to be on the way for seconds, and nothing else brakes it
-    paced = Paced(bench(DrivePolicy(command_timeout=60.0), servo_bandwidth=0.5), WallClock)
+    paced = Paced(bench(Policy(command_timeout=60.0), servo_bandwidth=0.5), WallClock)
     paced.answer(0, **at(HOME + 1.0))
     paced.turn(0.2001)
     assert np.abs(paced.robot.state.dq).max() > 0.2
     assert not paced.pacing.brake()
     assert (paced.robot.level, paced.robot.message) == (ERROR, "ending: braked")
-    assert paced.answer(0, **at(HOME + 1.0)) is DriveReply.REFUSED
+    assert paced.answer(0, **at(HOME + 1.0)) is Reply.REFUSED
     for _ in range(10):
         paced.turn(0.01)
     assert paced.pacing.brake()
-    assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, DriveCause.SHUTDOWN)
+    assert (paced.robot.mode, paced.robot.drive.status.cause) == (
+        ENDED,
+        Cause.SHUTDOWN,
+    )
 
 
 def test_the_report_of_a_second_has_its_rate_gap_age_and_real_time_factor():

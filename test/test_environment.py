@@ -18,16 +18,7 @@ import pybullet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_simulator import (
-    GRAVITY,
-    HOLDING_TORQUE,
-    MOTOR_SPEED,
-    TORQUE,
-    Model,
-    random_q,
-    robot,
-    run,
-)
+from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, random_q, robot, run
 
 from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
 from eulerparams_control.robot.catalogue import RobotDescription
@@ -42,22 +33,16 @@ from sim_bridge.urdf import simulation_urdf
 
 # The same formula in two ways, of forces and moments up to 1e3 N: rounding, two decades.
 FORMULA = 1e-10
-
 # A pose by PyBullet and by Pinocchio, 1e-14 m, times a stiffness of 1e4 N/m, two decades.
 THROUGH_A_POSE = 1e-8
-
 # PyBullet's contact solver: the force of a spring whose depth is known, relative. 1e-6 seen.
 PRESSED = 1e-5
-
 # PyBullet's search on the round side of a cylinder: depth by the radius of the tool, and the
 # normal [rad]; 9e-4 and 1.5e-2 seen.
 ROUND_DEPTH = 1e-3
 ROUND_NORMAL = 0.02
-
-
 # Speed of the point that friction holds, m/s.
 HELD = 1e-6
-
 # Brakes leave speeds of MOTOR_SPEED, against which solids of 1e6 N/m and 100 Ns/m push, N.
 BRAKED = 1e-3
 
@@ -66,7 +51,6 @@ BRAKED = 1e-3
 
 STIFFNESSES = (1e3, 1e4, 1e5, 1e6)
 seeds = st.integers(0, 2**32 - 1)
-
 # A thing of each kind, as YAML gives it, with all its keys.
 POSE = {"position": [0.5, 0, 0.2], "orientation": [0.0, 0.6, 0.0, 0.8]}
 CONTACT = {"stiffness": 2.0e4, "damping": 100, "friction": 0.5}
@@ -148,8 +132,6 @@ def in_sensor(R: Any, f: Any, mu: Any) -> Any:
 
 
 # --- what may be written -------------------------------------------------------------
-
-
 @pytest.mark.parametrize("shape", EXAMPLES)
 def test_a_thing_reads_as_it_is_shown(shape):
     things = read_environment({"a": EXAMPLES[shape], "b": EXAMPLES["spring"]})
@@ -180,15 +162,11 @@ def test_a_key_that_is_needed_is_asked_for_and_the_others_are_not(shape, key):
         assert read_environment({"odd": keys})["odd"].keys.keys() == EXAMPLES[shape].keys()
 
 
-BAD_VALUES = [
-    *(math.nan, -math.inf, "1.0", "heavy", True, None, [], [1.0] * 5, {"x": 1.0}, [[1.0, 0.0, 0.0]])
-]
-
-
 @pytest.mark.parametrize(("shape", "key"), KEYS)
 def test_a_value_that_is_impossible_is_refused_with_its_full_name(shape, key):
     words = rf"environment\.odd\.{key}\b.*(expected|known)"
-    for bad in BAD_VALUES:
+    numbers = (math.nan, -math.inf, True, None, [], [1.0] * 5, {"x": 1.0}, [[1.0, 0.0, 0.0]])
+    for bad in ("1.0", "heavy", *numbers):
         with pytest.raises(ConfigurationError, match=words):
             read_environment({"odd": EXAMPLES[shape] | {key: bad}})
 
@@ -230,8 +208,6 @@ def test_a_thing_that_is_impossible_is_refused_with_what_was_expected(keys, word
 
 
 # --- springs and pushes --------------------------------------------------------------
-
-
 def random_spring(rng: np.random.Generator) -> tuple[dict[str, Any], Any]:
     """Return a spring near the arm, and its force and moment about the sensor's origin."""
     U = rotation(xyzw := unit_quaternion(rng))
@@ -372,8 +348,6 @@ def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness):
 
 
 # --- efforts that nobody reports -----------------------------------------------------
-
-
 @pytest.mark.parametrize("control", ["position", "torque"])
 def test_brakes_and_servo_hold_against_a_disturbance_from_the_first_sample_on(control):
     disturbance = np.array([3.0, -3.0, 3.0, 1.0, -1.0, 1.0])
@@ -392,7 +366,6 @@ def test_brakes_and_servo_hold_against_a_disturbance_from_the_first_sample_on(co
 
 LONG = (0.02, 0.06)
 SIZES = {"sphere": (0.02,), "capsule": LONG, "cylinder": LONG, "box": (0.04, 0.05, 0.06)}
-
 # Of a solid in its own axes: the keys of its size, the normal of a face, and where that is.
 FACES: dict[str, tuple[dict[str, Any], Any, Any]] = {
     "plane": ({}, [0, 0, 1], [0, 0, 0]),
@@ -570,6 +543,15 @@ class Law:
         return gravity + J.T @ in_sensor(R, f, mu) + (self.home - state.q) - 0.5 * state.dq
 
 
+def on_a_plane(name: str, shape: str, others: Any = None, **contact: Any) -> tuple[Law, Simulator]:
+    """Return a torque-controlled arm whose tool is a millimetre deep in a plane, and its law."""
+    top = lowest(name, shape) + 1e-3
+    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4} | contact
+    things = {"plane": plane} | (others or {})
+    tool = upright_tool(name, shape)
+    return Law(name), simulated(name, control="torque", environment=things, **tool)
+
+
 @pytest.mark.parametrize("control", ["torque", "position"])
 @pytest.mark.parametrize("shape", ["sphere", "box", "cylinder", "capsule"])
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -649,10 +631,7 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping):
 @pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, friction):
-    law, top = Law("panda"), lowest("panda", shape) + 1e-3
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "friction": friction}
-    tool = upright_tool("panda", shape)
-    sim = simulated("panda", control="torque", environment={"plane": plane}, **tool)
+    law, sim = on_a_plane("panda", shape, friction=friction)
     along = np.array([0.8, 0.6, 0.0])
     for k in range(600):
         before = sim.read()
@@ -660,7 +639,7 @@ def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, 
         sim.step()
     _, R, v, omega = motion("panda", before)
     force = R @ sim.read().wrench[:3]
-    slip = v + np.cross(omega, R @ tool["tool_position"])
+    slip = v + np.cross(omega, R @ sim.parameters.tool_position)
     assert np.linalg.norm(slip[:2]) > 0.01
     assert np.linalg.norm(force[:2]) == pytest.approx(friction * force[2], rel=5e-3, abs=FORMULA)
     if friction:
@@ -669,16 +648,14 @@ def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape):
-    law, top = Law("ur5"), lowest("ur5", shape) + 1e-3
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "friction": 0.5}
     hand = Push(force=(5.0, 3.0, 0.0), start=1.0)
-    tool = upright_tool("ur5", shape)
-    sim = simulated(control="torque", environment={"plane": plane, "hand": hand}, **tool)
+    law, sim = on_a_plane("ur5", shape, {"hand": hand}, friction=0.5)
+    middle = sim.parameters.tool_position
     for step in range(2500):
         state = sim.read()
         p, R, v, omega = motion("ur5", state)
         if step > 2000:  # it may roll, but its lowest point must not move
-            low = R @ tool["tool_position"] + [0.0, 0.0, -0.02 if shape == "sphere" else -0.03]
+            low = R @ middle + [0.0, 0.0, -0.02 if shape == "sphere" else -0.03]
             assert (v + np.cross(omega, low))[:2] == pytest.approx([0.0, 0.0], abs=HELD)
         sim.command_effort(law.effort(state, [*p[:2], law.p[2]], (0, 0, -20.0)))
         sim.step()
@@ -687,9 +664,7 @@ def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape):
 
 
 def test_brakes_hold_without_the_help_of_friction_at_the_start_and_later():
-    law, top = Law("ur5"), lowest("ur5", "sphere") + 1e-3
-    plane = {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4}
-    sim = simulated(control="torque", environment={"plane": plane}, **upright_tool("ur5", "sphere"))
+    law, sim = on_a_plane("ur5", "sphere")
     _, R = placement("ur5", law.home)
     pressed = [0.0, 0.0, 20.0]
     assert R @ sim.read().wrench[:3] == pytest.approx(pressed, abs=BRAKED)
@@ -726,8 +701,6 @@ def test_contact_spring_push_tool_and_hand_are_read_together():
 
 
 # --- what touches what ---------------------------------------------------------------
-
-
 def test_a_shape_of_the_tool_has_no_mass():
     runs = []
     for tool in ({}, upright_tool("ur5", "box")):
@@ -792,8 +765,6 @@ def test_parameters_that_are_impossible_are_refused_with_what_was_expected(value
 
 
 # --- repeatable ----------------------------------------------------------------------
-
-
 def contact_run(sim: Simulator) -> str:
     """Return a digest of a run through all that an environment can do."""
     digest = hashlib.sha256(sim.read().wrench.tobytes())
@@ -825,11 +796,7 @@ def busy() -> Simulator:
 
 
 def rolling() -> Simulator:
-    plane = {
-        "shape": "plane", "position": [0, 0, lowest("ur5", "cylinder") + 1e-3], "stiffness": 2e4,
-    }  # fmt: skip
-    tool = upright_tool("ur5", "cylinder")
-    return simulated(control="torque", environment={"plane": plane}, **tool)
+    return on_a_plane("ur5", "cylinder")[1]
 
 
 @pytest.mark.parametrize("made", [busy, rolling])

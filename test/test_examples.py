@@ -83,8 +83,6 @@ def test_a_recording_becomes_a_picture_and_a_table(start, tmp_path):
 
 
 # --- pressing --------------------------------------------------------------------------
-
-
 def wall(ahead, stiffness):
     """Return a plane across the axis of the tool at home, so far [m] before the sensor."""
     about = load_robot("ur5")
@@ -200,8 +198,6 @@ def test_it_goes_no_deeper_than_a_bound_and_gives_up_where_the_force_never_comes
 
 
 # --- learning --------------------------------------------------------------------------
-
-
 def environment(**options):
     spec = spec_from_file_location("gym_env", FOLDER / "gym_env.py")
     module = module_from_spec(spec)

@@ -54,7 +54,6 @@ from eulerparams_control.robot.robot import Robot
 
 DURATION = 0.4  # [s]
 STEPS = 401  # at 1 kHz, both ends
-
 # The beginning of T1: the tip goes up and turns about the base y axis.
 T1 = {
     "motion": "way_points",
@@ -115,8 +114,6 @@ def started(folder: Path, **changes: Any) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 # --- what a file may say ---------------------------------------------------------------------
-
-
 def test_an_experiment_is_what_its_file_says(tmp_path):
     found = load_experiment(str(write(tmp_path, GOOD)))
     assert (found.name, found.claim, found.equations) == ("short", "a short run", ("(28)",))
@@ -466,8 +463,6 @@ def test_a_run_has_diverged_if_the_robot_or_its_controller_says_so(
 
 
 # --- whole runs ------------------------------------------------------------------------------
-
-
 def run(folder: Path, *arguments: str) -> Process:
     """Start the executable ``experiment``; SIGINT reaches it however the tests were started."""
     code = (

@@ -30,10 +30,8 @@ from eulerparams_control.lab.faults.fields import numbers
 from eulerparams_control.parameters.schemes import schemes
 
 SECOND = 1_000_000_000
-
 # A sum of two times of order 1.
 ROUNDING = 1e-15
-
 # Of 2000 messages hit with probability 0.3: six standard deviations of their number.
 SIX_SIGMA = 6 * math.sqrt(2000 * 0.3 * 0.7)
 
@@ -82,8 +80,6 @@ def which(groups: list[Any]) -> list[list[int]]:
 
 
 # --- each kind --------------------------------------------------------------------------------
-
-
 def test_where_no_fault_is_at_work_a_message_goes_through_as_it_is():
     found = stream("{fault: drop, topic: joint_states, at: 1, for: 1}")
     msg = state(0)
@@ -253,8 +249,6 @@ def test_a_second_publisher_sends_what_is_beside_the_true_message_but_for_rotati
 
 
 # --- together ---------------------------------------------------------------------------------
-
-
 def test_faults_on_a_topic_are_at_work_one_after_the_other():
     found = stream(
         "{fault: delay, topic: joint_states, at: 0, for: 1, by: 0.2}",
@@ -392,8 +386,6 @@ def test_of_several_faults_the_wrong_one_is_named():
 
 
 # --- random sequences -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("scheme", schemes().values(), ids=lambda scheme: scheme.name)
 def test_random_faults_are_of_all_kinds_on_all_topics_over_in_time_and_can_be_written(scheme):
     found = [random_faults(seed, scheme.name, 4.0) for seed in range(300)]

@@ -42,8 +42,6 @@ KILL = {"fault": "kill", "node": "clik", "at": 0.3, "restart_after": 0.1}
 
 
 # --- what a file may say ----------------------------------------------------------------------
-
-
 def test_faults_are_those_of_the_experiment_or_of_a_variant(tmp_path):
     own = {"a": {}, "b": {"faults": [KILL]}, "c": {"faults": [], "fault_seed": 4}}
     content = changed(duration=1.0, faults=[DROP], fault_seed=3, variants=own)
@@ -129,8 +127,6 @@ def test_the_experiments_that_come_with_the_package_show_every_kind_of_fault():
 
 
 # --- killing ----------------------------------------------------------------------------------
-
-
 def test_nodes_are_killed_and_started_in_the_order_of_their_times():
     faults = (
         Kill(node="clik", at=2.0, restart_after=0.5),

@@ -49,8 +49,6 @@ LONGEST_LINE = 2000  # characters
 
 
 # --- the records of an MCAP file, written by hand ------------------------------------------
-
-
 def record(opcode: int, body: bytes) -> bytes:
     return struct.pack("<BQ", opcode, len(body)) + body
 
@@ -260,8 +258,6 @@ def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path):
 
 
 # --- in this process -----------------------------------------------------------------------
-
-
 def read_all(folder: Path) -> None:
     """Read a bag in every way; raises BagError or nothing."""
     bag = Bag(folder)

@@ -31,7 +31,6 @@ from eulerparams_control.messages.from_ros import LARGEST, CommandReader, JointS
 from eulerparams_control.motion.frames import DesiredFrame
 
 LONGEST_REFUSAL = 5000  # characters
-
 # A command may exceed a limit by its rounding.
 ROUNDING = 1e-9
 
@@ -100,8 +99,6 @@ def is_odd(value: Any) -> bool:
 
 
 # --- the functions that check ----------------------------------------------------------------
-
-
 def taken(read: Callable[[], Any]) -> Any:
     """Return what is read, None if it is refused in one line."""
     refusals: list[str] = []
@@ -172,15 +169,11 @@ PARAMETERS = {
 }
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
-    """Starts the controllers, each once for all examples."""
-    with each_once(tmp_path_factory, PARAMETERS.__getitem__) as start:
-        yield start
+shared = each_once(PARAMETERS.__getitem__)
 
 
 @pytest.fixture(params=PARAMETERS)
-def node(request: pytest.FixtureRequest, shared: Callable[[str], Controlled]) -> Controlled:
+def node(request: pytest.FixtureRequest, shared: Any) -> Controlled:
     return shared(request.param)
 
 

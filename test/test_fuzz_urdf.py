@@ -166,8 +166,6 @@ def test_a_damaged_urdf_is_a_tree_or_refused(places):
 
 
 # --- with C++, in a process of its own -------------------------------------------------------
-
-
 def damaged(count: int) -> list[str]:
     """Return URDFs in which some numbers, names and tags are others, or bytes are cut out."""
     random = generator(70)

@@ -23,7 +23,6 @@ from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
 from eulerparams_control.robot.robot import Robot
 
 CONFIG = ROOT / "config"
-
 # The tool and the bias, 5 N and 0.3 Nm, of these tests, in the sensor frame.
 MASS, COM = 1.2, np.array([0.01, -0.02, 0.06])
 BIAS = np.array([3.0, -2.0, 12.0**0.5, 0.2, -0.1, 0.2])
@@ -40,10 +39,8 @@ SIMULATED = {
 # Joint positions [rad] in which gravity differs by 40 deg or more in the sensor.
 OFFSETS = ((0.0, 0.0), (0.9, 0.0), (0.0, 1.2), (-0.9, 0.0), (0.0, -1.2), (0.9, 1.2))
 POSES = [HOME + [0, 0, 0, first, 0, third] for first, third in OFFSETS]
-
 # A pose of the test takes 30 of its stamps.
 QUICK = {"settle_time": 0.1, "averaging_time": 0.2, "timeout": 0.0}
-
 # Without noise; the result is printed with six decimals.
 PRINTED = 2e-6
 
@@ -138,8 +135,6 @@ def assert_failed(process: Running | Ended, *words: str) -> None:
 
 
 # --- with the simulated robot ----------------------------------------------------------------
-
-
 def test_the_shipped_motion_takes_clik_through_six_poses(world):
     """The files of the README; in lock-step, so that it takes less time."""
     lockstep = {"mode": "lockstep", "rate": 100.0, "wait_for_subscribers": 2}
@@ -156,8 +151,6 @@ def test_the_shipped_motion_takes_clik_through_six_poses(world):
 
 
 # --- what is found ---------------------------------------------------------------------------
-
-
 def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(world, tmp_path):
     output = tmp_path / "tool.yaml"
     rig = Rig(world, output=str(output))
@@ -191,8 +184,6 @@ def test_a_sensor_elsewhere_of_another_sign_on_a_wall_and_without_velocities_fin
 
 
 # --- when a pose is taken --------------------------------------------------------------------
-
-
 def test_poses_that_are_too_similar_are_not_enough(world):
     rig = Rig(world, poses=3)
     in_a_row = [HOME + [0, 0, 0, angle, 0, 0] for angle in (0.0, 0.4, 0.8)]
@@ -247,8 +238,6 @@ def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(world
 
 
 # --- the end ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("count", [0, 2, 3])
 def test_sigint_computes_from_the_poses_there_are_or_says_that_they_are_too_few(world, count):
     rig = Rig(world)

@@ -47,8 +47,6 @@ def poles_of(Z):
 
 
 # --- what is accepted -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["D", "K"])
 def test_no_damping_or_stiffness_along_an_axis_is_accepted(name):
     for matrix in [np.zeros((3, 3)), np.diag([1000.0, 0.0, 1000.0]), *semidefinite(COUNT)]:
@@ -105,8 +103,6 @@ def test_a_mass_that_is_none_along_an_axis_is_refused(M):
 
 
 # --- what follows from them -------------------------------------------------------------------
-
-
 def test_the_rate_is_that_of_the_fastest_mode():
     for M, D, K in zip(*(positive_definite(COUNT, key) for key in (6, 7, 8)), strict=True):
         Z = Impedance(M, D, K)
@@ -150,8 +146,6 @@ def test_the_least_mass_and_damping_are_those_of_the_worst_axis_and_mode():
 
 
 # --- matrices of a few numbers, eqs. (53), (63) -------------------------------------------------
-
-
 def test_three_numbers_are_the_diagonal_and_six_the_upper_half():
     np.testing.assert_array_equal(symmetric_matrix("K", [1, 2, 3]), np.diag([1.0, 2.0, 3.0]))
     expected = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
@@ -201,8 +195,6 @@ def test_values_and_axes_that_make_no_matrix_are_refused_with_what_is_expected(g
 
 
 # --- damping by a ratio -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 0.7, 1.0, 2.0])
 def test_each_mode_has_the_damping_ratio(ratio):
     for M, K in zip(positive_definite(COUNT, 14), positive_definite(COUNT, 15), strict=True):

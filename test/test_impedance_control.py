@@ -110,8 +110,6 @@ def sensed_at_tip(w, R_e):
 
 
 # --- the loop with the simulator ------------------------------------------------------------------
-
-
 class Run(Simulated):
     """A simulated UR5 under impedance control, and its compliant frames."""
 
@@ -136,8 +134,6 @@ def plane_below(p, depth=0.01, stiffness=2e4):
 
 
 # --- E19, the sign -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("sign", "inner_loop"), [(1, True), (1, False), (-1, True)])
 def test_with_the_wrong_sign_of_the_wrench_the_arm_goes_against_the_push(sign, inner_loop):
     push = {"shape": "push", "force": [0.0, 6.0, 0.0]}
@@ -148,8 +144,6 @@ def test_with_the_wrong_sign_of_the_wrench_the_arm_goes_against_the_push(sign, i
 
 
 # --- eqs. (48)-(52): one instant ---------------------------------------------------------------
-
-
 def situations(arm, count=5):
     """Return random q, dq near home, desired frames near the tip, and contacts."""
     robot, home = robot_named(arm)
@@ -242,8 +236,6 @@ def test_the_tick_tells_the_error_to_the_desired_frame_and_the_contact_at_the_ti
 
 
 # --- the compliant frame alone: an arm that stands still ------------------------------------------
-
-
 def lead(scheme, w, duration, dt=0.02):
     """Return the ticks of a scheme whose arm stands still under a wrench (6,), base axes."""
     sensed = sensed_at_tip(w, UR5.state(at_the_middle(), STILL).R_e)
@@ -542,8 +534,6 @@ def test_in_contact_the_wrench_is_lost_and_found_within_the_rate_of_the_efforts(
 
 
 # --- another law -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("change", "end"), [("sign", -1.0), ("tare", 0.0)])
 def test_another_sensor_or_tare_is_taken_over_without_a_step_of_the_wrench(change, end):
     scheme, w = admittance(), np.arange(1.0, 7.0)
@@ -627,8 +617,6 @@ def test_a_contact_that_is_too_large_is_a_fault_that_holds_the_arm(bound, w, tex
 
 
 # --- holding, and going on -----------------------------------------------------------------------
-
-
 def test_a_stop_a_hold_and_a_reset_forget_the_frame_and_end_the_going_over_to_another_wrench():
     scheme, q, w = admittance(), at_the_middle(), np.array([20.0, 0, 0, 0, 0, 0])
     forgetting = (scheme.reset, scheme.resume, lambda q: scheme.hold(DT, q, STILL))
@@ -684,8 +672,6 @@ def test_a_hold_and_a_resume_keep_the_efforts_as_they_are():
 
 
 # --- frames that are carried, gravity -------------------------------------------------------------
-
-
 @pytest.mark.parametrize("key", range(10))
 def test_a_carried_frame_moves_rigidly_with_its_carrier(key):
     motion, point = moving(key), Placement(uniform(1, 30 + key)[0], uniform(1, 40 + key)[0][0])

@@ -193,8 +193,6 @@ def test_an_axis_that_is_none_is_refused(tmp_path, axis):
 
 
 # --- the compliant frame -------------------------------------------------------------
-
-
 def turned(*rotation_vector: float, p: Sequence[float] = (1.0, 0.0, 0.0)) -> DesiredFrame:
     return DesiredFrame(np.array(p), exp(np.array(rotation_vector)))
 
@@ -313,8 +311,6 @@ def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path):
 
 
 # --- V_3 -----------------------------------------------------------------------------
-
-
 def test_v_3_and_its_derivative_are_those_of_the_paper(tmp_path):
     q, rate = np.array([0.5, 0.3, 0.2]), np.array([-1.0, -0.5, 0.25])
     frames = [
@@ -519,8 +515,6 @@ def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path):
 
 
 # --- the centre of compliance --------------------------------------------------------
-
-
 def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
     offset = np.array([0.5, 0.0, 0.1])

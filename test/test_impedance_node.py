@@ -46,7 +46,6 @@ NAME = "impedance_control"
 UR5_FRAMES = UR5.urdf, UR5.base_frame, UR5.tip_frame
 MS = 1_000_000  # [ns] of a tick
 DT = 0.001  # [s]
-
 # The impedance of the shared nodes: critically damped at 45 rad/s, so that it settles soon.
 M_P, K_P, M_O, K_O = 1.0, 2000.0, 0.05, 100.0
 D_P, D_O = 2 * math.sqrt(M_P * K_P), 2 * math.sqrt(M_O * K_O)
@@ -58,22 +57,16 @@ SIMULATED = {
     **{**AT_ONCE, **IMPEDANCE, "use_sim_time": True, "tare_samples": 20},
     "max_effort_rate": [1e4],
 }
-
 # Sums of forces of 20 N, from numbers that are rounded to 1e-16 of their size, times 2000 / s^2.
 EQUATION = 1e-10
-
 # Change of an effort [Nm] in a tick where nothing jumps: what goes or comes within 0.1 s.
 SMOOTH = 0.5
-
 # That of the nodes here [Nm/s], and the rounding of the difference of two efforts of up to 150 Nm.
 EFFORT_RATE, EFFORT_ROUNDING = 1e4, 1e-12
-
 # A tare is constant in the axes of the tip, which turn by a millirad until it has its effect [m].
 TARED = 1e-5
-
 # A frozen frame stops with this time constant [s]: e^-9 of 0.2 m/s or 1 rad/s is left 0.45 s later.
 STOP_TIME, STOPPED = 0.05, 2e-4
-
 # What the motion loop leaves of the compliant frame while nothing else acts [m, rad].
 AT_FRAME = 1e-4
 
@@ -162,8 +155,6 @@ def tare(node: Controlled) -> Trigger.Response:
 
 
 # --- the sign, the frame and the equations ---------------------------------------------------
-
-
 def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     push = np.array([10.0, -6.0, 4.0, 0.6, -0.3, 0.9])
@@ -182,8 +173,6 @@ def test_a_push_moves_the_compliant_frame_along_it_as_the_impedance_says(paired)
 
 
 # --- one state, one wrench, one command ------------------------------------------------------
-
-
 def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     commands = paired.peer.listen(JointState, f"/stamp/{arm.topic}")
@@ -222,8 +211,6 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
 
 
 # --- wrenches that cannot be used ------------------------------------------------------------
-
-
 def broken_wrenches(arm: FeelingArm) -> list[WrenchStamped]:
     """Return wrenches that cannot be used, enormous where they are finite."""
     stamp = arm.message().header.stamp
@@ -239,8 +226,6 @@ def broken_wrenches(arm: FeelingArm) -> list[WrenchStamped]:
 
 
 # --- the wrench stops ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("is_broken", [False, True], ids=["none comes", "none can be used"])
 def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_goes_on(
     node, is_broken
@@ -296,8 +281,6 @@ def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(pair
 
 
 # --- activation and tare ---------------------------------------------------------------------
-
-
 def activate(node: Controlled) -> None:
     node.arm.send_next(30)
     assert node.peer.change_state(node.name, "activate")
@@ -556,8 +539,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
 
 
 # --- joint_states and references -------------------------------------------------------------
-
-
 def test_two_publishers_are_refused_and_both_named(node):
     """On ``wrench``; ``test_nodes.py`` has those on ``reference``."""
     peer, namespace = node.peer, node.name.partition("/")[0]
@@ -632,8 +613,6 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(pai
 
 
 # --- lifecycle -------------------------------------------------------------------------------
-
-
 def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_back(node):
     arm, peer = node.arm, node.peer
     arm.sensor.on = False

@@ -54,8 +54,6 @@ def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) ->
 
 
 # --- velocities ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("velocity", "needed", "words"),
     [
@@ -93,8 +91,6 @@ def without_velocities(arm: Any) -> None:
 
 
 # --- others' joints -----------------------------------------------------------------------------
-
-
 def gripper(arm: Any) -> Any:
     """Return joint_states of a gripper, of now."""
     msg = JointState(name=["finger"], position=[0.01])
@@ -140,8 +136,6 @@ def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world):
 
 
 # --- two robots ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("offset", [0.0, 0.3])  # [rad] of the other arm
 def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(world, offset):
     node = Controlled(world, "clik", FRAMES)
@@ -173,8 +167,6 @@ def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(world
 
 
 # --- rates --------------------------------------------------------------------------------------
-
-
 def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
     node = Controlled(world, "clik", {**FRAMES, **REAL})
 
@@ -195,8 +187,6 @@ def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
 
 
 # --- the wrench ---------------------------------------------------------------------------------
-
-
 def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world):
     node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
     arm = node.arm
@@ -294,8 +284,6 @@ def test_a_wrench_counts_when_the_states_do_where_the_clock_of_both_was_set_back
 
 
 # --- activation -----------------------------------------------------------------------------------
-
-
 def moving(arm: Any, seconds: float, speed: float) -> None:
     """Let an arm be led by hand."""
     for _ in range(round(seconds / 0.01)):
@@ -340,8 +328,6 @@ def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
 
 
 # --- the robot ------------------------------------------------------------------------------------
-
-
 def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
     urdf = UR5.urdf.replace(
         '<joint name="wrist_2_joint" type="revolute">',
@@ -360,8 +346,6 @@ def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
 
 
 # --- the inputs of a controller ----------------------------------------------------------------
-
-
 class Asked(list[tuple[str, Any, Any]]):
     """What a controller was asked for: aim or jog, the target, and when."""
 
@@ -476,8 +460,6 @@ def test_nothing_listens_to_targets_before_a_controller_is_active(world):
 
 
 # --- what becomes of them ----------------------------------------------------------------------
-
-
 def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world):
     node = Controlled(world, "clik", FRAMES)
     twists = node.peer.publisher(TwistStamped, "/target_twist")

@@ -22,19 +22,14 @@ pytestmark = pytest.mark.slow
 RATE = 100.0
 BRIDGE = "pybullet_bridge"
 COMMAND_TIMEOUT = 0.2  # [s]
-
 # A braked joint is slower [rad/s]; brakes leave 1e-7.
 STANDS = 1e-3
-
 # A joint that follows the circle moves at least this fast now and then [rad/s].
 MOVES = 0.02
-
 # The first command after a restart is where the arm was measured [rad].
 BEGINS_AT = 1e-6
-
 # Efforts that bear the arm that stands [Nm]: its inertia times gains times what brakes leave.
 BEARS = 1e-2
-
 # A robot is so old [s] that the stamps of its successor are far from its own: a clock that goes
 # back by less than state_timeout is another fault.
 OLD = 10.0

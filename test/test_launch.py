@@ -26,7 +26,8 @@ from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
 ADMITS = "impedance_control"
-POSITIONS, EFFORTS = ("clik", "admittance"), ("dynamic_control", "impedance_control")
+POSITIONS = "clik", "admittance"
+EFFORTS = "compliance_control", "dynamic_control", "impedance_control"
 TAKES = {
     **dict.fromkeys(("bringup", "ur", "any"), (*POSITIONS, *EFFORTS, "push_test")),
     "franka": (*EFFORTS, "push_test"),

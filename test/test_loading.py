@@ -9,21 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import synthetic_runs as runs
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from synthetic_runs import (
-    DISTANCE,
-    PERIOD_NS,
-    URDF,
-    arms_together,
-    recorded,
-    rewritten,
-    topics_of,
-    write_messages,
-    write_run,
-)
 
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
@@ -50,7 +40,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("long") / "run"
     wrenches = [[k, 0.0, 1.0, 0.0, 0.0, 0.1] for k in range(400)]
     compliant = [DesiredFrame(np.array([1.0, 0.0, 1e-4 * k]), np.eye(3)) for k in range(400)]
-    return write_run(
+    return runs.write_run(
         folder, LONG, LONG, lasting=1.0, wrenches=wrenches, compliant=compliant, parameters=NODE
     )
 
@@ -193,11 +183,11 @@ def test_columns_know_arrays_of_types_of_other_packages(tmp_path):
 
 
 def test_topics_may_have_other_names(tmp_path):
-    source = Bag(write_run(tmp_path / "source", [0.1] * 5, desired=False))
+    source = Bag(runs.write_run(tmp_path / "source", [0.1] * 5, desired=False))
     topics = {"/arm/measured": "sensor_msgs/msg/JointState", "/chatter": "std_msgs/msg/String"}
     states = [m._replace(topic="/arm/measured") for m in source.read_raw(["/joint_states"])]
-    bag = write_messages(tmp_path / "run", topics, states)
-    options = {"urdf": URDF, "tip_frame": "tip"}
+    bag = runs.write_messages(tmp_path / "run", topics, states)
+    options = {"urdf": runs.URDF, "tip_frame": "tip"}
     run = load(bag, names={"joint_states": "/arm/measured"}, **options)
     assert run.measured.q[:, 0].tolist() == [0.1] * 5
     with pytest.raises(BagError, match="--topic joint_states:=/NAME"):
@@ -210,14 +200,12 @@ def test_topics_may_have_other_names(tmp_path):
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path):
     q = [0.1, math.nan, 0.3, math.inf, 0.5]
-    run = recorded(tmp_path / "run", q)
+    run = runs.recorded(tmp_path / "run", q)
     assert run.measured.q[:, 0].tolist() == [0.1, 0.3, 0.5]
     assert "2 messages of joint_states are not valid and left out" in run.warning
 
 
 # --- what is wrong with a bag is said -----------------------------------------------------
-
-
 def _shifted(message: RawMessage, dt: int) -> RawMessage:
     """Return a message with a header, its stamp moved by dt [ns]."""
     sec, nanosec = struct.unpack_from("<iI", message.data, 4)
@@ -228,8 +216,8 @@ def _shifted(message: RawMessage, dt: int) -> RawMessage:
 
 def _changed(folder: Path, topic: str, change: Any, q: Any = (0.1,) * 30, **options: Any) -> Path:
     """Return a run of which the messages of a topic are changed, see ``rewritten``."""
-    source = write_run(folder / "source", q, **options)
-    return rewritten(source, folder / "run", change, topic=topic)
+    source = runs.write_run(folder / "source", q, **options)
+    return runs.rewritten(source, folder / "run", change, topic=topic)
 
 
 @pytest.mark.parametrize("size", [0, 30])
@@ -255,9 +243,9 @@ def test_samples_without_stamps_are_counted(tmp_path):
 
 
 def test_a_state_that_is_sent_again_is_no_loss(tmp_path):
-    source = write_run(tmp_path / "source", [0.1] * 5)
+    source = runs.write_run(tmp_path / "source", [0.1] * 5)
     twice = [message for message in Bag(source).read_raw() for _ in range(2)]
-    assert load(write_messages(tmp_path / "run", topics_of(source), twice)).warning == ""
+    assert load(runs.write_messages(tmp_path / "run", runs.topics_of(source), twice)).warning == ""
 
 
 def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path):
@@ -279,8 +267,8 @@ def test_velocities_that_are_missing_are_differences(tmp_path, velocity):
         message.header.stamp.sec, message.header.stamp.nanosec = 5, k * 10_000_000
         messages.append(RawMessage("/joint_states", k, k, bytes(serialize_message(message))))
     topics = {"/joint_states": "sensor_msgs/msg/JointState"}
-    bag = write_messages(tmp_path / "run", topics, messages)
-    run = load(bag, urdf=URDF, tip_frame="tip")
+    bag = runs.write_messages(tmp_path / "run", topics, messages)
+    run = load(bag, urdf=runs.URDF, tip_frame="tip")
     np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
     assert "joint_states lacks velocities" in run.warning
 
@@ -290,7 +278,7 @@ def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start):
     """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
-    path = write_run(tmp_path / "run", q, q, parameters=node)
+    path = runs.write_run(tmp_path / "run", q, q, parameters=node)
     whole = load(path).lyapunov
     assert whole is not None
     for options in ({"size": 0}, {"size": 37}):
@@ -304,14 +292,14 @@ def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start):
 
 def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path):
     arms = {}
-    for side, began in (("/left", None), ("/right", 5 * PERIOD_NS)):
+    for side, began in (("/left", None), ("/right", 5 * runs.PERIOD_NS)):
         options = {"lasting": 0.1, "began": began, "node": f"{side}/clik"}
-        arms[side] = write_run(tmp_path / side[1:], [0.0] * 30, **options)
-    both = arms_together(tmp_path / "both", arms)
+        arms[side] = runs.write_run(tmp_path / side[1:], [0.0] * 30, **options)
+    both = runs.arms_together(tmp_path / "both", arms)
     left, right = (load(both, namespace=side) for side in arms)
-    assert left.measured.desired.p[5, 2] > 0.4 * DISTANCE
+    assert left.measured.desired.p[5, 2] > 0.4 * runs.DISTANCE
     assert right.measured.desired.p[5, 2] == 0.0
-    assert right.measured.desired.p[20, 2] == pytest.approx(DISTANCE)
+    assert right.measured.desired.p[20, 2] == pytest.approx(runs.DISTANCE)
 
 
 @pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 60, "٣"])
@@ -337,7 +325,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path, topic):
     ],
 )  # fmt: skip
 def test_parameters_that_are_not_valid_leave_the_rest(tmp_path, wrong):
-    run = recorded(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong)
+    run = runs.recorded(tmp_path / "run", [0.1] * 5, parameters=NODE | wrong)
     assert run.leading.orientation_error.tolist() == pytest.approx([0.1] * 5)
     told = "the parameters of the controller are not valid" in run.warning
     assert told == ("reference_timeout" not in wrong)  # which has a default

@@ -78,8 +78,6 @@ def rows_of(pool: Executor, kind: MapKind) -> list[object]:
 
 
 # --- sampling --------------------------------------------------------------------------
-
-
 def test_directions_are_unit_vectors_spread_evenly():
     v = directions(400)
     assert np.allclose(np.linalg.norm(v, axis=1), 1)
@@ -95,8 +93,6 @@ def test_a_passing_turn_comes_as_close_to_the_pole_as_asked(axis, sequence):
 
 
 # --- closed forms ----------------------------------------------------------------------
-
-
 def test_the_peak_speed_of_clik_is_that_of_its_error_equation():
     """k theta of a rotation vector; 2 k sin(theta/2) of Euler parameters, eq. (28)."""
     kind = OrientationMap(
@@ -155,8 +151,6 @@ def test_beyond_half_the_stiffness_angle_axis_has_no_equilibrium():
 
 
 # --- what fails ------------------------------------------------------------------------
-
-
 def test_angle_axis_settles_below_90_deg_and_never_beyond():
     kind = OrientationMap(
         variants=(ANGLE_AXIS, PARAMETERS), samples=3, trials=1, errors=(70.0, 120.0), speeds=()
@@ -209,8 +203,6 @@ def test_a_failure_says_what_failed():
 
 
 # --- the sweep -------------------------------------------------------------------------
-
-
 def test_all_representations_meet_the_same_errors_and_noise():
     twice = replace(SMALL, variants=(PARAMETERS, PARAMETERS))
     table = table_of(twice)
@@ -336,8 +328,6 @@ def test_the_numbers_are_the_same_here_in_workers_of_its_own_and_with_another_sc
 
 
 # --- the executable --------------------------------------------------------------------
-
-
 def test_writes_a_page_with_pictures_that_need_no_network(tmp_path):
     args = ["stiffness", "gain", "--quick", "--samples", "2", "--workers", "0"]
     assert main([*args, "--out", str(tmp_path)]) == 0

@@ -19,18 +19,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.messages.from_ros import (
-    LARGEST,
-    CommandReader,
-    JointStateReader,
-    motion_from_ros,
-    ns_from_ros,
-    pose_from_ros,
-    quaternion_from_ros,
-    twist_from_ros,
-    vector_from_ros,
-    wrench_from_ros,
-)
+from eulerparams_control.messages import from_ros
 from eulerparams_control.messages.to_ros import (
     duration_to_ros,
     error_to_ros,
@@ -48,7 +37,7 @@ JOINTS = ("shoulder", "elbow", "wrist")
 STAMP = Time(sec=3, nanosec=250_000_000)
 POINT = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
 finite = st.floats(allow_nan=False, allow_infinity=False)
-possible = st.floats(-LARGEST, LARGEST)
+possible = st.floats(-from_ros.LARGEST, from_ros.LARGEST)
 
 
 def travelled(msg: Any) -> Any:
@@ -73,11 +62,9 @@ def assert_same(found: DesiredFrame, expected: DesiredFrame) -> None:
 
 
 # --- there and back --------------------------------------------------------------------------
-
-
 @given(st.integers(min_value=0, max_value=2**31 * 10**9 - 1))
 def test_a_stamp_is_the_same_nanosecond_there_and_back(ns):
-    assert ns_from_ros(travelled(stamp_to_ros(ns))) == ns
+    assert from_ros.ns_from_ros(travelled(stamp_to_ros(ns))) == ns
 
 
 @given(st.floats(min_value=0.0, max_value=1e6))
@@ -85,12 +72,12 @@ def test_a_duration_is_the_nearest_nanosecond_there_and_back(seconds):
     msg = travelled(duration_to_ros(seconds))
     assert isinstance(msg, Duration)
     assert 0 <= msg.nanosec < 10**9
-    assert abs(ns_from_ros(msg) / 1e9 - seconds) <= NANOSECOND
+    assert abs(from_ros.ns_from_ros(msg) / 1e9 - seconds) <= NANOSECOND
 
 
 def test_a_rotation_is_the_same_there_and_back_at_every_angle():
     for R in all_rotations():
-        Q = quaternion_from_ros(travelled(quaternion_to_ros(R)))
+        Q = from_ros.quaternion_from_ros(travelled(quaternion_to_ros(R)))
         assert angle_between(Q.R, R) < THROUGH_A_QUATERNION
 
 
@@ -98,14 +85,14 @@ def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside():
     half = math.sqrt(0.5)
     msg = quaternion_to_ros(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     np.testing.assert_allclose([msg.x, msg.y, msg.z, msg.w], [0, 0, half, half], atol=RELATIVE)
-    eta, eps = quaternion_from_ros(Quaternion(x=0.6, y=0.0, z=0.0, w=0.8))
+    eta, eps = from_ros.quaternion_from_ros(Quaternion(x=0.6, y=0.0, z=0.0, w=0.8))
     assert eta == pytest.approx(0.8)
     np.testing.assert_allclose(eps, [0.6, 0.0, 0.0], atol=RELATIVE)
 
 
 def test_a_quaternion_of_single_precision_is_taken_and_normalised():
     x, y, z, w = (float(np.float32(v)) for v in np.array([1.0, 2.0, 3.0, 4.0]) / math.sqrt(30))
-    eta, eps = quaternion_from_ros(Quaternion(x=x, y=y, z=z, w=w))
+    eta, eps = from_ros.quaternion_from_ros(Quaternion(x=x, y=y, z=z, w=w))
     assert eta**2 + eps @ eps == pytest.approx(1.0, abs=RELATIVE)
 
 
@@ -114,7 +101,7 @@ def test_a_trajectory_is_the_same_there_and_back():
     msg = travelled(motion_to_ros(expected, "base_link", "tool0"))
     assert msg.header.frame_id == "base_link"
     assert list(msg.joint_names) == ["tool0"]
-    motion, start = motion_from_ros(msg, "base_link", "tool0", 0.1)
+    motion, start = from_ros.motion_from_ros(msg, "base_link", "tool0", 0.1)
     assert start is None  # stamp 0: at receipt
     assert isinstance(motion, Trajectory)
     assert motion.times == [0.0, 0.5, 2.25]
@@ -126,13 +113,13 @@ def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory():
     (frame,) = frames(1, key=2)
     msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.header.stamp = STAMP
-    motion, start = motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
+    motion, start = from_ros.motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
     assert isinstance(motion, SetPoint)
     assert motion.lasting == 0.25
     assert start == 3_250_000_000
     assert_same(motion.frames[0], frame)
     msg = motion_to_ros(Trajectory([1.5], [frame]), "base_link", "tool0")
-    motion, start = motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
+    motion, start = from_ros.motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
     assert isinstance(motion, Trajectory)
     assert motion.times == [1.5]
     assert start is None
@@ -142,7 +129,7 @@ def test_a_point_without_velocities_and_accelerations_rests_there():
     (frame,) = frames(1, key=3)
     msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.points[0].velocities = msg.points[0].accelerations = []
-    motion, _ = motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
+    motion, _ = from_ros.motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
     assert_same(motion.frames[0], frame.at_rest())
 
 
@@ -151,18 +138,18 @@ def test_a_pose_is_the_same_there_and_back():
         msg = travelled(pose_to_ros(frame.p_d, frame.R_d, STAMP, "base_link"))
         assert isinstance(msg, PoseStamped)
         assert msg.header.stamp == STAMP
-        assert_same(pose_from_ros(msg, AT_ORIGIN), frame.at_rest())
+        assert_same(from_ros.pose_from_ros(msg, AT_ORIGIN), frame.at_rest())
 
 
 def test_a_target_is_stated_in_the_frame_that_carries_it():
     carrier = Placement(about(2, math.pi / 2), np.array([1.0, 2.0, 3.0]))
     msg = pose_to_ros(np.array([0.5, 0.0, 0.0]), about(2, 0.3), STAMP, "camera")
-    found = pose_from_ros(msg, carrier)
+    found = from_ros.pose_from_ros(msg, carrier)
     expected = DesiredFrame(np.array([1.0, 2.5, 3.0]), about(2, math.pi / 2 + 0.3))
     assert_same(found, expected)
     twist = TwistStamped()
     twist.twist.linear.x, twist.twist.angular.y = 0.1, 0.2  # of the tip, only the axes turn
-    found_twist = twist_from_ros(twist, carrier.R)
+    found_twist = from_ros.twist_from_ros(twist, carrier.R)
     np.testing.assert_allclose(found_twist, [0, 0.1, 0, -0.2, 0, 0], atol=RELATIVE)
 
 
@@ -174,19 +161,17 @@ def test_a_wrench_is_the_same_to_the_bit_there_and_back(values):
     found = travelled(msg)
     assert found.header.stamp == STAMP
     assert [found.wrench.force.x, found.wrench.torque.z] == [values[0], values[5]]
-    assert wrench_from_ros(found, "tool0").tolist() == values
+    assert from_ros.wrench_from_ros(found, "tool0").tolist() == values
 
 
 def test_an_error_is_a_twist_with_the_position_error_first():
     msg = travelled(error_to_ros(np.arange(3.0), np.arange(3.0, 6.0), STAMP, "base_link"))
     assert (msg.header.stamp, msg.header.frame_id) == (STAMP, "base_link")
-    assert vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
-    assert vector_from_ros(msg.twist.angular).tolist() == [3.0, 4.0, 5.0]
+    assert from_ros.vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
+    assert from_ros.vector_from_ros(msg.twist.angular).tolist() == [3.0, 4.0, 5.0]
 
 
 # --- joint_states and commands ---------------------------------------------------------------
-
-
 @given(
     st.permutations(["finger", *JOINTS, "other_arm"]), st.lists(possible, min_size=10, max_size=10)
 )
@@ -195,14 +180,14 @@ def test_joints_are_found_by_name_in_any_order_with_others_between(names, number
     velocity = dict(zip(names, numbers[5:], strict=True))
     msg = JointState(name=names, position=numbers[:5], velocity=numbers[5:])
     msg.header.stamp = STAMP
-    t, q, dq = JointStateReader(JOINTS).from_ros(travelled(msg))
+    t, q, dq = from_ros.JointStateReader(JOINTS).from_ros(travelled(msg))
     assert t == 3_250_000_000
     assert q.tolist() == [position[joint] for joint in JOINTS]
     assert dq.tolist() == [velocity[joint] for joint in JOINTS]
 
 
 def test_the_order_of_the_joints_may_change_from_message_to_message():
-    reader = JointStateReader(JOINTS)
+    reader = from_ros.JointStateReader(JOINTS)
     for names, position in (
         (["shoulder", "elbow", "wrist"], [1.0, 2.0, 3.0]),
         (["wrist", "elbow", "shoulder"], [3.0, 2.0, 1.0]),
@@ -217,7 +202,7 @@ def test_the_order_of_the_joints_may_change_from_message_to_message():
 def test_velocities_that_are_needed_are_missed():
     msg = JointState(name=list(JOINTS), position=[1.0, 2.0, 3.0])
     with pytest.raises(InvalidMessageError, match="joint_states has no velocities"):
-        JointStateReader(JOINTS, needs_velocity=True).from_ros(msg)
+        from_ros.JointStateReader(JOINTS, needs_velocity=True).from_ros(msg)
 
 
 def state(**changes: Any) -> JointState:
@@ -249,7 +234,7 @@ STATE_REFUSALS = [
 
 @pytest.mark.parametrize(("changes", "words"), STATE_REFUSALS)
 def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(changes, words):
-    reader = JointStateReader(JOINTS)
+    reader = from_ros.JointStateReader(JOINTS)
     for _ in range(2):  # nor is it taken after a good one
         with pytest.raises(InvalidMessageError, match=re.escape(words)):
             reader.from_ros(travelled(state(**changes)))
@@ -257,7 +242,10 @@ def test_joint_states_that_cannot_be_used_are_refused_with_what_was_found(change
 
 
 def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic():
-    position, effort = CommandReader(JOINTS, "position"), CommandReader(JOINTS, "torque")
+    position, effort = (
+        from_ros.CommandReader(JOINTS, "position"),
+        from_ros.CommandReader(JOINTS, "torque"),
+    )
     names = ["wrist", "shoulder", "elbow"]
     msg = travelled(JointState(name=names, position=[3.0, 1.0, 2.0], velocity=[0.3, 0.1, 0.2]))
     q, dq = position.position_from_ros(msg)
@@ -274,8 +262,6 @@ def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic():
 
 
 # --- what is refused of references, poses, wrenches -------------------------------------------
-
-
 def put(msg: Any, path: str, value: Any) -> None:
     """Set the part of a message at a path such as "points.1.transforms"."""
     *steps, name = path.split(".")
@@ -328,15 +314,15 @@ def good(kind: str) -> tuple[Any, Callable[[Any], Any]]:
     """Return a good message, and what reads it."""
     if kind == "reference":
         msg = motion_to_ros(Trajectory([0.0, 1.0], frames(2, key=5)), "base_link", "tool0")
-        return msg, lambda msg: motion_from_ros(msg, "base_link", "tool0", 0.1)
+        return msg, lambda msg: from_ros.motion_from_ros(msg, "base_link", "tool0", 0.1)
     if kind == "pose":
         msg = pose_to_ros(np.zeros(3), np.eye(3), STAMP, "base_link")
-        return msg, lambda msg: pose_from_ros(msg, AT_ORIGIN)
+        return msg, lambda msg: from_ros.pose_from_ros(msg, AT_ORIGIN)
     if kind == "twist":
-        return TwistStamped(), lambda msg: twist_from_ros(msg, np.eye(3))
+        return TwistStamped(), lambda msg: from_ros.twist_from_ros(msg, np.eye(3))
     msg = WrenchStamped()
     msg.header.frame_id = "tool0"
-    return msg, lambda msg: wrench_from_ros(msg, "tool0")
+    return msg, lambda msg: from_ros.wrench_from_ros(msg, "tool0")
 
 
 @pytest.mark.parametrize(

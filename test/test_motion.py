@@ -4,26 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from samples import (
-    about,
-    by_angles,
-    derivative,
-    generator,
-    pairs_apart,
-    rodrigues,
-    uniform,
-    unit_vectors,
-    vectors,
-)
-from tolerances import (
-    ALGEBRAIC,
-    BETWEEN_POINTS,
-    MOTION_DIFFERENCES,
-    RAMPED,
-    RELATIVE,
-    THROUGH_POINTS,
-    assert_close,
-)
+import samples
+import tolerances as tol
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws.orientation import SEQUENCES
@@ -37,19 +19,19 @@ X = np.eye(3)[0]
 S_IN_NS = 1_000_000_000
 ANGLES = (0.0, 1e-9, 1e-3, 0.5, 1.5, 2.0, 3.0, math.radians(175))
 CIRCLE = Circle(radius=0.15, normal=np.array([1.0, 2.0, -2.0]), period=4.0, tilt=0.4)
-P_0, R_0 = np.array([0.4, -0.1, 0.5]), rodrigues(2.1, np.array([0.6, 0.0, 0.8]))
+P_0, R_0 = np.array([0.4, -0.1, 0.5]), samples.rodrigues(2.1, np.array([0.6, 0.0, 0.8]))
 
 
 def moving_frame(R, key):
     """Return a frame with that orientation, random position, velocities and accelerations."""
-    p, dp, omega, ddp, domega = vectors(5, key=100 + key)
+    p, dp, omega, ddp, domega = samples.vectors(5, key=100 + key)
     return DesiredFrame(p, R, dp, omega, ddp, domega)
 
 
 def trajectory_turning(theta, key=0):
     """Return a motion of three moving frames, each theta [rad] away from its neighbour."""
-    ((R_1, R_0),) = pairs_apart(theta, 1, key)
-    R_2 = rodrigues(theta, unit_vectors(1, key + 50)[0]) @ R_1
+    ((R_1, R_0),) = samples.pairs_apart(theta, 1, key)
+    R_2 = samples.rodrigues(theta, samples.unit_vectors(1, key + 50)[0]) @ R_1
     frames = [moving_frame(R, 10 * key + i) for i, R in enumerate((R_0, R_1, R_2))]
     return Trajectory([0.0, 0.8, 2.0], frames)
 
@@ -57,48 +39,46 @@ def trajectory_turning(theta, key=0):
 def assert_same_frame(a, b, atol):
     """Assert that pose, velocities and accelerations agree."""
     for of_a, of_b in zip(a, b, strict=True):
-        assert_close(of_a, of_b, atol)
+        tol.assert_close(of_a, of_b, atol)
 
 
-def assert_rates_are_derivatives(motion, t, atol=MOTION_DIFFERENCES):
+def assert_rates_are_derivatives(motion, t, atol=tol.MOTION_DIFFERENCES):
     """Assert that velocities and accelerations at t are the derivatives of pose and rates."""
     frame = motion.sample(t)
-    S_omega = derivative(lambda h: motion.sample(t + h).R_d) @ frame.R_d.T
+    S_omega = samples.derivative(lambda h: motion.sample(t + h).R_d) @ frame.R_d.T
     omega = np.array([S_omega[2, 1], S_omega[0, 2], S_omega[1, 0]])
     for name, rate, value in (
-        ("dp_d", frame.dp_d, derivative(lambda h: motion.sample(t + h).p_d)),
+        ("dp_d", frame.dp_d, samples.derivative(lambda h: motion.sample(t + h).p_d)),
         ("omega_d", frame.omega_d, omega),
-        ("ddp_d", frame.ddp_d, derivative(lambda h: motion.sample(t + h).dp_d)),
-        ("domega_d", frame.domega_d, derivative(lambda h: motion.sample(t + h).omega_d)),
+        ("ddp_d", frame.ddp_d, samples.derivative(lambda h: motion.sample(t + h).dp_d)),
+        ("domega_d", frame.domega_d, samples.derivative(lambda h: motion.sample(t + h).omega_d)),
     ):
         np.testing.assert_allclose(rate, value, rtol=atol, atol=atol, err_msg=name)
 
 
 # --- trajectories -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("theta", ANGLES)
 def test_a_trajectory_passes_its_frames_with_their_velocities_and_accelerations(theta):
     for key in range(5):
         trajectory = trajectory_turning(theta, key)
         for i, t in enumerate(trajectory.times):
-            assert_same_frame(trajectory.sample(t), trajectory.frames[i], THROUGH_POINTS)
+            assert_same_frame(trajectory.sample(t), trajectory.frames[i], tol.THROUGH_POINTS)
             # accelerations near 180 deg have the condition of J_r; jerks are of 1e4
             just_before = trajectory.sample(np.nextafter(t, 0)) if i else trajectory.sample(t)
-            assert_same_frame(just_before, trajectory.frames[i], 100 * THROUGH_POINTS)
+            assert_same_frame(just_before, trajectory.frames[i], 100 * tol.THROUGH_POINTS)
 
 
 @pytest.mark.parametrize("theta", ANGLES)
 def test_the_rates_of_a_trajectory_are_its_derivatives(theta):
     for key in range(3):
         trajectory = trajectory_turning(theta, key)
-        for t in generator(60, key).uniform(0.01, 1.99, size=10):
+        for t in samples.generator(60, key).uniform(0.01, 1.99, size=10):
             if abs(t - 0.8) > 1e-3:
-                assert_rates_are_derivatives(trajectory, t, 30 * MOTION_DIFFERENCES)
+                assert_rates_are_derivatives(trajectory, t, 30 * tol.MOTION_DIFFERENCES)
 
 
 def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
-    frames = [moving_frame(R, i) for i, R in enumerate(uniform(2))]
+    frames = [moving_frame(R, i) for i, R in enumerate(samples.uniform(2))]
     trajectory = Trajectory([0.5, 2.0], frames)
     assert trajectory.duration == 2.0
     for t, frame in ((0.0, frames[0]), (0.4999, frames[0]), (2.0001, frames[1]), (99.0, frames[1])):
@@ -106,12 +86,14 @@ def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
 
 
 def test_a_trajectory_that_begins_later_starts_with_the_frame_given():
-    trajectory = Trajectory([0.5, 2.0], [moving_frame(R, i) for i, R in enumerate(uniform(2))])
-    here = moving_frame(uniform(3)[2], 7)
+    trajectory = Trajectory(
+        [0.5, 2.0], [moving_frame(R, i) for i, R in enumerate(samples.uniform(2))]
+    )
+    here = moving_frame(samples.uniform(3)[2], 7)
     longer = trajectory.from_frame(here)
     assert longer.times == [0.0, 0.5, 2.0]
-    assert_same_frame(longer.sample(0.0), here, THROUGH_POINTS)
-    assert_same_frame(longer.sample(0.5), trajectory.frames[0], THROUGH_POINTS)
+    assert_same_frame(longer.sample(0.0), here, tol.THROUGH_POINTS)
+    assert_same_frame(longer.sample(0.5), trajectory.frames[0], tol.THROUGH_POINTS)
     assert longer.from_frame(moving_frame(np.eye(3), 8)) is longer
 
 
@@ -132,30 +114,26 @@ def test_impossible_times_are_refused(times, count, words):
 
 
 # --- way-points ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("theta", [0.3, 1.5, 2.5, math.radians(179)])
 def test_way_points_turn_about_the_equivalent_axis_and_move_on_a_line(theta):
-    for key, r in enumerate(unit_vectors(5, key=3)):
-        R_start = uniform(5, key=3)[key]
-        p_start, p_end = vectors(2, key=20 + key)
+    for key, r in enumerate(samples.unit_vectors(5, key=3)):
+        R_start = samples.uniform(5, key=3)[key]
+        p_start, p_end = samples.vectors(2, key=20 + key)
         trajectory = way_points(
-            [0.0, 3.0], [(p_start, R_start), (p_end, rodrigues(theta, r) @ R_start)]
+            [0.0, 3.0], [(p_start, R_start), (p_end, samples.rodrigues(theta, r) @ R_start)]
         )
         for u in (0.0, 0.1, 0.37, 0.5, 0.82, 1.0):
             share = 10 * u**3 - 15 * u**4 + 6 * u**5
             speed = 30 * (u * (1 - u)) ** 2 / 3.0
             frame = trajectory.sample(3.0 * u)
-            expected = rodrigues(share * theta, r) @ R_start
-            assert_close(frame.R_d, expected, THROUGH_POINTS)
-            np.testing.assert_allclose(frame.omega_d, speed * theta * r, atol=THROUGH_POINTS)
+            expected = samples.rodrigues(share * theta, r) @ R_start
+            tol.assert_close(frame.R_d, expected, tol.THROUGH_POINTS)
+            np.testing.assert_allclose(frame.omega_d, speed * theta * r, atol=tol.THROUGH_POINTS)
             line = p_start + share * (p_end - p_start)
-            assert_close(frame.p_d, line, THROUGH_POINTS)
+            tol.assert_close(frame.p_d, line, tol.THROUGH_POINTS)
 
 
 # --- circles ------------------------------------------------------------------------------
-
-
 def centre_of(circle):
     """Return the centre of the circle that begins at P_0, from three of its points."""
     trajectory = circle._replace(ramp=0.0).trajectory(P_0, R_0)
@@ -166,13 +144,13 @@ def centre_of(circle):
 @pytest.mark.parametrize("tilt", [0.0, 0.4, 2.0])
 def test_a_circle_starts_and_ends_at_the_pose(ramp, tilt):
     trajectory = CIRCLE._replace(ramp=ramp, tilt=tilt).trajectory(P_0, R_0)
-    assert trajectory.duration == pytest.approx(CIRCLE.period + ramp, rel=RELATIVE)
+    assert trajectory.duration == pytest.approx(CIRCLE.period + ramp, rel=tol.RELATIVE)
     for t in (0.0, trajectory.duration):
         frame = trajectory.sample(t)
-        assert_close(frame.p_d, P_0, ALGEBRAIC)
-        assert_close(frame.R_d, R_0, ALGEBRAIC)
+        tol.assert_close(frame.p_d, P_0, tol.ALGEBRAIC)
+        tol.assert_close(frame.R_d, R_0, tol.ALGEBRAIC)
         speed = 0.0 if ramp else 2 * math.pi * CIRCLE.radius / CIRCLE.period
-        assert np.linalg.norm(frame.dp_d) == pytest.approx(speed, abs=ALGEBRAIC)
+        assert np.linalg.norm(frame.dp_d) == pytest.approx(speed, abs=tol.ALGEBRAIC)
 
 
 @pytest.mark.parametrize("ramp", [0.0, 1.0])
@@ -180,12 +158,12 @@ def test_a_circle_is_a_circle_between_its_points_too(ramp):
     circle = CIRCLE._replace(ramp=ramp)
     trajectory = circle.trajectory(P_0, R_0)
     centre, n = centre_of(circle), circle.normal / 3
-    for t in generator(61).uniform(0, trajectory.duration, size=200):
+    for t in samples.generator(61).uniform(0, trajectory.duration, size=200):
         frame = trajectory.sample(t)
         arm = frame.p_d - centre
-        assert np.linalg.norm(arm) == pytest.approx(circle.radius, abs=RAMPED)
-        assert arm @ n == pytest.approx(0, abs=BETWEEN_POINTS)
-        assert frame.dp_d @ arm == pytest.approx(0, abs=RAMPED)
+        assert np.linalg.norm(arm) == pytest.approx(circle.radius, abs=tol.RAMPED)
+        assert arm @ n == pytest.approx(0, abs=tol.BETWEEN_POINTS)
+        assert frame.dp_d @ arm == pytest.approx(0, abs=tol.RAMPED)
 
 
 def test_a_circle_turns_by_the_right_hand_about_its_normal_at_the_speed_of_its_period():
@@ -195,21 +173,21 @@ def test_a_circle_turns_by_the_right_hand_about_its_normal_at_the_speed_of_its_p
     for t in np.linspace(1.0, 4.0, 31):  # after the ramp up, before the ramp down
         frame = trajectory.sample(t)
         dp = np.cross(omega, frame.p_d - centre)
-        assert_close(frame.dp_d, dp, RAMPED)
-        assert_close(frame.ddp_d, np.cross(omega, dp), RAMPED)
+        tol.assert_close(frame.dp_d, dp, tol.RAMPED)
+        tol.assert_close(frame.ddp_d, np.cross(omega, dp), tol.RAMPED)
 
 
 def test_the_tool_of_a_circle_turns_on_a_cone_once_a_turn():
     circle = CIRCLE._replace(ramp=0.0)
     trajectory = circle.trajectory(P_0, R_0)
     n, u = circle.normal / 3, (P_0 - centre_of(circle)) / circle.radius
-    axis = (rodrigues(-circle.tilt, u) @ R_0).T @ n  # of the tool, fixed in it
+    axis = (samples.rodrigues(-circle.tilt, u) @ R_0).T @ n  # of the tool, fixed in it
     for t in np.linspace(0, circle.period, 60):
         frame = trajectory.sample(t)
         on_cone = frame.R_d @ axis
-        assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=RAMPED)
+        assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=tol.RAMPED)
         omega = 2 * math.pi / circle.period * (n - on_cone)
-        assert_close(frame.omega_d, omega, RAMPED)
+        tol.assert_close(frame.omega_d, omega, tol.RAMPED)
 
 
 @pytest.mark.parametrize("ramp", [0.0, 1.0, 4.0])
@@ -219,7 +197,7 @@ def test_the_rates_of_a_circle_are_its_derivatives(ramp, turns):
     if ramp > 0:
         circle = circle._replace(ramp=min(ramp, turns * circle.period))
     trajectory = circle.trajectory(P_0, R_0)
-    for t in generator(62).uniform(0.01, trajectory.duration - 0.01, size=60):
+    for t in samples.generator(62).uniform(0.01, trajectory.duration - 0.01, size=60):
         assert_rates_are_derivatives(trajectory, t)
 
 
@@ -237,8 +215,6 @@ def test_a_circle_without_a_normal_is_refused():
 
 
 # --- set-points ---------------------------------------------------------------------------
-
-
 def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
     dp, omega = np.array([0.1, -0.2, 0.3]), np.array([0.5, 1.0, -2.0])
     frame = DesiredFrame(P_0, R_0, dp, omega)
@@ -246,9 +222,9 @@ def test_a_set_point_is_extrapolated_at_its_twist_then_rests():
     set_point = SetPoint(frame, lasting=0.2)
     for t, moved in ((-1.0, 0.0), (0.0, 0.0), (0.07, 0.07), (0.2, 0.2), (0.21, 0.2), (9.0, 0.2)):
         sample = set_point.sample(t)
-        assert_close(sample.p_d, P_0 + moved * dp, ALGEBRAIC)
-        expected = rodrigues(speed * moved, omega / speed) @ R_0
-        assert_close(sample.R_d, expected, ALGEBRAIC)
+        tol.assert_close(sample.p_d, P_0 + moved * dp, tol.ALGEBRAIC)
+        expected = samples.rodrigues(speed * moved, omega / speed) @ R_0
+        tol.assert_close(sample.R_d, expected, tol.ALGEBRAIC)
         still = t > 0.2
         np.testing.assert_array_equal(sample.dp_d, 0 * dp if still else dp)
         np.testing.assert_array_equal(sample.omega_d, 0 * omega if still else omega)
@@ -264,8 +240,6 @@ def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
 
 
 # --- start and hold -----------------------------------------------------------------------
-
-
 def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
     start = 1_700_000_000_123_456_789
     trajectory = trajectory_turning(1.0)
@@ -288,12 +262,12 @@ def test_until_a_motion_starts_the_present_one_goes_on():
 
 def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():
     desired = Shaper(DesiredFrame(P_0, R_0))
-    goal = P_0 + 0.1 * X, about(0, 0.3) @ R_0
+    goal = P_0 + 0.1 * X, samples.about(0, 0.3) @ R_0
     desired.follow(way_points([2.0], [goal]), None)
-    assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), THROUGH_POINTS)
+    assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), tol.THROUGH_POINTS)
     halfway = desired.sample(S_IN_NS)
-    assert_close(halfway.p_d, P_0 + 0.05 * X, THROUGH_POINTS)
-    assert_close(halfway.R_d, about(0, 0.15) @ R_0, THROUGH_POINTS)
+    tol.assert_close(halfway.p_d, P_0 + 0.05 * X, tol.THROUGH_POINTS)
+    tol.assert_close(halfway.R_d, samples.about(0, 0.15) @ R_0, tol.THROUGH_POINTS)
     assert_same_frame(desired.sample(2 * S_IN_NS), DesiredFrame(*goal), 0)
 
 
@@ -310,7 +284,7 @@ def test_holding_forgets_the_motion_and_its_velocity():
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ANGLE = 1.9
-R = rodrigues(ANGLE, AXIS)
+R = samples.rodrigues(ANGLE, AXIS)
 XYZW = [*(math.sin(ANGLE / 2) * AXIS), math.cos(ANGLE / 2)]
 
 
@@ -324,40 +298,40 @@ def test_a_quaternion_is_read_as_x_y_z_w_and_is_the_format_unless_told_otherwise
     for sign in (1, -1):
         p, R_d = pose(sign * np.array(XYZW), "quaternion_xyzw")
         np.testing.assert_array_equal(p, [0.1, 0.2, 0.3])
-        assert_close(R_d, R, ALGEBRAIC)
+        tol.assert_close(R_d, R, tol.ALGEBRAIC)
     unless_told = parse_way_points([0.0], [0, 0, 0], XYZW)
-    assert_close(unless_told.sample(0.0).R_d, R, ALGEBRAIC)
+    tol.assert_close(unless_told.sample(0.0).R_d, R, tol.ALGEBRAIC)
 
 
 def test_a_rotation_vector_is_the_angle_times_the_axis():
-    assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, ALGEBRAIC)
+    tol.assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, tol.ALGEBRAIC)
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_angles_are_those_of_the_sequence_in_radians(sequence):
-    for angles in generator(90).uniform(-3, 3, size=(20, 3)):
-        expected = by_angles(sequence, *angles)
-        assert_close(pose(angles, sequence)[1], expected, ALGEBRAIC)
+    for angles in samples.generator(90).uniform(-3, 3, size=(20, 3)):
+        expected = samples.by_angles(sequence, *angles)
+        tol.assert_close(pose(angles, sequence)[1], expected, tol.ALGEBRAIC)
 
 
 def test_rows_follow_each_other_and_the_motion_rests_at_each():
     trajectory = parse_way_points(
         [0.0, 1.0, 3.0], [1, 2, 3, 4, 5, 6, 7, 8, 9], [0, 0, 0, 0, 0, 0.5, 0.7, 0, 0], "XYZ"
     )
-    expected = (np.eye(3), about(2, 0.5), about(0, 0.7))
+    expected = (np.eye(3), samples.about(2, 0.5), samples.about(0, 0.7))
     assert trajectory.times == [0.0, 1.0, 3.0]
     for i, (t, R_d) in enumerate(zip(trajectory.times, expected, strict=True)):
         frame = trajectory.sample(t)
-        np.testing.assert_allclose(frame.p_d, np.arange(3) + 3 * i + 1, atol=THROUGH_POINTS)
-        assert_close(frame.R_d, R_d, THROUGH_POINTS)
+        np.testing.assert_allclose(frame.p_d, np.arange(3) + 3 * i + 1, atol=tol.THROUGH_POINTS)
+        tol.assert_close(frame.R_d, R_d, tol.THROUGH_POINTS)
         for rate in frame[2:]:
-            assert_close(rate, 0, THROUGH_POINTS)
+            tol.assert_close(rate, 0, tol.THROUGH_POINTS)
 
 
 def test_a_quaternion_printed_with_four_digits_is_normalised():
     _, R_d = pose(np.round(XYZW, 4), "quaternion_xyzw")
-    assert_close(R_d @ R_d.T, np.eye(3), ALGEBRAIC)
-    assert_close(R_d, R, 4e-4)  # of four digits
+    tol.assert_close(R_d @ R_d.T, np.eye(3), tol.ALGEBRAIC)
+    tol.assert_close(R_d, R, 4e-4)  # of four digits
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ What the control nodes have in common is tested here for each of them; what
 
 import math
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,9 @@ from tolerances import LAW_IN_A_NODE, RELATIVE, SIMULATED_POSE, THROUGH_A_QUATER
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.events import Event, events_of
+from eulerparams_control.laws.compiled import IS_COMPILED
 from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.keys import SLOWED
@@ -50,13 +52,10 @@ from eulerparams_control.robot.robot import RobotState
 
 CONFIG = ROOT / "config"
 CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
-
 # Rounding of the difference of two efforts of up to 150 Nm.
 EFFORT_ROUNDING = 1e-12
-
 # V and its derivatives of the same state, by two formulas; that measured divides by 1 ms.
 LYAPUNOV = 1e-9
-
 # Parameters that are for simulations only.
 UNSAFE: tuple[tuple[str, Any, str], ...] = (
     ("enforce_limits", False, "enforce_limits: false"),
@@ -87,22 +86,15 @@ NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
 
 MISSPELT = "{fault: drop, topic: joint_state, at: 1, for: 1}"
 JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
-
 # An arm whose joints are slower than this stands [rad/s].
 AT_REST = 0.02
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
-    """Starts the controllers that the tests of this module share, with their defaults."""
-    with each_once(tmp_path_factory, lambda _: AT_ONCE) as start:
-        yield start
+shared = each_once(lambda _: AT_ONCE)
 
 
 @pytest.fixture(params=CONTROLLERS)
-def node(
-    request: pytest.FixtureRequest, shared: Callable[[str], Controlled]
-) -> Iterator[Controlled]:
+def node(request: pytest.FixtureRequest, shared: Any) -> Iterator[Controlled]:
     """A controller that is shared, active and holding the home position."""
     controlled = shared(request.param)
     controlled.arm.start_anew()
@@ -111,8 +103,6 @@ def node(
 
 
 # --- one state, one command -----------------------------------------------------------------
-
-
 def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(node):
     arm = node.arm
     first = arm.t + 1_000_000
@@ -135,8 +125,6 @@ def test_a_reference_is_followed_to_its_end(node):
 
 
 # --- what is refused -------------------------------------------------------------------------
-
-
 def test_two_publishers_on_reference_are_refused_and_both_named(node):
     words = "two publishers on 'reference': /peer, /rival; expected one"
     rival = node.peer.another_node("rival")
@@ -209,8 +197,6 @@ def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(node
 
 
 # --- reports ---------------------------------------------------------------------------------
-
-
 def test_pose_error_and_diagnostics_report_the_loop(node):
     peer, arm = node.peer, node.arm
     poses = peer.listen(PoseStamped, f"{node.name}/pose")
@@ -326,9 +312,23 @@ def test_a_representation_that_is_changed_between_two_states_is_shown_by_its_fir
     assert "internal error" not in node.status().message + node.graph.logs()
 
 
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
+def test_a_law_that_would_have_to_be_compiled_is_refused_while_the_arm_is_controlled(
+    node, monkeypatch
+):
+    class Own(OrientationRepresentation.registry["rotation_vector"]):
+        """Of this file: what is compiled for it is not kept."""
+
+    monkeypatch.setitem(OrientationRepresentation.registry, "rotation_vector", Own)
+    node.change(k_Po=90.0)
+    (refusal,) = node.peer.set_parameters(node.name, orientation="rotation_vector")
+    assert "not compiled on this machine" in refusal
+    assert node.peer.get_parameters(node.name, "orientation", "k_Po") == ["euler_parameters", 90.0]
+    node.arm.ticks(50)  # each is answered by the law before
+    assert values(node.status())["orientation"] == "euler_parameters"
+
+
 # --- lifecycle -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("executable", "autostart"), [("clik", True), ("clik", False), ("dynamic_control", True)]
 )
@@ -434,8 +434,6 @@ def test_a_signal_ends_a_controller_whose_arm_does_not_stop(graph):
 
 
 # --- what a robot description lacks ----------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),
     [
@@ -501,8 +499,6 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
 
 
 # --- parameters at the start -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("executable", "parameters", "words"),  # what a declaration says itself: test_parameters
     [
@@ -580,8 +576,6 @@ def test_the_file_of_a_node_in_config_is_accepted_by_it(world, executable):
 
 
 # --- types of commands -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("executable", "kind", "message", "found"),
     [
@@ -601,8 +595,6 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_effor
 
 
 # --- reference -------------------------------------------------------------------------------
-
-
 def test_reference_does_not_start_a_motion_from_joint_states_that_cannot_be_used(world):
     peer, arm = world.peer, Arm(world, UR5)
     process = world.start("reference", {**FRAMES, "motion": "circle"})
@@ -674,8 +666,6 @@ def test_reference_without_a_motion_says_so_when_asked_for_it(world):
 
 
 # --- the bridge ------------------------------------------------------------------------------
-
-
 def test_the_robot_publishes_its_state_wrench_clock_and_description(world):
     slow = {"robot": "ur5", "rate": 100.0, "clock_rate": 100.0, "servo_bandwidth": 50.0}
     world.start("pybullet_bridge", slow, namespace="/robot")

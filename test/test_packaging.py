@@ -21,7 +21,7 @@ from eulerparams_control.command_line import EXTRAS, executables, extra_of, pack
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
-    *("clik", "dynamic_control", "impedance_control", "reference"),
+    *("clik", "compliance_control", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
     *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "live", "teleop"),
     "watchdog",

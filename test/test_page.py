@@ -341,8 +341,6 @@ def test_a_run_that_diverged_is_told_and_its_axes_can_be_read(tmp_path, size):
 
 
 # --- predictions, shades, sections -----------------------------------------------------------
-
-
 def digest_of(folder: Path, **changes: Any) -> Digest:
     run = dynamic(folder, np.linspace(3.0, 8.0, 50))
     return replace(Digest.of(run), **changes)

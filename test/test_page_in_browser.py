@@ -228,8 +228,6 @@ def keep(page: Page, time: float) -> None:
 
 
 # --- it opens offline ------------------------------------------------------------------------
-
-
 def test_the_page_opens_without_errors_and_asks_for_nothing(one_page, file, page):
     _, seen = one_page
     asked = [url for url in seen.requests if not url.startswith(("data:", "blob:"))]
@@ -259,8 +257,6 @@ def test_a_link_opens_its_section_and_plots_in_sight_are_drawn(page):
 
 
 # --- one time axis ---------------------------------------------------------------------------
-
-
 def assert_zoomed(page: Page, start: float, end: float, tolerance: float = 0.01) -> None:
     for shown in in_sight(page, "p.graph.layout.xaxis.range"):
         assert shown == pytest.approx([start, end], abs=tolerance)
@@ -311,8 +307,6 @@ def test_the_slider_sets_the_time_of_plots_and_replay(page):
 
 
 # --- the replay ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("step", [0, 33, 33.5, 100])
 def test_the_drawn_robot_is_where_the_arm_was(page, step):
     q = positions(np.linspace(0, END, STEPS))
@@ -411,8 +405,6 @@ def test_the_replay_can_be_kept_in_sight(page):
 
 
 # --- the look --------------------------------------------------------------------------------
-
-
 def test_a_run_that_is_hidden_is_hidden_everywhere(page):
     page.click("[data-run='0']")
     wait_for(page, "window.page.plots[0].graph.data[0].visible === false")

@@ -17,12 +17,7 @@ from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.equations import equation
 from eulerparams_control.lab.experiments.evaluate import chart_svg, look
-from eulerparams_control.lab.experiments.library import (
-    Result,
-    _errata,
-    library_names,
-    run_library,
-)
+from eulerparams_control.lab.experiments.library import Result, _errata, library_names, run_library
 from eulerparams_control.lab.experiments.library.e1 import residuals
 from eulerparams_control.lab.experiments.model import Criterion, Experiment
 from eulerparams_control.lab.experiments.paper import (
@@ -62,8 +57,6 @@ def text_of(folder: Path, *outcomes: Outcome) -> str:
 
 
 # --- what belongs to the paper -----------------------------------------------------------------
-
-
 def test_the_paper_is_E1_to_E21_in_their_order_and_then_what_goes_beyond_in_lock_step():
     names = [experiment.name for experiment in paper_experiments()]
     assert names[:21] == [f"e{n}" for n in range(1, 22)]
@@ -91,8 +84,6 @@ def test_an_equation_that_the_paper_does_not_have_is_refused():
 
 
 # --- the sentence, the table, the file ----------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("outcomes", "words"),
     [
@@ -155,8 +146,6 @@ def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
 
 
 # --- the page ---------------------------------------------------------------------------------
-
-
 def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path):
     found = outcome(tmp_path, "e17", verdict())
     found.folder.mkdir()
@@ -215,8 +204,6 @@ def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path):
 
 
 # --- charts -----------------------------------------------------------------------------------
-
-
 def test_a_chart_draws_its_lines_and_nothing_twice():
     lines = (
         Line("theory", ((1.0, 1.0), (10.0, 0.1)), "predicted"),
@@ -239,8 +226,6 @@ def test_a_chart_leaves_out_what_did_not_run():
 
 
 # --- the executable ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("verdicts", "error", "code"),
     [((True,), "", 0), ((True, False), "", 1), ((), "a node died", 2), ((), "", 0)],
@@ -349,8 +334,6 @@ def test_a_number_that_the_library_does_not_have_is_refused():
 
 
 # --- predictions over time --------------------------------------------------------------------
-
-
 def test_a_small_error_by_41_decays_as_the_linear_equation_says():
     k_V = 10.0  # with k_Po = 50 the roots are -5 (1 +- j sqrt(0))
     t, error = FORMS["error_41"](2.0, error=1e-3, k_Po=k_V**2 / 2, k_Vo=k_V)

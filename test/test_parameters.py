@@ -167,8 +167,6 @@ def test_a_parameter_is_described_with_its_unit_bounds_and_choices(node):
 
 
 # --- changes while running -------------------------------------------------------------------
-
-
 def change(own: Node, **values: Any) -> list[str]:
     """Set parameters together; return the reason of the refusal, if it is one."""
     result = own.set_parameters_atomically([Parameter(k, value=v) for k, v in values.items()])
@@ -300,8 +298,6 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, ex
 
 
 # --- sections --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("section", ["/clikk", "click", "/left/clik_", "/CLIK"])
 def test_a_file_for_a_node_of_nearly_this_name_is_refused(section, tmp_path):
     file = tmp_path / "parameters.yaml"
@@ -353,8 +349,6 @@ def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content, tmp_path):
 
 
 # --- way-points ------------------------------------------------------------------------------
-
-
 @given(
     times=st.lists(NUMBERS | st.floats(0, 5), max_size=3),
     positions=st.lists(NUMBERS | st.floats(-1, 1), max_size=9),
@@ -370,8 +364,6 @@ def test_way_points_are_a_motion_or_refused(times, positions, orientations, form
 
 
 # --- files of experiments and maps ---------------------------------------------------------------
-
-
 def leaves(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """Yield the way to each value of nested mappings and lists, itself among them."""
     yield path

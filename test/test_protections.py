@@ -41,36 +41,22 @@ ALL = ("clik", "dynamic_control", "impedance_control")
 
 MS = 1_000_000  # [ns]
 DT = 0.001  # [s] of a tick
-
 # The latency that a real-time node of the tests does not mind, however busy the machine is [s].
 ANY_LATENCY = 60.0
-
 # A fault that a busy machine may add to those of a test.
 SILENT = "no valid joint_states within 0.5 s: no commands; is the robot running?"
-
 # An arm that moves is faster than this [rad/s].
 MOVES = 1e-3
-
 # A joint may exceed its speed limit by what the discrete time leaves, of the limit.
 SPEED_LIMIT = 1e-3
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Controlled]]:
-    """Starts the controllers that the tests of this module share; they report each tick."""
-
-    def parameters(executable: str) -> dict[str, Any]:
-        own = {"wrench_pairing": "stamp"} if executable == "impedance_control" else {}
-        return {**FRAMES, **own, "state_rate": 1000.0}
-
-    with each_once(tmp_path_factory, parameters) as start:
-        yield start
+PAIRED = {"impedance_control": {"wrench_pairing": "stamp"}}
+shared = each_once(lambda name: {**FRAMES, **PAIRED.get(name, {}), "state_rate": 1000.0})
 
 
 @pytest.fixture(params=ALL)
-def node(
-    request: pytest.FixtureRequest, shared: Callable[[str], Controlled]
-) -> Iterator[Controlled]:
+def node(request: pytest.FixtureRequest, shared: Any) -> Iterator[Controlled]:
     """A controller that is shared, active and holding the home position."""
     controlled = shared(request.param)
     start_at(controlled, HOME)
@@ -102,8 +88,6 @@ def send(node: Controlled, q: Array, dq: Array, dt: float = DT) -> None:
 
 
 # --- states that cannot be believed ----------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("real", "within", "gap", "cause"),  # told by the stamps, or by the clock of the machine
     [
@@ -165,8 +149,6 @@ def test_a_frame_that_the_robot_lacks_is_refused_by_the_reference_node_with_thos
 
 
 # --- references ------------------------------------------------------------------------------
-
-
 def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(node):
     """Not finite at once or in the end, in another frame, or too far; the others: test_messages."""
     arm = node.arm
@@ -216,8 +198,6 @@ def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to
 
 
 # --- what slows a motion down ----------------------------------------------------------------
-
-
 def watch(node: Controlled, motion: Any, count: int, dt: float) -> list[dict[str, str]]:
     """Follow a motion for ``count`` ticks of dt [s]; return what /diagnostics said meanwhile.
 
@@ -291,8 +271,6 @@ def test_at_the_pole_of_euler_angles_the_arm_is_held_and_the_singularity_named(n
 
 
 # --- what is said, and what leaves -----------------------------------------------------------
-
-
 def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
     arm = node.arm
 
@@ -316,8 +294,6 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
 
 
 # --- the end ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("executable", "ready", "code", "number"),
     [
@@ -341,7 +317,6 @@ def test_a_signal_ends_each_other_node_by_its_own_handler(graph, executable, rea
 
 # An arm of 0.25 m/s stops within this [m] at 1 m/s^2, with the jerk limit.
 STOPPING_DISTANCE = 0.06
-
 # A frictionless arm with its last effort moves by this [m] within 0.5 s at most: it is slower than
 # AT_REST, and falls away from there.  It was 0.155 when the effort was that of a moving arm.
 DRIFT = 0.01

@@ -70,8 +70,6 @@ def drawn(urdf: str) -> tuple[dict[str, Any], list[str]]:
 
 
 # --- meshes ----------------------------------------------------------------------------------
-
-
 def test_a_mesh_of_fewer_triangles_is_the_same_surface():
     whole = sphere(100)
     assert simplified(whole, len(whole.triangles)) is whole
@@ -164,8 +162,6 @@ def test_each_robot_is_drawn_with_all_its_meshes_and_is_small(name):
 
 
 # --- robots ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("geometry", "expected"),
     [
@@ -238,8 +234,6 @@ def test_runs_of_the_same_robot_share_it(tmp_path):
 
 
 # --- motion ----------------------------------------------------------------------------------
-
-
 def track(count: int = 3, **values: Any) -> Track:
     nothing = np.full((count, 3), np.nan)
     frames = np.full((count, 3, 3), np.nan)

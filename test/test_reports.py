@@ -222,8 +222,6 @@ def test_what_is_said_after_the_last_state_delays_nothing(tmp_path):
 
 
 # --- what was made of a reference ------------------------------------------------------------
-
-
 def write_made(folder: Path, rate: float, size: float, of: Sequence[str] = ("clik",)) -> Path:
     """Write a run that was asked to move by ``DISTANCE``, and moved by a part of it, slower."""
     plain = write_run(folder / "plain", [0.0] * STATES, lasting=0.4)

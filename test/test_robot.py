@@ -280,8 +280,6 @@ def test_gravity_is_the_vector_that_is_given_in_the_root(gravity):
 
 
 # --- frames and joints --------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("base", "given", "active"),
     [
@@ -358,8 +356,6 @@ def test_joint_values_of_the_wrong_number_are_refused_with_the_right_one():
 
 
 # --- where a link is ----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("base", "links"),
     [

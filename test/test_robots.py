@@ -22,7 +22,6 @@ from eulerparams_control.robot.catalogue import load_robot
 # for an experiment, as are the distance to the position limits [rad] and the part of the efforts
 # that the weight takes.
 CONDITION, ROOM, WEIGHT = 3.0, 0.5, 0.6
-
 # The least joint inertia [kg m^2] that is one, and not the rounding of none.
 INERTIA = 1e-6
 

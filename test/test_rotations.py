@@ -7,58 +7,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import samples
 from representations import make
-from samples import (
-    POLE_DISTANCES,
-    about,
-    all_rotations,
-    axes_of,
-    by_angles,
-    clear_of_poles,
-    derivative,
-    generator,
-    near_pole,
-    pairs_apart,
-    pole_clearance,
-    poles,
-    rodrigues,
-    turning,
-    uniform,
-    unit_vectors,
-    vectors,
-)
 from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ETA_NEAR_PI, RELATIVE, UNBOUNDED, assert_close
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws import rotations as so3
 from eulerparams_control.laws.orientation import SEPARATE, SEQUENCES, SIGNS, EulerSequence, SignRule
 from eulerparams_control.laws.orientation.sequences import wrapped as wrapped_angle
-from eulerparams_control.laws.rotations import (
-    SMALL_ANGLE,
-    SMALL_JACOBIAN_ANGLE,
-    EulerParameters,
-    R_angle_axis,
-    R_axis,
-    S,
-    angle_between,
-    body_rates,
-    chord,
-    cross,
-    exp,
-    log,
-    mutual,
-    mutual_R,
-    product,
-    propagation,
-    right_jacobian,
-    rotation_vector,
-)
 
 X, Y, Z = np.eye(3)
 COUNT = 100
-
 # Angles [rad] at which each formula of theta is tried; their signs matter.
 ANGLES = (0.0, 1e-9, 1e-4, 0.5, math.pi / 2, 2.5, math.pi - 1e-9, math.pi, -1e-7, -1.0, -3.0)
-
 # Angles [rad] over which the logarithm keeps its relative accuracy.
 LOG_ANGLES = (1e-12, 1e-9, 1e-7, 0.99e-4, 1.01e-4, 1.99e-4, 2.01e-4, 0.1, 1.0, 3.0, 3.1415)
 
@@ -67,7 +28,7 @@ def random_parameters(count, key=0):
     """Return Euler parameters uniform on the sphere, of either sign of eta."""
     quaternions = np.random.default_rng(key).normal(size=(count, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    return [EulerParameters(float(q[0]), q[1:]) for q in quaternions]
+    return [so3.EulerParameters(float(q[0]), q[1:]) for q in quaternions]
 
 
 def as_array(Q):
@@ -75,39 +36,35 @@ def as_array(Q):
 
 
 # --- eqs. (1), (2): skew-symmetric operator, elementary rotations ---------------------------
-
-
 def test_S_and_cross_perform_the_cross_product():
-    for v, w in zip(vectors(COUNT), vectors(COUNT, key=1), strict=True):
-        assert_close(S(v) @ w, np.cross(v, w))
-        assert_close(cross(v, w), np.cross(v, w))
-        np.testing.assert_array_equal(S(v), -S(v).T)
+    for v, w in zip(samples.vectors(COUNT), samples.vectors(COUNT, key=1), strict=True):
+        assert_close(so3.S(v) @ w, np.cross(v, w))
+        assert_close(so3.cross(v, w), np.cross(v, w))
+        np.testing.assert_array_equal(so3.S(v), -so3.S(v).T)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_elementary_rotations_turn_about_their_axis(axis):
     for angle in ANGLES:
-        assert_close(R_axis(axis, np.array(angle)), about(axis, angle))
+        assert_close(so3.R_axis(axis, np.array(angle)), samples.about(axis, angle))
 
 
 # --- eqs. (4)-(7): angle and axis, Euler parameters --------------------------------------------
-
-
 @pytest.mark.parametrize("theta", ANGLES)
 def test_R_and_euler_parameters_of_angle_and_axis_are_their_formulas(theta):
-    for r in [X, Y, Z, *unit_vectors(20)]:
-        assert_close(R_angle_axis(theta, r), rodrigues(theta, r))  # eq. (4)
-        eta, eps = Q = EulerParameters.from_angle_axis(theta, r)
+    for r in [X, Y, Z, *samples.unit_vectors(20)]:
+        assert_close(so3.R_angle_axis(theta, r), samples.rodrigues(theta, r))  # eq. (4)
+        eta, eps = Q = so3.EulerParameters.from_angle_axis(theta, r)
         assert eta == pytest.approx(math.cos(theta / 2), abs=ALGEBRAIC)  # eq. (5)
         np.testing.assert_allclose(eps, math.sin(theta / 2) * r, rtol=RELATIVE)  # eq. (5)
         assert eta**2 + eps @ eps == pytest.approx(1.0, abs=ALGEBRAIC)  # eq. (6)
         assert eta >= 0  # abs(theta) <= pi
-        assert_close(Q.R, rodrigues(theta, r))  # eq. (7)
+        assert_close(Q.R, samples.rodrigues(theta, r))  # eq. (7)
 
 
 def test_extraction_inverts_eq_7_at_every_angle():
-    for R in all_rotations():
-        Q = EulerParameters.from_R(R)
+    for R in samples.all_rotations():
+        Q = so3.EulerParameters.from_R(R)
         assert_close(Q.R, R)
         assert Q.eta >= 0
         assert Q.eta**2 + Q.eps @ Q.eps == pytest.approx(1.0, abs=ALGEBRAIC)  # eq. (6)
@@ -115,105 +72,103 @@ def test_extraction_inverts_eq_7_at_every_angle():
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-6])
 def test_extraction_just_below_pi_keeps_the_side_of_the_axis(gap):
-    for r in [X, -Y, Z, *unit_vectors(30)]:
-        eta, eps = EulerParameters.from_R(rodrigues(math.pi - gap, r))
+    for r in [X, -Y, Z, *samples.unit_vectors(30)]:
+        eta, eps = so3.EulerParameters.from_R(samples.rodrigues(math.pi - gap, r))
         assert eta == pytest.approx(gap / 2, rel=ETA_NEAR_PI)
         assert_close(eps, r)
 
 
 @pytest.mark.parametrize("theta", [1e-15, 1e-12, 1e-9, 1e-6, 1e-3])
 def test_extraction_keeps_small_angles_to_relative_accuracy(theta):
-    for r in unit_vectors(50):
-        eps = EulerParameters.from_R(rodrigues(theta, r)).eps
+    for r in samples.unit_vectors(50):
+        eps = so3.EulerParameters.from_R(samples.rodrigues(theta, r)).eps
         np.testing.assert_allclose(eps, math.sin(theta / 2) * r, rtol=ALGEBRAIC, atol=0)
 
 
 @pytest.mark.parametrize("theta", [1e-12, 1e-9, 1e-4, 1.0, 3.0, math.pi - 1e-9, math.pi])
 def test_theta_is_accurate_at_every_angle_and_for_both_signs(theta):
-    for r in unit_vectors(10):
-        Q = EulerParameters.from_angle_axis(theta, r)
+    for r in samples.unit_vectors(10):
+        Q = so3.EulerParameters.from_angle_axis(theta, r)
         assert Q.theta == pytest.approx(theta, rel=RELATIVE)
         assert (-Q).theta == Q.theta
 
 
 def test_propagation_rule_is_the_derivative_of_the_euler_parameters():
-    for Q, omega in zip(random_parameters(COUNT), vectors(COUNT, key=1), strict=True):
-        R = turning(Q.R, omega)
+    for Q, omega in zip(random_parameters(COUNT), samples.vectors(COUNT, key=1), strict=True):
+        R = samples.turning(Q.R, omega)
 
         def of_sign_of_Q(t, R=R, Q=Q):
-            Q_t = as_array(EulerParameters.from_R(R(t)))
+            Q_t = as_array(so3.EulerParameters.from_R(R(t)))
             return Q_t * np.sign(Q_t @ as_array(Q))
 
-        deta, deps = propagation(Q, omega)
-        expected = derivative(of_sign_of_Q)
+        deta, deps = so3.propagation(Q, omega)
+        expected = samples.derivative(of_sign_of_Q)
         assert deta == pytest.approx(expected[0], abs=DIFFERENCES)  # eq. (8)
         assert_close(deps, expected[1:], DIFFERENCES)  # eq. (9)
 
 
 def test_composition_is_the_mutual_rotation():
-    for R_1, R_2 in zip(all_rotations(), reversed(all_rotations()), strict=True):
-        Q_1, Q_2 = EulerParameters.from_R(R_1), EulerParameters.from_R(R_2)
-        composed = mutual(Q_1, Q_2)  # eqs. (12), (13)
+    for R_1, R_2 in zip(samples.all_rotations(), reversed(samples.all_rotations()), strict=True):
+        Q_1, Q_2 = so3.EulerParameters.from_R(R_1), so3.EulerParameters.from_R(R_2)
+        composed = so3.mutual(Q_1, Q_2)  # eqs. (12), (13)
         assert_close(composed.R, R_1.T @ R_2)  # eq. (11)
-        Q = mutual_R(R_1, R_2)
+        Q = so3.mutual_R(R_1, R_2)
         assert Q.eta >= 0
         assert_close(R_1 @ Q.R, R_2)
 
 
 def test_mutual_parameters_are_those_of_eqs_12_and_13():
-    Q_1 = EulerParameters(0.5, np.array([0.5, 0.5, 0.5]))
-    Q_2 = EulerParameters(0.6, np.array([0.0, 0.8, 0.0]))
-    eta, eps = mutual(Q_1, Q_2)
+    Q_1 = so3.EulerParameters(0.5, np.array([0.5, 0.5, 0.5]))
+    Q_2 = so3.EulerParameters(0.6, np.array([0.0, 0.8, 0.0]))
+    eta, eps = so3.mutual(Q_1, Q_2)
     assert eta == pytest.approx(0.7, abs=ALGEBRAIC)
     assert_close(eps, [0.1, 0.1, -0.7])
 
 
 def test_product_composes_and_conjugate_inverts():
     for Q_1, Q_2 in zip(random_parameters(COUNT), random_parameters(COUNT, key=1), strict=True):
-        assert_close(product(Q_1, Q_2).R, Q_1.R @ Q_2.R)
+        assert_close(so3.product(Q_1, Q_2).R, Q_1.R @ Q_2.R)
         assert_close(Q_1.conjugate.R, Q_1.R.T)
-        assert_close(as_array(product(Q_1, Q_1.conjugate)), [1, 0, 0, 0])
+        assert_close(as_array(so3.product(Q_1, Q_1.conjugate)), [1, 0, 0, 0])
         np.testing.assert_array_equal(as_array(-Q_1), -as_array(Q_1))
         np.testing.assert_array_equal((-Q_1).R, Q_1.R)
 
 
 # --- exponential and logarithm ---------------------------------------------------------------
-
-
-@pytest.mark.parametrize("theta", [*LOG_ANGLES, SMALL_ANGLE, 4.0, 7.0])
+@pytest.mark.parametrize("theta", [*LOG_ANGLES, so3.SMALL_ANGLE, 4.0, 7.0])
 def test_exp_is_the_rotation_by_the_length_about_the_direction(theta):
-    for r in unit_vectors(20):
-        assert_close(exp(theta * r), rodrigues(theta, r))
+    for r in samples.unit_vectors(20):
+        assert_close(so3.exp(theta * r), samples.rodrigues(theta, r))
 
 
 @pytest.mark.parametrize("theta", LOG_ANGLES)
 def test_log_inverts_exp_to_relative_accuracy(theta):
-    for r in unit_vectors(50):
-        error = np.linalg.norm(log(exp(theta * r)) - theta * r)
+    for r in samples.unit_vectors(50):
+        error = np.linalg.norm(so3.log(so3.exp(theta * r)) - theta * r)
         assert error / theta < ALGEBRAIC
 
 
 def test_exp_inverts_log_at_every_angle():
-    for R in all_rotations():
-        assert_close(exp(log(R)), R)
-        assert np.linalg.norm(log(R)) <= math.pi + ALGEBRAIC
-    np.testing.assert_array_equal(log(np.eye(3)), np.zeros(3))  # exactly
-    np.testing.assert_array_equal(exp(np.zeros(3)), np.eye(3))
-    for identity in (EulerParameters(1.0, np.zeros(3)), EulerParameters(-1.0, np.zeros(3))):
-        np.testing.assert_array_equal(rotation_vector(identity), np.zeros(3))
+    for R in samples.all_rotations():
+        assert_close(so3.exp(so3.log(R)), R)
+        assert np.linalg.norm(so3.log(R)) <= math.pi + ALGEBRAIC
+    np.testing.assert_array_equal(so3.log(np.eye(3)), np.zeros(3))  # exactly
+    np.testing.assert_array_equal(so3.exp(np.zeros(3)), np.eye(3))
+    for identity in (so3.EulerParameters(1.0, np.zeros(3)), so3.EulerParameters(-1.0, np.zeros(3))):
+        np.testing.assert_array_equal(so3.rotation_vector(identity), np.zeros(3))
 
 
 @pytest.mark.parametrize("theta", LOG_ANGLES)
 def test_rotation_vector_is_theta_r_and_of_negative_eta_the_long_way_round(theta):
-    for r in unit_vectors(20):
-        Q = EulerParameters.from_angle_axis(theta, r)
-        np.testing.assert_allclose(rotation_vector(Q), theta * r, rtol=RELATIVE, atol=0)
-        assert_close(rotation_vector(-Q), -(2 * math.pi - theta) * r)
+    for r in samples.unit_vectors(20):
+        Q = so3.EulerParameters.from_angle_axis(theta, r)
+        np.testing.assert_allclose(so3.rotation_vector(Q), theta * r, rtol=RELATIVE, atol=0)
+        assert_close(so3.rotation_vector(-Q), -(2 * math.pi - theta) * r)
 
 
 # Angles [rad] on both sides of where the series of the right Jacobian ends.
 JACOBIAN_ANGLES = (
-    *(0.0, 1e-6, 0.01, 0.999 * SMALL_JACOBIAN_ANGLE, 1.001 * SMALL_JACOBIAN_ANGLE),
+    *(0.0, 1e-6, 0.01, 0.999 * so3.SMALL_JACOBIAN_ANGLE, 1.001 * so3.SMALL_JACOBIAN_ANGLE),
     *(1.0, 3.0, math.pi, 5.0),
 )
 
@@ -222,42 +177,39 @@ def series_of_the_right_jacobian(x):
     """Return the sum of (-S(x))^n / (n + 1)! (3, 3)."""
     term, total = np.eye(3), np.eye(3)
     for n in range(1, 50):
-        term = term @ -S(x) / (n + 1)
+        term = term @ -so3.S(x) / (n + 1)
         total = total + term
     return total
 
 
 @pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
-def test_the_right_jacobian_is_its_series(theta):
-    for r in unit_vectors(20):
-        assert_close(right_jacobian(theta * r), series_of_the_right_jacobian(theta * r))
-
-
-@pytest.mark.parametrize("theta", JACOBIAN_ANGLES)
-def test_the_body_rates_are_those_of_the_right_jacobian_and_its_derivative(theta):
-    for r, dx, ddx in zip(unit_vectors(20), vectors(20), vectors(20)[::-1], strict=True):
+def test_the_right_jacobian_is_its_series_and_gives_the_body_rates_with_its_derivative(theta):
+    rates = samples.vectors(20)
+    for r, dx, ddx in zip(samples.unit_vectors(20), rates, rates[::-1], strict=True):
         x = theta * r
-        dJ_r = derivative(lambda t, x=x, dx=dx: series_of_the_right_jacobian(x + t * dx))
+        dJ_r = samples.derivative(lambda t, x=x, dx=dx: series_of_the_right_jacobian(x + t * dx))
         J_r = series_of_the_right_jacobian(x)
-        omega, domega = body_rates(x, dx, ddx)
+        assert_close(so3.right_jacobian(x), J_r)
+        omega, domega = so3.body_rates(x, dx, ddx)
         assert_close(omega, J_r @ dx)
         assert_close(domega, J_r @ ddx + dJ_r @ dx, DIFFERENCES)
 
 
 def test_the_body_rates_do_not_jump_where_the_series_ends():
-    for r, dx in zip(unit_vectors(50), vectors(50), strict=True):
+    for r, dx in zip(samples.unit_vectors(50), samples.vectors(50), strict=True):
         below, above = (
-            body_rates(SMALL_JACOBIAN_ANGLE * (1 + side) * r, dx, dx) for side in (-1e-14, 1e-14)
+            so3.body_rates(so3.SMALL_JACOBIAN_ANGLE * (1 + side) * r, dx, dx)
+            for side in (-1e-14, 1e-14)
         )
         assert_close(below, above)
 
 
 @pytest.mark.parametrize("theta", [1e-9, 1e-3, 0.7, 2.0, math.pi - 1e-6, math.pi])
 def test_angle_between_two_frames_is_the_angle_of_their_mutual_rotation(theta):
-    for R_2, R_1 in pairs_apart(theta, 20):
-        assert angle_between(R_1, R_2) == pytest.approx(theta, abs=ALGEBRAIC)
-        assert angle_between(R_2, R_1) == pytest.approx(theta, abs=ALGEBRAIC)
-        assert chord(R_1, R_2) == pytest.approx(2 * math.sin(theta / 2), abs=1e-7)
+    for R_2, R_1 in samples.pairs_apart(theta, 20):
+        assert so3.angle_between(R_1, R_2) == pytest.approx(theta, abs=ALGEBRAIC)
+        assert so3.angle_between(R_2, R_1) == pytest.approx(theta, abs=ALGEBRAIC)
+        assert so3.chord(R_1, R_2) == pytest.approx(2 * math.sin(theta / 2), abs=1e-7)
 
 
 # --- the sign of the mutual quaternion -----------------------------------------------------
@@ -271,7 +223,7 @@ every_rule = pytest.mark.parametrize("name", SIGNS)
 
 def about_z(theta):
     """Return the mutual quaternion of a rotation by theta [rad] about z, with eta >= 0."""
-    return EulerParameters.from_R(about(2, theta))
+    return so3.EulerParameters.from_R(samples.about(2, theta))
 
 
 def choose_all(rule, quaternions):
@@ -294,18 +246,16 @@ def flips(chosen):
 def random_walk(steps=2000, step=STEP_OF_THE_WALK):
     """Return the quaternions, eta >= 0, of an orientation that wanders everywhere."""
     walk = [np.eye(3)]
-    for x in step * generator(20).normal(size=(steps, 3)) + step * Z:
-        walk.append(exp(x) @ walk[-1])
-    return [EulerParameters.from_R(R) for R in walk]
+    for x in step * samples.generator(20).normal(size=(steps, 3)) + step * Z:
+        walk.append(so3.exp(x) @ walk[-1])
+    return [so3.EulerParameters.from_R(R) for R in walk]
 
 
 # --- the rules -------------------------------------------------------------------------------
-
-
 @every_rule
 def test_the_first_quaternion_has_positive_eta(name):
-    for R in uniform(50):
-        Q = EulerParameters.from_R(R)
+    for R in samples.uniform(50):
+        Q = so3.EulerParameters.from_R(R)
         for given in (Q, -Q):
             chosen = SignRule(name).choose(given, None)
             assert chosen.eta >= 0
@@ -313,19 +263,12 @@ def test_the_first_quaternion_has_positive_eta(name):
 
 
 @every_rule
-def test_what_is_chosen_stands_for_the_same_rotation(name):
-    walk = random_walk()
-    for Q, chosen in zip(walk, choose_all(SignRule(name), walk), strict=True):
-        assert abs(dot(Q, chosen)) == pytest.approx(1.0, abs=ALGEBRAIC)
-
-
-@every_rule
-def test_the_choice_does_not_depend_on_the_sign_that_is_given(name):
-    walk = random_walk()
-    signs = generator(21).choice([-1, 1], size=len(walk))
-    mixed = [Q if sign > 0 else -Q for Q, sign in zip(walk, signs, strict=True)]
-    rule = SignRule(name)
-    for Q_1, Q_2 in zip(choose_all(rule, walk), choose_all(rule, mixed), strict=True):
+def test_the_choice_is_of_the_same_rotation_and_does_not_depend_on_the_sign_that_is_given(name):
+    walk, rule = random_walk(), SignRule(name)
+    signs = samples.generator(21).choice([-1, 1], size=len(walk))
+    mixed = choose_all(rule, [Q if sign > 0 else -Q for Q, sign in zip(walk, signs, strict=True)])
+    for Q, Q_1, Q_2 in zip(walk, choose_all(rule, walk), mixed, strict=True):
+        assert abs(dot(Q, Q_1)) == pytest.approx(1.0, abs=ALGEBRAIC)
         assert Q_1.eta == Q_2.eta
         np.testing.assert_array_equal(Q_1.eps, Q_2.eps)
 
@@ -368,13 +311,11 @@ def test_only_shortest_chatters_under_noise_at_180_degrees():
 
 
 # --- where the sign must not be chosen: on each quaternion apart (E14) -------------------------
-
-
 @every_rule
 def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name):
     law = make("euler_parameters", sign=name)
     for theta in (0.1, 1.0, 3.0):
-        for R_d, R_e in pairs_apart(theta, 30):
+        for R_d, R_e in samples.pairs_apart(theta, 30):
             eta = law.displacement(R_d, R_e).Q_de.eta
             assert eta == pytest.approx(math.cos(theta / 2), abs=ALGEBRAIC)
 
@@ -382,8 +323,8 @@ def test_the_choice_on_the_error_never_sees_more_than_180_degrees_at_first(name)
 @pytest.mark.parametrize("apart", [0.1, 1.0, 3.0])
 def test_separate_is_the_composition_of_two_quaternions_with_positive_eta(apart):
     negative = 0
-    for R_d, R_e in pairs_apart(apart, 30):
-        expected = mutual(EulerParameters.from_R(R_e), EulerParameters.from_R(R_d))
+    for R_d, R_e in samples.pairs_apart(apart, 30):
+        expected = so3.mutual(so3.EulerParameters.from_R(R_e), so3.EulerParameters.from_R(R_d))
         for previous in (None, expected, -expected):  # it has no memory
             Q = SignRule(SEPARATE).mutual(R_e, R_d, previous)
             assert Q.eta == expected.eta
@@ -406,8 +347,6 @@ def test_with_an_initial_sign_of_minus_one_eta_begins_negative_and_stays_on_its_
 
 
 # --- bad input -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("kind", "known", "name"),
     [
@@ -453,98 +392,76 @@ every_sequence = pytest.mark.parametrize("name", SEQUENCES)
 
 def random_angles(count, key=0):
     """Return angles (3,) in (-pi, pi), beta included: T is defined everywhere."""
-    return list(generator(10, key).uniform(-math.pi, math.pi, size=(count, 3)))
+    return list(samples.generator(10, key).uniform(-math.pi, math.pi, size=(count, 3)))
 
 
 def principal_angles(name, count):
     """Return angles (3,) with beta in the range of extraction, off the poles."""
-    lower, upper = poles(name)
+    lower, upper = samples.poles(name)
     low, high = [-math.pi, lower + 0.05, -math.pi], [math.pi, upper - 0.05, math.pi]
-    return list(generator(11).uniform(low, high, size=(count, 3)))
+    return list(samples.generator(11).uniform(low, high, size=(count, 3)))
 
 
 def assert_extracts(name, R, previous=None):
     """Assert that R(extract(R)) = R, and return the angles."""
     phi = EulerSequence(name).extract(R, previous)
-    assert_close(by_angles(name, *phi), R)
+    assert_close(samples.by_angles(name, *phi), R)
     return phi
 
 
-def rounded(R, key):
-    """Return R after two products that cancel: the same but for rounding, as from an arm."""
-    (turn,) = uniform(1, key)
-    return turn.T @ (turn @ R)
-
-
 # --- the registry ----------------------------------------------------------------------------
-
-
 def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_kind():
     letters = itertools.product("XYZ", repeat=3)
     assert set(SEQUENCES) == {i + j + k for i, j, k in letters if i != j and j != k}
     assert len(SEQUENCES) == 12
     for name in SEQUENCES:
-        assert EulerSequence(name).axes == axes_of(name)
+        assert EulerSequence(name).axes == samples.axes_of(name)
         assert EulerSequence(name).is_proper == (name[0] == name[2])
     assert EulerSequence() == EulerSequence("XYZ")  # that of the paper
 
 
 # --- eqs. (2), (3) ---------------------------------------------------------------------------
-
-
 @every_sequence
-def test_R_is_the_product_of_the_elementary_rotations(name):
-    for phi in random_angles(FEW):
-        assert_close(EulerSequence(name).R(phi), by_angles(name, *phi))  # eq. (2)
-
-
-@every_sequence
-def test_T_takes_the_rates_of_the_angles_to_the_angular_velocity(name):
-    for phi, dphi in zip(random_angles(FEW), vectors(FEW), strict=True):
-        dR = derivative(lambda t, phi=phi, dphi=dphi: by_angles(name, *(phi + t * dphi)))
-        omega = EulerSequence(name).T(phi) @ dphi  # eq. (3)
-        assert_close(dR, S(omega) @ by_angles(name, *phi), DIFFERENCES)  # eq. (1)
-
-
-@every_sequence
-def test_dT_is_the_derivative_of_T(name):
+def test_R_is_the_product_of_elementary_rotations_T_makes_omega_of_the_rates_and_dT_is_its_rate(
+    name,
+):
     sequence = EulerSequence(name)
-    for phi, dphi in zip(random_angles(FEW), vectors(FEW), strict=True):
-        dT = derivative(lambda t, phi=phi, dphi=dphi: sequence.T(phi + t * dphi))
-        assert_close(sequence.dT(phi, dphi), dT, DIFFERENCES)
+    for phi, dphi in zip(random_angles(FEW), samples.vectors(FEW), strict=True):
+        R = samples.by_angles(name, *phi)
+        assert_close(sequence.R(phi), R)  # eq. (2)
+
+        def of_angles(function, phi=phi, dphi=dphi):
+            return samples.derivative(lambda t: function(phi + t * dphi))
+
+        dR = of_angles(lambda x: samples.by_angles(name, *x))
+        assert_close(dR, so3.S(sequence.T(phi) @ dphi) @ R, DIFFERENCES)  # eqs. (1), (3)
+        assert_close(sequence.dT(phi, dphi), of_angles(sequence.T), DIFFERENCES)
 
 
 # --- distance to the pole --------------------------------------------------------------------
-
-
 @every_sequence
-def test_pole_distance_is_the_angle_between_the_first_and_the_last_axis(name):
-    for R in all_rotations():
-        distance = EulerSequence(name).pole_distance(R)
-        assert distance == pytest.approx(pole_clearance(name, R), abs=ASIN)
-
-
-@every_sequence
-def test_pole_distance_is_accurate_near_both_poles(name):
-    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
-        for R in near_pole(name, pole, distance):
-            assert EulerSequence(name).pole_distance(R) == pytest.approx(distance, abs=RELATIVE)
+def test_pole_distance_is_the_angle_of_the_first_and_last_axis_and_accurate_near_both_poles(name):
+    sequence = EulerSequence(name)
+    for R in samples.all_rotations():
+        clearance = samples.pole_clearance(name, R)
+        assert sequence.pole_distance(R) == pytest.approx(clearance, abs=ASIN)
+    for pole, distance in itertools.product(samples.poles(name), samples.POLE_DISTANCES):
+        for R in samples.near_pole(name, pole, distance):
+            assert sequence.pole_distance(R) == pytest.approx(distance, abs=RELATIVE)
 
 
 # --- rates -----------------------------------------------------------------------------------
-
-
 @every_sequence
 def test_rates_invert_T(name):
     sequence = EulerSequence(name)
-    for phi, omega in zip(principal_angles(name, FEW), vectors(FEW), strict=True):
+    for phi, omega in zip(principal_angles(name, FEW), samples.vectors(FEW), strict=True):
         assert_close(sequence.T(phi) @ sequence.rates(phi, omega), omega)
 
 
 @every_sequence
 def test_the_rates_at_a_pole_are_refused_with_the_way_out_or_unbounded(name):
     refusals = []
-    for pole in poles(name):
+    for pole in samples.poles(name):
         phi = np.array([0.4, pole, -0.9])
         omega = np.cross(*EulerSequence(name).T(phi).T[:2])
         try:
@@ -558,51 +475,39 @@ def test_the_rates_at_a_pole_are_refused_with_the_way_out_or_unbounded(name):
 
 
 # --- extraction ------------------------------------------------------------------------------
-
-
 @every_sequence
-def test_extraction_inverts_R_everywhere(name):
-    for R in all_rotations():
+def test_extraction_inverts_R_everywhere_and_bears_its_rounding_at_the_poles(name):
+    for R in samples.all_rotations():
         assert_extracts(name, R)
-
-
-@every_sequence
-def test_extraction_near_and_at_both_poles_inverts_R_and_bears_its_rounding(name):
-    for pole, distance in itertools.product(poles(name), POLE_DISTANCES):
-        for key, R in enumerate(near_pole(name, pole, distance)):
+    for pole, distance in itertools.product(samples.poles(name), samples.POLE_DISTANCES):
+        for key, R in enumerate(samples.near_pole(name, pole, distance)):
             phi = assert_extracts(name, R)
             assert abs(phi[1] - pole) == pytest.approx(distance, abs=RELATIVE)
-            assert_extracts(name, rounded(R, key))
+            (turn,) = samples.uniform(1, key)
+            assert_extracts(name, turn.T @ (turn @ R))  # the same but for rounding
 
 
 @every_sequence
 def test_extraction_returns_the_angles_in_their_principal_range(name):
     for phi in principal_angles(name, FEW):
-        extracted = EulerSequence(name).extract(by_angles(name, *phi))
-        assert_close(extracted, phi)
+        assert_close(EulerSequence(name).extract(samples.by_angles(name, *phi)), phi)
 
 
 @every_sequence
-def test_the_previous_gamma_is_kept_at_the_pole(name):
-    previous = np.array([0.1, 0.2, -2.3])
-    for pole in poles(name):
-        for R in near_pole(name, pole, distance=0.0):
+def test_of_the_previous_angles_only_gamma_is_kept_and_only_at_the_pole(name):
+    previous, sequence = np.array([0.1, 0.2, -2.3]), EulerSequence(name)
+    for pole in samples.poles(name):
+        for R in samples.near_pole(name, pole, distance=0.0):
             assert assert_extracts(name, R, previous)[2] == previous[2]
             assert assert_extracts(name, R)[2] == 0.0
-
-
-@every_sequence
-def test_away_from_the_pole_the_previous_angles_do_not_matter(name):
-    previous = np.array([0.1, 0.2, -2.3])
-    for R in clear_of_poles(name, FEW):
-        sequence = EulerSequence(name)
+    for R in samples.clear_of_poles(name, FEW):
         np.testing.assert_array_equal(sequence.extract(R, previous), sequence.extract(R))
 
 
 def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
     just_above_pi = np.nextafter(math.pi, 4.0)
     edges = [math.pi, -math.pi, just_above_pi, 3 * math.pi, 5 * math.pi]
-    angles = np.concatenate((generator(13).uniform(-20, 20, size=3000), edges))
+    angles = np.concatenate((samples.generator(13).uniform(-20, 20, size=3000), edges))
     wrapped = wrapped_angle(angles)
     turns = (angles - wrapped) / (2 * math.pi)
     assert_close(turns, np.round(turns))

@@ -251,8 +251,6 @@ def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path):
 
 
 # --- the lock --------------------------------------------------------------------------------
-
-
 def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_ended(
     tmp_path, capsys
 ):
@@ -276,8 +274,6 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 
 # --- what a run is made of -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"making": 3, "ended": {}}'])
 def test_a_broken_record_is_no_run(tmp_path, content):
     record = ended(tmp_path)
@@ -340,8 +336,6 @@ def test_what_was_looked_at_depends_on_the_assets_of_its_page(monkeypatch, tmp_p
 
 
 # --- the schedule ----------------------------------------------------------------------------
-
-
 class Watch:
     """Keeps what it is told of experiments whose runs are calls of a function, without a bag."""
 
@@ -583,8 +577,6 @@ def test_what_recorders_of_a_run_before_have_left_is_removed(monkeypatch, tmp_pa
 
 
 # --- processes ---------------------------------------------------------------------------------
-
-
 def test_where_a_process_died_another_takes_its_place():
     with jobs.Processes(1) as pool:
         with pytest.raises(BrokenExecutor):

@@ -29,7 +29,6 @@ HERE = DesiredFrame(np.array([0.4, 0.1, 0.3]), about(0, math.pi))
 X = np.array([1.0, 0.0, 0.0])
 SPEED = 0.1
 RATE = 500
-
 # Of a limit: what the samples of a plan between which the norm bulges may exceed.
 BULGE = 0.05
 
@@ -115,8 +114,6 @@ def assert_at(motion, frame, rtol=1e-9):
 
 
 # --- trajectories -------------------------------------------------------------------------
-
-
 def test_a_trajectory_within_the_limits_is_followed_to_the_bit():
     path = way_points([0.0, 2.0, 4.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2, 0.5), moved())])
     motion = follow([(0.1, sent(path))], 4.5)
@@ -168,27 +165,18 @@ def test_a_trajectory_that_begins_or_ends_in_motion_is_joined_and_ended_smoothly
 
 @pytest.mark.parametrize("rate", [2, 5, 20])
 def test_chunks_that_correct_each_other_are_blended_without_a_stop(rate):
-    rng, events = generator(rate), []
-    for k in range(3 * rate):
-        begin = k / rate
+    rng, events, times = generator(rate), [], np.linspace(0.0, 1.0, 6)
+    for begin in np.arange(3 * rate) / rate:
         noise = 0.002 * rng.normal(size=3)
-        frames = [
-            moved(SPEED * (begin + s), twist=SPEED)._replace(
-                p_d=HERE.p_d + SPEED * (begin + s) * X + noise
-            )
-            for s in np.linspace(0.0, 1.0, 6)
-        ]
-        chunk = Trajectory(np.linspace(0.0, 1.0, 6).tolist(), frames)
+        frames = [moved(SPEED * (begin + s), twist=SPEED) for s in times]
+        chunk = Trajectory(times.tolist(), [f._replace(p_d=f.p_d + noise) for f in frames])
         events.append((0.1 + begin, sent(chunk, round((0.1 + begin) * 1e9))))
     motion = follow(events, 6.0)
     assert_within(motion)
-    going = np.linalg.norm(motion.v[RATE : 3 * RATE], axis=1)
-    assert going.min() > 0.4 * SPEED
+    assert np.linalg.norm(motion.v[RATE : 3 * RATE], axis=1).min() > 0.4 * SPEED
 
 
 # --- goals --------------------------------------------------------------------------------
-
-
 def shortest(L, theta, limits=LIMITS):
     """Return the least time from rest to rest over L [m] and theta [rad], both limited by jerk."""
 
@@ -221,20 +209,16 @@ def test_a_goal_is_reached_in_the_shortest_time_that_the_limits_allow():
 
 
 def test_goals_that_come_while_it_moves_keep_the_limits_and_the_last_is_reached():
-    rng, worst = generator(2), []
+    rng = generator(2)
     for _ in range(12):
         goals = [DesiredFrame(HERE.p_d + rng.uniform(-0.2, 0.2, 3), turned(rng)) for _ in range(4)]
         times = np.sort(rng.uniform(0.0, 3.0, 4))
         motion = follow([(t, sent(Goal(g))) for t, g in zip(times, goals, strict=True)], 10.0)
         assert_within(motion)
         assert_at(motion, goals[-1])
-        worst.append(motion)
-    assert len(worst) == 12
 
 
 # --- streams ------------------------------------------------------------------------------
-
-
 def stream(rate, *, twists=False, jitter=0.0, noise=0.0, seconds=3.0, ahead=0.0, kind=SetPoint):
     """Return the events of a stream along X, which begins at 0.1 s and ends after ``seconds``."""
     rng, events = generator(rate), []
@@ -314,9 +298,7 @@ def test_a_stream_of_which_none_begins_is_told():
         t = k * 10_000_000
         shaper.follow(SetPoint(moved(1e-4 * k), 0.1), t + 2_000_000_000 + k)
         shaper.sample(t)
-        assert shaper.is_stalled(t) == (1.0 < k / 100 <= 2.0 or shaper.is_stalled(t))
-        if k == 150:
-            assert shaper.is_stalled(t)
+        assert shaper.is_stalled(t) or not 1.0 < k / 100 <= 2.0
 
 
 def test_a_set_point_ahead_that_comes_before_the_first_sample_is_no_stalled_stream():
@@ -350,8 +332,6 @@ def test_orientation_streams_pass_every_pole_and_tool_down(sequence, sign):
 
 
 # --- twists -------------------------------------------------------------------------------
-
-
 def test_a_twist_is_attained_and_ends_smoothly_when_none_follows():
     twist = np.array([0.1, 0.0, 0.05, 0.0, 0.4, 0.0])
     events = [(0.1 + k / 50, sent(Jog(twist, 0.1))) for k in range(100)]
@@ -401,8 +381,6 @@ def test_a_twist_beyond_the_limits_is_cut_and_what_came_last_leads_smoothly():
 
 
 # --- stops, and the rate of time ------------------------------------------------------------
-
-
 class Plan(TimeScale):
     """A rate of time that is to be one value from 0.8 s on, and another from 2 s on."""
 
@@ -498,8 +476,6 @@ def test_a_set_point_that_accelerates_does_not_lead_beyond_the_speed_limit():
 
 
 # --- leaps, plans -------------------------------------------------------------------------
-
-
 def test_a_reference_that_leaps_when_it_begins_is_refused_then():
     path = way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.25))])
     shaper = Shaper(HERE, LIMITS, (0.05, 0.2))

@@ -32,47 +32,34 @@ from sim_bridge.urdf import SENSOR_LINK, Body, simulation_urdf
 # Inverse dynamics of (dq' - dq) / dt: rounding of dq (1e-15) over dt (1e-3) times an
 # inertia of 10, and two decades for torques of 100 Nm.
 TORQUE = 1e-9
-
 # One step of q += dt dq: one rounding of numbers of order 1.
 ROUNDING = 1e-14
-
 # The same of the last step of Newton's method, 1e-15 rad/s.
 IMPLICIT_TORQUE = 1e-8
-
 # Joint speeds that the motors leave: 50 iterations of PyBullet's solver, 1e-8 seen.
 MOTOR_SPEED = 1e-7
-
 # Drift of an arm that stands, within 1 s: gravity's rounding in torque control, an
 # unstable equilibrium; MOTOR_SPEED for 1 s when braked.
 DRIFT = 1e-7
-
 # A static wrench: the quaternion of the sensor link (1e-15) times 10 N, while the brakes
 # leave accelerations of MOTOR_SPEED / dt = 1e-4 m/s^2 on 1 kg.
 STATIC_WRENCH = 1e-3
-
 # A weight at rest: rounding of the orientation, 1e-15, and two decades. PyBullet's float32
 # frames would be wrong by 2e-6.
 WEIGHT = 1e-12
-
 # What touches the tool is passed on exactly; a gripper that shakes by MOTOR_SPEED adds this.
 TOUCH = 1e-6
-
 # Newton and Euler at one instant against momentum over a step of 0.1 ms: the tool turns
 # by 3 rad/s dt = 3e-4 of some 30 N, and jerks.
 STEP_OF_MOTION = 0.05
-
 # The torque that brakes hold against a push, from their speeds: MOTOR_SPEED / dt * 10 kg m^2.
 HOLDING_TORQUE = 1e-2
-
 # Geometric decay of a servo over 100 steps, relative: MOTOR_SPEED in 0.01 rad/s.
 DECAY = 1e-4
-
 # Overshoot of a joint stop that is hit at full speed: one step of 10 rad/s, rad.
 STOP = 0.02
-
 # A low pass summed up in closed form: rounding of differences of q (1e-16) over dt.
 FILTERED = 1e-10
-
 # Mean and standard deviation of N samples: 4.5 sigma, once in 100,000 tests.
 SAMPLES = 4000
 MEAN = 4.5 / np.sqrt(SAMPLES)
@@ -290,8 +277,6 @@ def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_with_all_that_acts(name,
 
 
 # --- brakes --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("control", ["position", "torque"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_stands_braked_until_its_first_command(name, control):
@@ -330,8 +315,6 @@ def test_brakes_and_servo_have_no_more_than_the_effort_limit():
 
 
 # --- force/torque sensor -------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", [*ROBOTS, "odd"])
 @given(seed=seeds)
 @settings(deadline=None, max_examples=5)
@@ -404,8 +387,6 @@ def test_a_sensor_that_the_arm_does_not_move_is_refused():
 
 
 # --- servo ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("bandwidth", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_an_error_of_the_servo_decays_with_its_bandwidth(name, bandwidth):
@@ -430,55 +411,38 @@ def test_the_servo_follows_a_moving_reference_without_lag():
 
 
 # --- limits --------------------------------------------------------------------------
-
-
-def test_an_effort_is_clipped_to_the_limits_of_the_urdf():
-    sim = simulator("ur5", control="torque")
-    limits = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
-    states = []
-    for tau in (limits, 2.0 * limits):
+def test_efforts_speeds_and_positions_are_clipped_to_the_limits_of_the_urdf():
+    sim, efforts, states = simulator("ur5", control="torque"), np.repeat([150.0, 28.0], 3), []
+    for tau in (efforts, 2.0 * efforts):
         sim.reset()
         sim.command_effort(tau)
         states.append(run(sim, 5))
-    assert states[1].tau.tolist() == limits.tolist()
+    assert states[1].tau.tolist() == efforts.tolist()
     assert states[1].q.tolist() == states[0].q.tolist()
-    sim.command_effort(-2.0 * limits)
-    assert run(sim, 1).tau.tolist() == (-limits).tolist()
-
-
-def test_a_speed_reference_is_clipped_to_the_speed_limits():
-    sim = simulator("ur5")
+    sim.command_effort(-2.0 * efforts)
+    assert run(sim, 1).tau.tolist() == (-efforts).tolist()
+    servo = simulator("ur5")
     for k in range(250):
-        sim.command_position(sim.read().q, np.full(6, 0.02 * k))
-        sim.step()
-    assert sim.read().dq == pytest.approx([3.15] * 3 + [3.2] * 3, abs=MOTOR_SPEED)
-
-
-def test_a_position_reference_is_clipped_to_the_position_limits():
-    sim = simulator("ur5")
-    sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
-    sim.command_position([0.0, -1.0, 9.0, 0.0, 0.0, 0.0], np.zeros(6))
-    state = run(sim, 500)
+        servo.command_position(servo.read().q, np.full(6, 0.02 * k))
+        servo.step()
+    assert servo.read().dq == pytest.approx([3.15] * 3 + [3.2] * 3, abs=MOTOR_SPEED)
+    servo.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
+    servo.command_position([0.0, -1.0, 9.0, 0.0, 0.0, 0.0], np.zeros(6))
+    state = run(servo, 500)
     assert state.q[2] == pytest.approx(3.14159265359, abs=DRIFT)
     # the motor does not press against the stop
-    gravity = Model(robot("ur5")).gravity(state.q)
-    assert state.tau == pytest.approx(gravity, abs=HOLDING_TORQUE)
+    assert state.tau == pytest.approx(Model(robot("ur5")).gravity(state.q), abs=HOLDING_TORQUE)
 
 
 def test_a_joint_stops_at_its_limit_in_torque_control():
     sim = simulator("ur5", control="torque")
     sim.reset([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
-    highest = -np.inf
     sim.command_effort([0.0, 0.0, 60.0, 0.0, 0.0, 0.0])
-    for _ in range(300):
-        sim.step()
-        highest = max(highest, sim.read().q[2])
+    highest = max(run(sim, 1).q[2] for _ in range(300))
     assert np.pi < highest + STOP < np.pi + 2 * STOP
 
 
 # --- friction ------------------------------------------------------------------------
-
-
 def test_coulomb_friction_brings_a_joint_to_rest_without_chatter():
     sim = simulator("ur5", control="torque", friction_coulomb=1.0, gravity=(0.0, 0.0, 0.0))
     sim.command_effort([0, 0, 0, 0, 0, 2.0])
@@ -516,21 +480,20 @@ def test_friction_on_links_too_light_for_the_step_is_that_of_the_speed_after_it(
 
 
 def test_the_order_of_the_joints_is_that_of_the_robot():
-    turned = dataclasses.replace(
-        ODD, joints=("bend", "turn", "slide"), home=tuple(np.array(ODD.home)[[2, 0, 1]])
-    )
-    parameters = SimulatorParameters(control="torque", rate=100.0, friction_coulomb=(2.0, 3.0, 9.0))
-    simulators = [
-        Simulator(turned, parameters),
-        Simulator(ODD, dataclasses.replace(parameters, friction_coulomb=(3.0, 9.0, 2.0))),
-    ]
-    simulators[0].command_effort([4.0, 2.0, 30.0])
-    simulators[1].command_effort([2.0, 30.0, 4.0])
-    one, other = (run(sim, 20) for sim in simulators)
-    assert one.q == pytest.approx(other.q[[2, 0, 1]], abs=ROUNDING)
-    assert np.abs(one.dq).min() > COULOMB_SPEED
-    for sim in simulators:
+    order, states = [2, 0, 1], []
+    home = tuple(np.array(ODD.home)[order])
+    turned = dataclasses.replace(ODD, joints=("bend", "turn", "slide"), home=home)
+    for arm, coulomb, effort in (
+        (turned, (2.0, 3.0, 9.0), [4.0, 2.0, 30.0]),
+        (ODD, (3.0, 9.0, 2.0), [2.0, 30.0, 4.0]),
+    ):
+        options = {"control": "torque", "rate": 100.0, "friction_coulomb": coulomb}
+        sim = Simulator(arm, SimulatorParameters(**options))
+        sim.command_effort(effort)
+        states.append(run(sim, 20))
         sim.close()
+    assert states[0].q == pytest.approx(states[1].q[order], abs=ROUNDING)
+    assert np.abs(states[0].dq).min() > COULOMB_SPEED
 
 
 def test_the_servo_overcomes_friction_and_its_effort_shows_it():
@@ -548,8 +511,6 @@ def test_the_servo_overcomes_friction_and_its_effort_shows_it():
 
 
 # --- limits: what is clipped, and the protective stop --------------------------------
-
-
 def limits(joints: int, **changed: Any) -> JointLimits:
     one = np.ones(joints)
     values = {"lower": -one, "upper": one, "velocity": one, "effort": one} | changed
@@ -558,26 +519,25 @@ def limits(joints: int, **changed: Any) -> JointLimits:
 
 def test_the_worst_of_what_is_clipped_is_told_and_nothing_else():
     sim = simulator("ur5", control="torque")
-    sim.command_effort([150.0, -150.0, 0.0, 28.0, -28.0, -0.0])
-    assert sim.clipped is None
-    sim.command_effort([160.0, 0.0, -200.0, 0.0, 30.0, 0.0])
-    assert sim.clipped == ("elbow_joint", "effort", -200.0, -150.0, "Nm")
-    words = "joint 'elbow_joint' was asked for the effort -200 Nm; its limit is -150 Nm"
-    assert str(sim.clipped) == words
-    sim.command_effort(np.zeros(6))
-    assert sim.clipped is None
-
-
-def test_a_position_and_a_speed_beyond_the_limits_are_told_but_not_a_goal_far_away():
-    sim = simulator("odd")
-    sim.command_position([1e6, 4.9, 2.9], [1e6, 2.9, 2.9])  # the turning joint has no limits
-    assert sim.clipped is None
-    sim.command_position([0.0, 5.5, 0.0], [0.0, 0.0, 9.0])
-    assert sim.clipped == ("slide", "position", 5.5, 5.0, "m")
-    sim.command_position([0.0, 0.0, 0.0], [0.0, 4.0, 0.0])
-    assert sim.clipped == ("slide", "speed", 4.0, 3.0, "m/s")
-    sim.brake()
-    assert sim.clipped is None
+    for effort, clipped in (
+        ([150.0, -150.0, 0.0, 28.0, -28.0, -0.0], None),
+        ([160.0, 0.0, -200.0, 0.0, 30.0, 0.0], ("elbow_joint", "effort", -200.0, -150.0, "Nm")),
+        ([0.0] * 6, None),
+    ):
+        sim.command_effort(effort)
+        assert sim.clipped == clipped
+        words = "joint 'elbow_joint' was asked for the effort -200 Nm; its limit is -150 Nm"
+        assert clipped is None or str(sim.clipped) == words
+    servo = simulator("odd")
+    for q, dq, clipped in (
+        ([1e6, 4.9, 2.9], [1e6, 2.9, 2.9], None),  # the turning joint has no limits
+        ([0.0, 5.5, 0.0], [0.0, 0.0, 9.0], ("slide", "position", 5.5, 5.0, "m")),
+        ([0.0, 0.0, 0.0], [0.0, 4.0, 0.0], ("slide", "speed", 4.0, 3.0, "m/s")),
+    ):
+        servo.command_position(q, dq)
+        assert servo.clipped == clipped
+    servo.brake()
+    assert servo.clipped is None
 
 
 def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation():
@@ -592,12 +552,10 @@ def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation():
 
 
 def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_further():
-    protection = Protection(("a",), limits(1), 1.5)
+    protection, beyond = Protection(("a",), limits(1), 1.5), "0.21 beyond its limit 1"
     protection.let_stand([1.2])
     assert protection.violation([1.2], [0.5]) == ""
-    assert (
-        protection.violation([1.21], [0.5]) == "joint 'a' is at 1.21 rad, 0.21 beyond its limit 1"
-    )
+    assert protection.violation([1.21], [0.5]) == f"joint 'a' is at 1.21 rad, {beyond}"
     protection.let_stand([0.9])
     assert protection.violation([1.2], [0.0]) != ""
 
@@ -760,9 +718,10 @@ def test_a_command_of_the_other_control_is_refused():
 
 
 def test_a_start_outside_the_limits_is_refused_with_joint_and_limits():
+    q = [0.0, 0.0, 4.0, 0.0, 0.0, 0.0]
     with pytest.raises(SimulationError, match=r"'elbow_joint', 4\.0, is outside -3\.14.* 3\.14"):
-        simulator("ur5").reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
-    simulator("ur5", enforce_limits=False).reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
+        simulator("ur5").reset(q)
+    simulator("ur5", enforce_limits=False).reset(q)
 
 
 @pytest.mark.parametrize("field", ["q", "dq", "motors", "reaction"])
@@ -779,8 +738,7 @@ def test_whatever_is_not_finite_after_a_step_is_refused(monkeypatch, field, bad)
 def test_a_tool_whose_motion_is_not_finite_is_refused(monkeypatch):
     sim = simulator("ur5", **TOOL)
     motion = sim.engine.sensor_motion()
-    torn = motion._replace(v=motion.v + np.nan)
-    monkeypatch.setattr(sim.engine, "sensor_motion", lambda: torn)
+    monkeypatch.setattr(sim.engine, "sensor_motion", lambda: motion._replace(v=motion.v + np.nan))
     with pytest.raises(SimulationError, match=r"after step 1: .* sensor \[nan"):
         sim.step()
     assert np.isfinite(sim.read().wrench).all()
@@ -868,8 +826,6 @@ def test_a_joint_that_cannot_be_simulated_is_refused_with_the_reason():
 
 
 # --- noise and bias ------------------------------------------------------------------
-
-
 def test_noise_has_its_deviation_and_bias_its_value():
     bias = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
     parameters = {
@@ -895,8 +851,6 @@ def test_noise_has_its_deviation_and_bias_its_value():
 
 
 # --- encoders ------------------------------------------------------------------------
-
-
 def moving(**parameters: Any) -> list[SimulatorState]:
     """Return the states of an arm that follows a reference."""
     sim = Simulator(robot("ur5"), SimulatorParameters(**parameters))
@@ -962,8 +916,6 @@ def test_noise_follows_its_seed_and_leaves_the_motion_alone(noise, names):
 
 
 # --- the seam ------------------------------------------------------------------------
-
-
 def test_simulators_in_one_process_leave_each_other_alone():
     alone = Simulator(robot("ur5"), SimulatorParameters())
     target = np.array(robot("ur5").home) + 0.1
@@ -1017,8 +969,6 @@ def test_the_joints_of_the_arm_come_first_and_the_locked_fingers_after():
 
 
 # --- loading -------------------------------------------------------------------------
-
-
 def test_no_file_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     Simulator(robot("ur5"), SimulatorParameters()).close()

@@ -41,7 +41,6 @@ from eulerparams_control.lab.run.usage import usage_of, waited_of
 
 # A guard against hanging: the short run takes about a minute.
 PATIENT = 300.0
-
 # Relative: times of some 1e9 s in whole nanoseconds, and their differences as doubles.
 EXACT = 1e-6
 
@@ -50,8 +49,6 @@ MS = 1e-3
 
 
 # --- causes --------------------------------------------------------------------------------------
-
-
 def why(
     *missed: float, refused: int = 0, overrun: int = 0, waited: float = 0.0, later: Any = ()
 ) -> list[str]:
@@ -222,8 +219,6 @@ def test_a_run_that_is_not_in_real_time_has_no_such_numbers(tmp_path):
 
 
 # --- the command ---------------------------------------------------------------------------------
-
-
 def test_a_soak_of_another_length_has_a_circle_that_outlasts_it():
     for seconds, warm_up in ((25.0, 6.25), (1200.0, 60.0), (36000.0, 60.0)):
         for variant in soak(seconds, 500.0).variants.values():

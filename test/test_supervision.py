@@ -26,11 +26,7 @@ from eulerparams_control.control.mode import (
 )
 from eulerparams_control.control.modes import Distrusting, Holding, Releasing, Waiting
 from eulerparams_control.control.speed_scaling import LEAST, Nearness, SpeedScaling
-from eulerparams_control.errors import (
-    InvalidMessageError,
-    SingularityError,
-    UnsafeCommandError,
-)
+from eulerparams_control.errors import InvalidMessageError, SingularityError, UnsafeCommandError
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
@@ -51,8 +47,6 @@ CHECKED = ControllerOptions(check_states=True)
 
 
 # --- the guard ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("field", ["q", "dq", "effort", "frame"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("limits", [LIMITS, None])
@@ -112,8 +106,6 @@ def test_the_command_before_bounds_the_next_unless_it_was_refused_or_forgotten()
 
 
 # --- the pace -----------------------------------------------------------------------------
-
-
 def jacobian(sigma):
     """Return a Jacobian whose smallest singular value is sigma."""
     return np.diag([1.0, 1.0, 1.0, 1.0, 1.0, sigma])
@@ -202,8 +194,6 @@ def test_a_motion_at_a_pace_goes_the_same_way_with_the_derivatives_of_its_own_ti
 
 
 # --- the controller, supervised -----------------------------------------------------------
-
-
 def following(scheme, now=None):
     """Return a controller on its way, and the stamp and state of its last step."""
     running = Controller(scheme, CHECKED, HOME)
@@ -247,6 +237,17 @@ class Failing:
         raise self.kind("of all things")
 
 
+def alter(running, change):
+    """Let the law of a controller command what ``change`` makes of its command."""
+    tick = running.scheme.tick
+
+    def altered(*args):
+        found = tick(*args)
+        return found._replace(command=change(found.command))
+
+    running.scheme.tick = altered
+
+
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
 def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     running, t, q, dq, _ = following(scheme(limits=UR5.limits) if scheme is clik else scheme())
@@ -282,13 +283,7 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
 
 def test_a_command_that_is_not_finite_never_leaves_the_controller():
     running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    tick = running.scheme.tick
-
-    def tainted(*args):
-        found = tick(*args)
-        return found._replace(command=found.command._replace(q=found.command.q * math.nan))
-
-    running.scheme.tick = tainted
+    alter(running, lambda command: command._replace(q=command.q * math.nan))
     assert running.step(t + MS, q, dq) is None
     assert "non-finite q" in running.fault
     del running.scheme.tick
@@ -300,13 +295,7 @@ def test_a_command_that_is_not_finite_never_leaves_the_controller():
 def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
     running, t, q, dq, _ = following(dynamic_control())
     before = running.step(t + MS, q, dq).effort
-    tick = running.scheme.tick
-
-    def wild(*args):
-        found = tick(*args)
-        return found._replace(command=found.command._replace(effort=np.full(6, 1e9)))
-
-    running.scheme.tick = wild
+    alter(running, lambda command: command._replace(effort=np.full(6, 1e9)))
     effort = running.step(t + 2 * MS, q, dq).effort
     assert np.all(
         np.abs(effort - before) <= running.scheme.bounds.effort_rate * DT + GUARD_ROUNDING
@@ -522,12 +511,12 @@ def test_an_arm_that_stands_gets_efforts_again_though_its_speeds_are_noisy():
 
 def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go():
     running, t, q, dq, now = following(dynamic_control(), now=50.0)
-    tick, hold = running.scheme.tick, running.scheme.hold
+    hold = running.scheme.hold
 
     def never_finite(command):
         return command._replace(effort=command.effort * math.nan)
 
-    running.scheme.tick = lambda *a: tick(*a)._replace(command=never_finite(tick(*a).command))
+    alter(running, never_finite)
     running.scheme.hold = lambda *a: never_finite(hold(*a))
     t_0, t = t, lets_go(running, t + MS, q, dq, now + DT)
     assert "non-finite effort" in running.fault
@@ -556,8 +545,6 @@ def test_an_arm_that_takes_positions_is_never_let_alone_for_its_speed():
 
 
 # --- defects at the wrong moment ----------------------------------------------------------
-
-
 def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
     reset, moved_by_hand = running.scheme.reset, q + 0.5
@@ -596,8 +583,6 @@ def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follow
 
 
 # --- halt and resume -----------------------------------------------------------------------
-
-
 def asks(running, q, now):
     """Return references at rest where the arm is, of all kinds."""
     here = running.scheme.frame_at(q)
@@ -755,11 +740,7 @@ FIRST_TOLD = OTHER_FAULT._replace(at=FAULT.at)
         (Holding, [HALTS, STOP], {"remedy": "free it; call ~/resume"}),
         (Holding, [STOP], {"remedy": "free it"}),
         (Holding, [STOP, HALTS], {"remedy": "free it; call ~/resume"}),
-        (
-            Waiting,
-            [HALTS],
-            {"mode": Mode.WAITING, "latch": Latch.RESUME, "cause": Cause.HALT},
-        ),
+        (Waiting, [HALTS], {"mode": Mode.WAITING, "latch": Latch.RESUME, "cause": Cause.HALT}),
         (Waiting, [HALTS, ("RESUME", Why())], {"why": Why()}),
         *(
             (Holding, [BROKE, (event, OTHER_FAULT)], {"is_latched": True, "cause": Cause.DEFECT})

@@ -46,8 +46,6 @@ def start(world: World, **parameters: Any) -> tuple[Running, Sent]:
 
 
 # --- devices -----------------------------------------------------------------------------------
-
-
 def joy(*axes: float, pressed: bool = True) -> Joy:
     return Joy(axes=[*axes, *[0.0] * (6 - len(axes))], buttons=[0, 0, 0, 0, int(pressed)])
 
@@ -120,8 +118,6 @@ def test_a_spacemouse_moves_the_tip_and_what_it_says_is_bounded(world):
 
 
 # --- the keyboard ----------------------------------------------------------------------------
-
-
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     """A terminal as the standard input: what a person types into, and what is read."""

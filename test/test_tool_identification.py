@@ -37,10 +37,8 @@ from sim_bridge.urdf import Body, simulation_urdf
 # Of a sample of the sensor, N and Nm, and how many samples are averaged: 1 s at 1 kHz.
 NOISE = np.repeat([0.1, 0.005], 3)
 SAMPLES = 1000
-
 # What has to be found to how much.
 MASS, COM, BIAS = 0.01, 0.002, 0.01
-
 # Identifications of which z-scores are taken.  The mean of z^2 of so many, Student's t with 12
 # degrees of freedom or more, has a standard deviation of 0.045, that of z one of 0.025.
 RUNS = 2000
@@ -89,8 +87,6 @@ def measured(truth: Truth, key: int, orientations: list[Array] = MOTION[:6]) -> 
 
 
 # --- what is found ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("key", range(20))
 @pytest.mark.parametrize("count", [3, 4, 6, 20])
 def test_without_noise_the_tool_and_the_bias_are_found_exactly(key, count):
@@ -144,8 +140,6 @@ def test_what_does_not_fit_is_left_over_in_its_pose():
 
 
 # --- what is refused -------------------------------------------------------------------------
-
-
 def turned(axis: Array, *degrees: float) -> list[Array]:
     return [rodrigues(math.radians(angle), axis) @ MOTION[0] for angle in degrees]
 
@@ -205,8 +199,6 @@ def test_what_is_no_measurement_is_refused(change, words):
 
 
 # --- how different poses are -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("degrees", [1.0, 10.0, 45.0, 90.0, 119.0])
 @pytest.mark.parametrize("R", uniform(3, key=51))
 def test_three_directions_an_angle_apart_have_this_spread(degrees, R):
@@ -241,7 +233,6 @@ MS = 1_000_000  # [ns]
 OPTIONS = PoseOptions(settle_time=0.1, averaging_time=0.2, max_speed=0.02)
 TILTED = HOME + [0, 0, 0, 0.9, 0, 0]
 WRENCH = np.arange(6.0)
-
 # Mean and standard deviation of 20 or so samples of order 1.
 AVERAGE = 1e-12
 
@@ -409,7 +400,6 @@ GRIPPER = f"""<robot name="arm">{"".join(map(LINK.format, ("base", "sensor", "ti
 
 RPY = about(2, -0.7) @ about(1, 0.5) @ about(0, 0.3)  # of the finger and the tip
 GRIP = about(0, math.pi)
-
 # 0.5 kg at z = 0.05 - 0.1, and the finger.
 FINGER = np.array([0, 0, 0.05]) + GRIP @ ([0, 0, -0.2] + RPY @ [0, 0.02, 0])
 KNOWN = Carried(0.6, (0.5 * np.array([0, 0, -0.05]) + 0.1 * FINGER) / 0.6)
@@ -420,8 +410,6 @@ def mount(frame: str = "sensor", tip: str = "tip") -> SensorMount:
 
 
 # --- the sensor on the arm -------------------------------------------------------------------
-
-
 def test_a_point_of_the_sensor_frame_is_given_in_the_tip_frame():
     point = np.array([0.1, 0.2, 0.3])
     expected = RPY.T @ (GRIP.T @ (point - [0, 0, 0.05]) - [0, 0, -0.3])
@@ -451,8 +439,6 @@ def test_a_sensor_that_is_none_or_not_fixed_to_the_tip_is_refused(frames, error,
 
 
 # --- what the URDF says it carries -----------------------------------------------------------
-
-
 def test_what_the_sensor_carries_is_what_the_urdf_has_beyond_it():
     assert mount().carried.mass == pytest.approx(KNOWN.mass)
     assert_close(mount().carried.com, KNOWN.com, KINEMATICS)

@@ -13,7 +13,6 @@ from sim_bridge.drive_modes import DriveCause, DriveMode
 
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
 ROOT_USER = 0
-
 # A guard against hanging: the run takes about 40 s.
 PATIENCE = 200.0
 
@@ -78,8 +77,6 @@ def test_without_root_it_says_so_in_one_line_and_ends_with_2(tmp_path):
 
 
 # --- the judge, on made-up logs -------------------------------------------------------------
-
-
 def status(t, who, mode, cause="", level=2):
     values = {"mode": mode, "cause": cause}
     return {"t": t, "who": who, "says": "", "level": level, "values": values}

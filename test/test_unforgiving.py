@@ -144,8 +144,6 @@ def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
 
 
 # --- what it does then -----------------------------------------------------------------------
-
-
 class Bench(test_drive.Bench):
     """A drive and a controller at each step of 1 ms."""
 
@@ -260,8 +258,6 @@ def test_in_silence_it_can_hold_the_last_command_for_ever(bench, control):
 
 
 # --- its servo, its sensors, its motors ------------------------------------------------------
-
-
 @pytest.mark.parametrize("lag", [0.02, 0.05])
 def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
     it = bench(servo_lag=lag, servo_bandwidth=1000.0, gravity=(0.0, 0.0, 0.0))
@@ -317,8 +313,6 @@ def test_a_servo_reports_the_effort_that_its_rotors_take():
 
 
 # --- in the node -----------------------------------------------------------------------------
-
-
 def test_the_node_has_each_option_and_is_unlocked_by_its_service(world):
     options = {"velocities": False, "max_joint_acceleration": [LIMIT], "robot": "panda"}
     robot = load_robot("panda")

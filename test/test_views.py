@@ -15,8 +15,7 @@ from in_process import World
 from ros_processes import FRAMES
 
 VIEWS = Path(__file__).parents[1] / "config" / "views"
-CONTROLLERS = ("clik", "dynamic_control", "impedance_control")
-
+CONTROLLERS = ("clik", "dynamic_control", "impedance_control", "compliance_control")
 # Of each display of RViz: its properties besides those that all have, and the type of its topic.
 OF_ALL = {"Class", "Name", "Enabled", "Value"}
 DISPLAYS = {

@@ -177,8 +177,6 @@ def test_a_robot_that_compensates_gravity_itself_is_only_damped():
 
 
 # --- the node --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", ["forward", "joint_state"])
 def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_told(world, kind):
     type_of = {"forward": Float64MultiArray, "joint_state": JointState}[kind]

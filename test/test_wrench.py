@@ -77,8 +77,6 @@ def contact(options, said, truth, acceleration=None, dt=DT):
 
 
 # --- the tool ---------------------------------------------------------------------------------
-
-
 def tools(count=COUNT, key=0):
     """Return tools of up to 3 kg whose centre of mass is up to 0.2 m away, in the tip frame."""
     random = generator(804, key)
@@ -152,8 +150,6 @@ def test_without_a_known_acceleration_only_the_weight_is_taken_out():
 
 
 # --- bias, tare ---------------------------------------------------------------------------------
-
-
 def tared(options, truth, said):
     """Return a chain that takes what it feels now for no contact."""
     own = WrenchChain(options)
@@ -194,8 +190,6 @@ def test_a_second_tare_replaces_the_first_and_other_options_and_resets_keep_it()
 
 
 # --- dead band ----------------------------------------------------------------------------------
-
-
 def through_a_dead_band(w, force, torque):
     """Return what is left of a wrench at the tip, in base axes."""
     truth = Truth(w, arm_at(I), AT_TIP)
@@ -281,8 +275,6 @@ def test_another_cut_off_goes_on_from_where_the_first_was():
 
 
 # --- all together -------------------------------------------------------------------------------
-
-
 def test_all_parts_together_find_the_contact():
     biases = generator(812).normal(size=(COUNT, 6))
     for (truth, _), tool, bias, key in zip(truths(), tools(), biases, range(COUNT), strict=True):
@@ -317,8 +309,6 @@ def test_impossible_options_are_refused(given, text):
 
 
 # --- the mean at rest ---------------------------------------------------------------------------
-
-
 def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_the_last_samples():
     robot, home, (tool,), still = UR5, HOME, tools(1), np.zeros(6)
     own, resting = chain(tool=tool, sign=-1, cutoff=1.0, dead_force=9.0), RestingWrench(20)

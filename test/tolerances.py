@@ -49,6 +49,9 @@ POLE_CLEARANCE = 0.3
 # An error is of first order in this rotation; what it leaves out is of order SMALL_ROTATION^2,
 # with a factor of up to 1 / sin(POLE_CLEARANCE)^2 for Euler angles.
 SMALL_ROTATION, FIRST_ORDER = 1e-5, 1e-8
+# Slopes [N, Nm] of energies of up to 1 J: rounding 1e-16 / STEP, truncation STEP^2 times third
+# derivatives of up to 1e5 where a spring is clipped.
+GRADIENT = 1e-6
 # Accelerations of a quintic: jerks of order 100 times STEP.
 MOTION_DIFFERENCES = 1e-7
 # Rate of a momentum of order 1 in steps of 1e-5 s: the third derivative is of order 10.
@@ -87,7 +90,10 @@ ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
 # dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
 # effort is constant for a tick; the trapezium leaves dt^2 / 12 of the second derivative (4e3).
 V_2_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
-
+# The work along a closed path of 2000 steps, of what is exchanged; clipped forces have corners.
+CLOSED_PATH = 1e-6
+# Poles of a free arm by differences of its accelerations, whose rounding is 1e-13 / STEP.
+DAMPING_RATIO = 1e-4
 # (69) by Simpson's rule over 2 steps of 2 ms [J], of about 50 J.
 ENERGY_BALANCE = 1e-7
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
@@ -105,6 +111,11 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 
 # A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
 BY_CONTACT = 0.02
+# What a spring of 1000 N/m exerts on a wall of 2e4 N/m after 10 s [N]; a pose at rest after it.
+FORCE_IN_CONTACT = 1e-3
+# The speed at which an arm comes back that is let go within one step, of its limit: its efforts
+# fall by max_effort_rate.
+SPEED_OF_RELEASE = 1.3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
 # or to nothing in every tick.
 LAW_IN_A_NODE = 1e-6

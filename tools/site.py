@@ -18,7 +18,12 @@ from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
 from eulerparams_control.control import mode
 from eulerparams_control.control.mode import Cause, Why, why_of
-from eulerparams_control.errors import FollowingError, SingularityError, UnsafeCommandError
+from eulerparams_control.errors import (
+    ContactError,
+    FollowingError,
+    SingularityError,
+    UnsafeCommandError,
+)
 from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
 from eulerparams_control.laws.scheme import LoopGain
 from eulerparams_control.parameters.common import ControlParameters
@@ -119,7 +124,7 @@ def remedies() -> dict[str, str]:
         mode.too_slow(0.02, gain, 0.5, is_held=True),
         mode.restarted(0.5, 0.0, has_jumped=True),
         mode.restarted(0.0, 0.5, has_jumped=False),
-        *map(why_of, (SingularityError(), FollowingError(), UnsafeCommandError())),
+        *map(why_of, (SingularityError(), FollowingError(), ContactError(), UnsafeCommandError())),
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,

@@ -266,12 +266,15 @@ def _along(recording: Recording, told: Any) -> tuple[Array, Lyapunov | None]:
     _require_two(series.t[known])
     x_de = recording.displacements(told.orientation)
     omega_de = series.desired.omega[known] - series.omega_e[known]
-    return series.t[known], told.law().lyapunov(x_de, omega_de)
+    lyapunov = getattr(told.law(), "lyapunov", None)
+    if lyapunov is None:
+        raise BagError(
+            f"V of {told.scheme.name} is on its topic lyapunov alone: it needs the inertia"
+        )
+    return series.t[known], lyapunov(x_de, omega_de)
 
 
-def _of_impedance(
-    recording: Recording, told: ImpedanceParameters
-) -> tuple[Array, Lyapunov | None]:
+def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Array, Lyapunov | None]:
     """Return the instants at which there is a desired frame, and V_3 there, eqs. (68), (69)."""
     impedance = recording.impedance
     if impedance is None:

@@ -6,6 +6,7 @@ from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
 
 from eulerparams_control.errors import (
+    ContactError,
     EulerParamsError,
     FollowingError,
     SingularityError,
@@ -37,6 +38,7 @@ class Cause(StrEnum):
     STREAM_ENDED = "stream_ended"
     NO_WRENCH = "no_wrench"  # none that is to be believed: the compliant frame is frozen
     WRENCH_STUCK = "wrench_stuck"  # the sensor repeats itself: the same
+    CONTACT_OSCILLATES = "contact_oscillates"  # damping is raised; where that is not enough, held
     # held still
     HALT = "halt"
     DEACTIVATED = "deactivated"  # until the arm is at rest; then nothing is commanded
@@ -196,6 +198,15 @@ def stuck(fault: str) -> Why:
     return Why(Cause.STAMP_STUCK, fault, AGAIN)
 
 
+def calmed(times: float) -> Why:
+    """Return why the damping is so many times that of the parameters."""
+    return Why(
+        Cause.CONTACT_OSCILLATES,
+        remedy=ContactError.remedy,
+        note=f"the contact oscillated: {times:g} times the damping until the tool is free",
+    )
+
+
 def runs_away(joint: str, speed: float) -> Why:
     """Return why the efforts of an arm that runs away are released."""
     return Why(
@@ -251,6 +262,7 @@ def why_of(error: EulerParamsError) -> Why:
     """Return why an arm is held after an error of its law, or of its command."""
     causes = (
         (SingularityError, Cause.SINGULARITY),
+        (ContactError, Cause.CONTACT_OSCILLATES),
         (FollowingError, Cause.NOT_FOLLOWING),
         (UnsafeCommandError, Cause.UNSAFE_COMMAND),
     )

@@ -21,7 +21,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
 from types import FunctionType
@@ -29,6 +29,8 @@ from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from eulerparams_control.errors import NotCompiledError
 
 Array = NDArray[np.float64]
 
@@ -58,6 +60,7 @@ _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files sta
 
 if IS_COMPILED:
     import numba
+    import numba.core.event
     import numba.extending
 
 _ATOMS: dict[type, tuple[str, ...]] = {}  # kinds of values that are a row of floats
@@ -494,6 +497,20 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     return compiled
 
 
+@contextmanager
+def nothing_compiled() -> Iterator[None]:
+    """Load what is compiled, but compile nothing: while an arm moves its commands cannot wait.
+
+    Raises:
+        NotCompiledError: where something would have to be compiled.
+    """
+    if not IS_COMPILED:
+        yield
+        return
+    with numba.core.event.install_listener("numba:compile", _Refusal()):
+        yield
+
+
 @cache
 def _is_ours(function: Callable[..., Any]) -> bool:
     """Whether a function, with all that it calls, is in the files that the cache is named by.
@@ -555,6 +572,15 @@ def cache_folder() -> str:
 
 
 if IS_COMPILED:
+
+    class _Refusal(numba.core.event.Listener):  # type: ignore[misc]
+        """Refuses to compile: numba tells it after it has looked into the cache."""
+
+        def on_start(self, event: Any) -> None:
+            raise NotCompiledError
+
+        def on_end(self, event: Any) -> None:
+            """Do nothing: it never began."""
 
     @numba.extending.typeof_impl.register(Kernel)
     def _typeof(kernel: Kernel, context: Any) -> Any:

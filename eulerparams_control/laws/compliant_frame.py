@@ -11,7 +11,7 @@ about the origin of the frames; base frame if not said otherwise.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -141,6 +141,11 @@ class ComplianceLaw:
 
     numbers: Array = field(init=False, repr=False, compare=False)
     step: Callable[..., int] = field(init=False, repr=False, compare=False)
+
+    def damped(self, times: float) -> "ComplianceLaw":
+        """Return the law with so many times its damping; raises ConfigurationError."""
+        Z_p, Z_o = (replace(Z, D=times * Z.D) for Z in (self.translation, self.rotation))
+        return replace(self, translation=Z_p, rotation=Z_o)
 
     def stiffness(self, R_d: Array) -> Array:
         """Return K_p (3, 3) [N/m] in the base frame, where the desired orientation is R_d."""

@@ -6,9 +6,10 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -156,16 +157,17 @@ def _acceleration(
 
 
 # What a tick finds beside what changed an effort: FAR, TURNED, or one of these.  _WORDS has the
-# text of each code; _SINGULAR uses the text of the representation.
-_SINGULAR, _STEEP, _STEEP_JOINT, _INFINITE = -3, -4, -5, -6
+# text of each code; SINGULAR uses the text of the representation.
+SINGULAR, _STEEP, STEEP_JOINT, INFINITE_EFFORT = -3, -4, -5, -6
 _WORDS = {
     _STEEP: "the law asks for an infinite acceleration of the tip",
-    _STEEP_JOINT: "the law asks for an infinite joint acceleration",
-    _INFINITE: "the joints are measured at a state of infinite efforts",
+    STEEP_JOINT: "the law asks for an infinite joint acceleration",
+    INFINITE_EFFORT: "the joints are measured at a state of infinite efforts",
 }
 
+
 @kernel
-def _is_bounded(values: Row) -> bool:
+def is_bounded(values: Row) -> bool:
     """Return whether the square of a vector is finite."""
     square = 0.0
     for i in range(len(values)):
@@ -206,24 +208,48 @@ def _tick(
     x, is_found = law(tip, desired, read(previous, 0), given, most.limits, drifts, a)
     put(row, at_x, x)
     if not is_found:
-        return _SINGULAR
+        return SINGULAR
     if limits.shape[1] > 0:
         found = too_far(desired, tip.p_e, tip.R_e, most)
         if found:
             return found
-    if not _is_bounded(a):
+    if not is_bounded(a):
         return _STEEP
     ddq = np.empty(n)
     resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
     add_left(last, left, share, ddq)
-    if not _is_bounded(ddq):
-        return _STEEP_JOINT
+    if not is_bounded(ddq):
+        return STEEP_JOINT
     row[at] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
     changed = commanded(
         chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt, dq_before,
         ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
-    return _INFINITE if changed & INFINITE else changed
+    return INFINITE_EFFORT if changed & INFINITE else changed
+
+
+class EffortLaw(Protocol):
+    """A law that dynamic control makes efforts of: what fills the row of a tick."""
+
+    @property
+    def orientation(self) -> OrientationRepresentation:
+        """The representation of the orientation displacement."""
+
+    @property
+    def numbers(self) -> Array:
+        """What the law is made of, as a row."""
+
+    @property
+    def step(self) -> Callable[..., int]:
+        """What fills the row of a tick, with what :func:`_tick` takes."""
+
+    @property
+    def width(self) -> int:
+        """How many floats its part of the row of a tick has: x_de, and what it knows besides."""
+
+    @property
+    def fastest_gain(self) -> LoopGain | None:
+        """The gain of the fastest pole; None if that depends on where the arm is."""
 
 
 @dataclass(frozen=True)
@@ -289,6 +315,16 @@ class ResolvedAcceleration:
             key=lambda gain: gain.rate,
         )
 
+    @cached_property
+    def step(self) -> Callable[..., int]:
+        """What fills the row of a tick."""
+        return law_of(_tick, _law, type(self.orientation))
+
+    @property
+    def width(self) -> int:
+        """How many floats its part of the row of a tick has."""
+        return self.orientation.rows.width
+
     def lyapunov(self, x_de: Any, omega_de: Array) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
         return self.orientation.lyapunov_2(x_de, omega_de, self.k_Po, self.k_Vo)
@@ -347,7 +383,7 @@ class DynamicControl(Scheme):
 
     Args:
         robot: the arm.
-        law: resolves the acceleration of the tip.
+        law: what the efforts are to do.
         dynamics: makes efforts of it.
         limits: that bound the command; the first effort is within its rate of the one at which
             the robot begins, see :meth:`start_from`.
@@ -358,10 +394,12 @@ class DynamicControl(Scheme):
         RobotError: if the model of the robot cannot give its efforts.
     """
 
+    law: EffortLaw
+
     def __init__(
         self,
         robot: Robot,
-        law: ResolvedAcceleration,
+        law: EffortLaw,
         dynamics: InverseDynamics,
         limits: EffortLimits,
         blend_time: float = 0.1,
@@ -374,9 +412,7 @@ class DynamicControl(Scheme):
         check_model(robot)
         self.reset(np.zeros(robot.n))
 
-    def replace_law(
-        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
-    ) -> None:
+    def replace_law(self, law: EffortLaw, dynamics: InverseDynamics, limits: EffortLimits) -> None:
         """Go over to another law, without a jump of the command.
 
         Raises:
@@ -389,19 +425,17 @@ class DynamicControl(Scheme):
         if not self._saturated:  # of a law that failed nothing is to go on
             self._blend.replace(self._ddq)
 
-    def _take(
-        self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
-    ) -> None:
+    def _take(self, law: EffortLaw, dynamics: InverseDynamics, limits: EffortLimits) -> None:
         self.law, self.dynamics, self.limits = law, dynamics, limits
-        self._step = law_of(_tick, _law, type(law.orientation))  # before it is ticked
+        self._step = law.step  # it is compiled before it is ticked
         posture = NONE if dynamics.posture is None else dynamics.posture
         self._resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
 
     def _forget_x(self) -> None:
-        self._x_de = np.zeros(self.law.orientation.rows.width)
+        self._x_de = np.zeros(self.law.width)
 
     @property
-    def fastest_gain(self) -> LoopGain:
+    def fastest_gain(self) -> LoopGain | None:
         """That of the law."""
         return self.law.fastest_gain
 
@@ -508,7 +542,7 @@ class DynamicControl(Scheme):
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        row = np.empty(self._places[3] + self.law.orientation.rows.width)
+        row = np.empty(self._places[3] + self.law.width)
         state(self.robot.chain, *self.robot.checked(q, dq), self._work, row)
         return row
 
@@ -542,7 +576,8 @@ class DynamicControl(Scheme):
         look = partial(RobotState.of, row, n)
         displacement = partial(self.law.orientation.rows.unpack, self._x_de)
         command = JointCommand(effort=self._tau)
-        return Tick(command, desired, look, displacement, self._saturated, row.item(at))
+        told = self._saturated, row.item(at), None, self._x_de
+        return Tick(command, desired, look, displacement, *told)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame
@@ -554,6 +589,7 @@ class DynamicControl(Scheme):
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_2 and its derivative, eqs. (42), (43)."""
+        assert isinstance(self.law, ResolvedAcceleration)  # another law has another scheme
         return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
     def _past(self, dt: float, dynamics: InverseDynamics) -> tuple[Any, ...]:
@@ -577,7 +613,7 @@ class DynamicControl(Scheme):
         arm, past = (self.robot.chain, q, dq, _NO_J), self._past(dt, dynamics)
         found = command_effort(*arm, ddq, NONE, *past, wanted, tau)
         if found & INFINITE:
-            raise SingularityError(_WORDS[_INFINITE])
+            raise SingularityError(_WORDS[INFINITE_EFFORT])
         self._keep(found, dq, wanted, tau)
         return tau
 

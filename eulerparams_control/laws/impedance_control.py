@@ -14,10 +14,11 @@ from functools import partial
 
 import numpy as np
 
-from eulerparams_control.errors import FollowingError
+from eulerparams_control.errors import ConfigurationError, ContactError, FollowingError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.contact_watch import ContactWatch
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
@@ -37,6 +38,10 @@ from eulerparams_control.robot.robot import Robot, RobotState
 _BLEND_TIME = 0.1
 
 _NO_WRENCH = np.zeros(6)
+
+# Each time that the contact oscillates there is so many times the damping, up to this, until the
+# tool was free for the time [s].
+_CALMER, _CALMEST, _FREE = 3.0, 9.0, 2.0
 
 
 class NoMotionLoop:
@@ -113,6 +118,7 @@ class ImpedanceLaw:
         wrench: how the contact is made of what the sensor says.
         centre: frame of the compliance seen from the tip.
         max_force, max_moment: [N], [Nm] of the contact that stop the motion.
+        ripple_force, ripple_moment: [N], [Nm] that the contact may swing by while the arm feeds it.
         max_jump_position, max_jump_rotation: [m], [rad] by which the compliant frame may be
             displaced when a wrench is measured again; more stops the motion.
         inner_loop: whether the motion loop follows the compliant frame; else the impedance
@@ -127,6 +133,8 @@ class ImpedanceLaw:
     max_moment: float = math.inf
     max_jump_position: float = math.inf
     max_jump_rotation: float = math.inf
+    ripple_force: float = math.inf
+    ripple_moment: float = math.inf
 
     def __post_init__(self) -> None:
         self.compliance.orientation.prepare()
@@ -167,6 +175,10 @@ class ImpedanceControl(Scheme):
         motion: follows the compliant frame.
         law: the impedance.
         chain: of the wrench, with its tare; None is a new one.
+
+    Attributes:
+        contact: the energy that it is given, and whether it oscillates.
+        damping: how many times that of the law: more where the contact oscillated.
     """
 
     def __init__(
@@ -177,6 +189,8 @@ class ImpedanceControl(Scheme):
         self.chain = chain or WrenchChain(law.wrench)
         self.chain.replace_options(law.wrench)
         self._compliant = CompliantFrame(law.compliance)
+        self.contact = ContactWatch(law.ripple_force, law.ripple_moment)
+        self.damping, self._free = 1.0, 0.0
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
@@ -215,6 +229,8 @@ class ImpedanceControl(Scheme):
         self.motion.replace_law(motion, dynamics, limits)
         moved = self.law.centre.inverse, law.centre
         self._compliant.replace_law(law.compliance, moved)
+        self.contact.ripple[:] = law.ripple_force, law.ripple_moment
+        self.damping = 1.0
         if law.compliance.orientation != self.law.compliance.orientation:
             self._x_de = law.compliance.orientation.row(None)  # else it means nothing
         self.chain.replace_options(law.wrench)
@@ -279,7 +295,9 @@ class ImpedanceControl(Scheme):
         return self.chain.contact(self._sensed, self.robot.state(q, dq), None, 0.0)
 
     def _forget(self) -> None:
+        self._damp(1.0)
         self._compliant.reset()
+        self.contact.reset()
         self.chain.reset()
         self._blend.reset()
         self._fade.reset()
@@ -336,6 +354,7 @@ class ImpedanceControl(Scheme):
         arm = RobotState.of(row, self.robot.n)
         self._q, self._held = q, None
         self._feel(arm, row, dt)
+        self._calm(arm, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
         tick = self.motion.tick_at(dt, row, compliant, self._h)  # eq. (48)
         command = JointCommand(effort=tick.command.effort, frame=compliant)
@@ -383,6 +402,38 @@ class ImpedanceControl(Scheme):
         self._w = w = self._blend.blended(dt, w)
         # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
         self._h = -self._fade.blended(dt, w)
+
+    def _calm(self, arm: RobotState, dt: float) -> None:
+        """Raise the damping where the contact oscillates, until the tool was free for a while.
+
+        Raises:
+            ContactError: if that did not end it.
+        """
+        if self.contact.take(self._w, arm.dp_e, arm.omega_e, dt):
+            try:
+                self._damp(_CALMER * self.damping)
+            except ConfigurationError as error:
+                raise ContactError(
+                    f"the contact oscillates with {self.damping:g} times the damping, too, and "
+                    f"more is not possible: {error}"
+                ) from error
+        elif self.damping > 1.0:
+            touches = self.chain.force > self.law.ripple_force
+            self._free = 0.0 if touches else self._free + dt
+            if self._free > _FREE:
+                self._damp(1.0)
+
+    def _damp(self, times: float) -> None:
+        """Take so many times the damping of the law from now on, without a jump.
+
+        Raises:
+            ConfigurationError: if the impedance cannot have so much.
+        """
+        if times > _CALMEST:
+            raise ConfigurationError(f"at most {_CALMEST:g} times")
+        if times != self.damping:
+            self._compliant.replace_law(self.law.compliance.damped(times))
+            self.damping, self._free = times, 0.0
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""

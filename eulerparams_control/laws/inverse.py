@@ -145,7 +145,7 @@ def resolve(inverse: Rows, J: Inputs, v: Row, x_0: Row, x: Row) -> None:
 
 
 @kernel
-def _solve(A: Rows) -> bool:
+def solve_rows(A: Rows) -> bool:
     """Turn A = [B, C] into [I, B^-1 C] by Gauss and Jordan; return whether there is a B^-1."""
     m, width = A.shape
     for k in range(m):
@@ -169,6 +169,38 @@ def _solve(A: Rows) -> bool:
 
 
 @kernel
+def symmetric_modes(S: Rows, Y: Rows) -> None:
+    """Turn S (m, m), symmetric, into its eigenvalues, and fill Y with its eigenvectors as columns.
+
+    By Jacobi's rotations.
+    """
+    m, size = len(S), 0.0
+    for i in range(m):
+        for j in range(m):
+            size += S[i, j] * S[i, j]
+            Y[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_ROUNDS):
+        turned = False
+        for i in range(m - 1):
+            for j in range(i + 1, m):
+                if S[i, j] * S[i, j] > _ORTHOGONAL * _ORTHOGONAL * size:
+                    turned = True
+                    slope = (S[j, j] - S[i, i]) / (2.0 * S[i, j])
+                    t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
+                    cosine = 1.0 / math.sqrt(1.0 + t * t)
+                    for k in range(m):
+                        x, y = S[k, i], S[k, j]
+                        S[k, i], S[k, j] = cosine * (x - t * y), cosine * (t * x + y)
+                        x, y = Y[k, i], Y[k, j]
+                        Y[k, i], Y[k, j] = cosine * (x - t * y), cosine * (t * x + y)
+                    for k in range(m):
+                        x, y = S[i, k], S[j, k]
+                        S[i, k], S[j, k] = cosine * (x - t * y), cosine * (t * x + y)
+        if not turned:
+            break
+
+
+@kernel
 def _invert_regular(J: Inputs, X: Rows) -> bool:
     """Fill X (n, 6) with J^-1, or J' (J J')^-1 for n > 6; return whether there is one."""
     n = J.shape[1]
@@ -185,7 +217,7 @@ def _invert_regular(J: Inputs, X: Rows) -> bool:
         if n > 6:
             for k in range(n):
                 A[i, 6 + k] = J[i, k]
-    is_regular = _solve(A)
+    is_regular = solve_rows(A)
     for i in range(6):
         for k in range(n):
             X[k, i] = A[i, 6 + k]

@@ -331,12 +331,21 @@ def limit_acceleration(
         shortened = max(shortened, ddq[i] / (up if ddq[i] > 0.0 else -down))
     for i in range(len(q)):
         a, high = limits[_ACCELERATION, i], limits[_VELOCITY, i]
-        up, down = a - min(drift[i], 0.0), a + max(drift[i], 0.0)
-        most = _most(limits[_UPPER, i] - q[i], dq[i], high, a, up, dt)
-        least = -_most(q[i] - limits[_LOWER, i], -dq[i], high, a, down, dt)
+        # the limits of speed and position are for what a contact leaves of the acceleration
+        most = _most(limits[_UPPER, i] - q[i], dq[i], high, a, a, dt) - min(drift[i], 0.0)
+        least = -_most(q[i] - limits[_LOWER, i], -dq[i], high, a, a, dt) - max(drift[i], 0.0)
         limited[i] = clip(ddq[i] / shortened, least, most)
         changed = changed or limited[i] != ddq[i]
     return changed
+
+
+@kernel
+def without_accelerations(limits: Rows) -> Rows:
+    """Return the limits without those of the accelerations."""
+    free = limits.copy()
+    for i in range(limits.shape[1]):
+        free[_ACCELERATION, i] = math.inf
+    return free
 
 
 @entry

@@ -244,3 +244,10 @@ def solve(A: Mat, b: Vec) -> Vec:
     if det == 0.0:
         return Vec(math.nan, math.nan, math.nan)
     return Vec(b @ a_23, b @ cross(a_3, a_1), b @ cross(a_1, a_2)) / det
+
+
+@formula
+def inverse(A: Mat) -> Mat:
+    """Return A^-1; NaN where A is singular."""
+    x, y, z = Vec(1.0, 0.0, 0.0), Vec(0.0, 1.0, 0.0), Vec(0.0, 0.0, 1.0)
+    return columns(solve(A, x), solve(A, y), solve(A, z))

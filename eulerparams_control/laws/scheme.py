@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compiled import Input, Inputs, entry, kernel, layout
+from eulerparams_control.laws.compiled import NONE, Input, Inputs, entry, kernel, layout
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws.orientation import Lyapunov
@@ -144,8 +144,10 @@ class Tick(NamedTuple):
         look: returns the kinematics on which the loop was closed.
         displacement: returns x_de.
         saturated: whether a limit changed the command.
-        excess: by how much the joint speeds asked for by the law are beyond their limits; >= 1.
+        excess: by how much what the law asks for is beyond its limits, joint speeds or how far a
+            spring is stretched; >= 1.  Time waits for the arm then.
         wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
+        details: x_de, and what the law knows besides, as a row.
     """
 
     command: JointCommand
@@ -155,6 +157,7 @@ class Tick(NamedTuple):
     saturated: bool
     excess: float = 1.0
     wrench: Array | None = None
+    details: Array = NONE
 
     @property
     def state(self) -> RobotState:

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.parameters.efforts import EffortParameters
+from eulerparams_control.parameters.efforts import ResolvedParameters
 from eulerparams_control.robot.robot import Robot
 
 
 @dataclass(frozen=True)
-class DynamicParameters(EffortParameters, scheme="dynamic_control"):
+class DynamicParameters(ResolvedParameters, scheme="dynamic_control"):
     """Parameters of the node ``dynamic_control``: those of its inverse dynamics."""
 
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:

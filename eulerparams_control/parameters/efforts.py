@@ -23,18 +23,6 @@ class EffortParameters(ControlParameters):
         "joint_state", "message type of the command", choices=("joint_state", "forward")
     )
     max_latency: float = other_default(ControlParameters, "max_latency", 0.03)
-    k_Pp: float = parameter(
-        ResolvedAcceleration.k_Pp, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vp: float = parameter(
-        ResolvedAcceleration.k_Vp, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
-    )
-    k_Po: float = parameter(
-        ResolvedAcceleration.k_Po, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vo: float = parameter(
-        ResolvedAcceleration.k_Vo, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
-    )
     k_posture: float = parameter(
         InverseDynamics.k_posture, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
     )
@@ -81,12 +69,6 @@ class EffortParameters(ControlParameters):
         """
         require_size("gravity", self.gravity, 3)
         return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
-
-    def law(self) -> ResolvedAcceleration:
-        """Return the law with these parameters."""
-        return ResolvedAcceleration(
-            self.representation(), self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
-        )
 
     def dynamics(self, robot: Robot) -> InverseDynamics:
         """Return the inverse dynamics of a robot with these parameters."""
@@ -147,6 +129,30 @@ class EffortParameters(ControlParameters):
                 )
             return None
         return Tool(mass, np.array(com), inertia)
+
+
+@dataclass(frozen=True)
+class ResolvedParameters(EffortParameters):
+    """Parameters of every scheme that resolves accelerations, section IV."""
+
+    k_Pp: float = parameter(
+        ResolvedAcceleration.k_Pp, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vp: float = parameter(
+        ResolvedAcceleration.k_Vp, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
+    )
+    k_Po: float = parameter(
+        ResolvedAcceleration.k_Po, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
+    )
+    k_Vo: float = parameter(
+        ResolvedAcceleration.k_Vo, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
+    )
+
+    def law(self) -> ResolvedAcceleration:
+        """Return the law with these parameters."""
+        return ResolvedAcceleration(
+            self.representation(), self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
+        )
 
 
 def require_size(name: str, values: tuple[float, ...], size: int) -> None:

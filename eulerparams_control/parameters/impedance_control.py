@@ -21,7 +21,7 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
-from eulerparams_control.parameters.efforts import EffortParameters, require_size
+from eulerparams_control.parameters.efforts import ResolvedParameters, require_size
 from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
 
@@ -35,7 +35,7 @@ _MOST_TOOL = 0.5
 
 @dataclass(frozen=True)
 class ImpedanceParameters(
-    EffortParameters, scheme="impedance_control", inputs=("wrench",), outputs=("compliant_frame",)
+    ResolvedParameters, scheme="impedance_control", inputs=("wrench",), outputs=("compliant_frame",)
 ):
     """Parameters of the node ``impedance_control``."""
 
@@ -44,10 +44,10 @@ class ImpedanceParameters(
         "message type of the command; none: compliant_frame only, for an arm that takes positions",
         choices=("joint_state", "forward", NO_COMMANDS),
     )
-    k_Pp: float = other_default(EffortParameters, "k_Pp", 3600.0, "of the motion loop")
-    k_Vp: float = other_default(EffortParameters, "k_Vp", 120.0)
-    k_Po: float = other_default(EffortParameters, "k_Po", 7200.0, "of the motion loop")
-    k_Vo: float = other_default(EffortParameters, "k_Vo", 120.0)
+    k_Pp: float = other_default(ResolvedParameters, "k_Pp", 3600.0, "of the motion loop")
+    k_Vp: float = other_default(ResolvedParameters, "k_Vp", 120.0)
+    k_Po: float = other_default(ResolvedParameters, "k_Po", 7200.0, "of the motion loop")
+    k_Vo: float = other_default(ResolvedParameters, "k_Vo", 120.0)
     M_p: tuple[float, ...] = parameter(
         (10.0,) * 3, "mass; 3: diagonal, 6: xx, xy, xz, yy, yz, zz", unit="kg", live=True
     )
@@ -147,6 +147,16 @@ class ImpedanceParameters(
     max_contact_torque: float = parameter(
         40.0, "a larger one stops the motion", unit="Nm", bounds=(0.0, 1e6), live=True
     )
+    max_ripple_force: float = parameter(
+        4.0,
+        "a contact force that swings by more, fed by the arm, is damped, then stops the motion",
+        unit="N",
+        bounds=(0.01, 1e6),
+        live=True,
+    )
+    max_ripple_torque: float = parameter(
+        0.4, "the same for the moment", unit="Nm", bounds=(0.001, 1e6), live=True
+    )
     max_error_position: float = parameter(
         0.04,
         "a tip farther from the compliant frame stops the motion",
@@ -237,6 +247,8 @@ class ImpedanceParameters(
             self.max_contact_torque,
             self.max_jump_position,
             self.max_jump_rotation,
+            self.max_ripple_force,
+            self.max_ripple_torque,
         )
 
     def advice(self) -> str:

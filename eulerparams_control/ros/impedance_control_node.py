@@ -8,7 +8,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from eulerparams_control.control.mode import Why
+from eulerparams_control.control.mode import Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
@@ -162,18 +162,21 @@ class ImpedanceControlNode(ControlNode):
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
             scheme.sense(sensed)
-            self._say_wrench()
+            self._say_contact(scheme.damping)
         if sensed is None:
             self._resting.clear()
         elif is_new:
             self._resting.add(sensed, q, dq)
 
-    def _say_wrench(self) -> None:
+    def _say_contact(self, damping: float) -> None:
         why = self._sensor.trouble
+        if damping > 1.0 and not why.note:
+            why = calmed(damping)
         if why != self._note_on_wrench:
             self._note_on_wrench = why
+            is_frozen = why is self._sensor.trouble and why.note
             frozen = f"{why.note}: the compliant frame is frozen"
-            self.note(why._replace(note=frozen) if why.note else why)
+            self.note(why._replace(note=frozen) if is_frozen else why)
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
@@ -256,15 +259,17 @@ class ImpedanceControlNode(ControlNode):
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
-        if tick.command.frame is None or self._robot is None:
+        scheme = self._controller.scheme if self._controller else None
+        if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
             return {}
         force, moment = _norms(tick.wrench) if tick.wrench is not None else ("unknown",) * 2
         distance, angle = _displacement(tick)
-        centre = self._params.centre(self._robot)
+        centre = self._params.centre(scheme.robot)
         compliant, desired = tick.command.frame.carrying(centre), tick.desired.carrying(centre)
         return {
             "contact force [N]": force,
             "contact moment [Nm]": moment,
+            "energy given to the contact [J]": scheme.contact.energy,
             "displacement [m]": distance,
             "displacement [rad]": angle,
             "distance to singularity of the impedance [rad]": (

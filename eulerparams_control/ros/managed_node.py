@@ -5,7 +5,8 @@ By default it starts itself as soon as it has a robot description and a state.
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,9 @@ from eulerparams_control.errors import (
     defect,
 )
 from eulerparams_control.events import Event, tell
+from eulerparams_control.laws.compiled import nothing_compiled
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
@@ -143,7 +146,11 @@ class ManagedNode(LifecycleNode):
         old, self._params = self._params, new
         try:
             if self._controller is not None and self._robot is not None:
-                self.change_scheme(self._controller.scheme, new, new.limits(self._robot))
+                limits = new.limits(self._robot)
+                with nothing_compiled():
+                    if new.orientation != old.orientation:  # nothing is taken of what is refused
+                        new.make_scheme(self._robot, limits)
+                    self.change_scheme(self._controller.scheme, new, limits)
                 self._controller.changed(ControllerOptions.of(new))
                 self._say_changed(old, new)
             elif self._robot is not None:
@@ -175,6 +182,7 @@ class ManagedNode(LifecycleNode):
             robot.refuse_locked()
             # refuses now what activation would refuse
             self.make_scheme(robot, self._params.limits(robot))
+            self._load_laws(robot)
         except EulerParamsError as error:
             self._tell(ERROR, f"not configured: {error}", Lifecycle.UNCONFIGURED, Cause.REFUSED)
             return TransitionCallbackReturn.FAILURE
@@ -185,6 +193,13 @@ class ManagedNode(LifecycleNode):
         waiting = "configured, waiting for joint_states"
         self._tell(OK, waiting, Lifecycle.INACTIVE, Cause.NO_STATES)
         return TransitionCallbackReturn.SUCCESS
+
+    def _load_laws(self, robot: Robot) -> None:
+        """Load the laws that are compiled: from the disk they take a tenth of a second each."""
+        for orientation in ORIENTATIONS:
+            with suppress(ConfigurationError), nothing_compiled():
+                other = replace(self._params, orientation=orientation)
+                other.make_scheme(robot, other.limits(robot))
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""

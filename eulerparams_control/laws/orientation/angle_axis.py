@@ -10,6 +10,7 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
     Elastic,
     RelativeQuaternionRepresentation,
     relative_compliance,
+    relative_spring,
 )
 from eulerparams_control.laws.rotations import Array, EulerParameters, S, angle_between, mutual_R
 
@@ -101,6 +102,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     laws = Laws(displacement, velocity, acceleration)
     elastic = Elastic(elastic_moment, elastic_energy)
     compliance = relative_compliance(name, elastic)
+    spring = relative_spring(name, elastic)
 
     @property
     def singularity(self) -> str:
@@ -114,4 +116,3 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
         """Return the angle [rad] by which the error is away from 90 deg or 180 deg."""
         theta = angle_between(R_e, R_d)
         return min(abs(theta - math.pi / 2), math.pi - theta)
-

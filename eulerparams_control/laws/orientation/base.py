@@ -108,6 +108,20 @@ class Compliance(NamedTuple):
     end: Formula
 
 
+class RotationalSpring(NamedTuple):
+    """What the stiffness K_o does to a frame that is turned off the desired one, base frame.
+
+    Attributes:
+        moment: (3,) [Nm] on it, minus the gradient of the energy: no closed path makes energy.
+        energy: [J].
+        axes: (3, 3) A of the stiffness A K_o A' [Nm/rad] that small turns from there feel.
+    """
+
+    moment: VecLike
+    energy: float
+    axes: MatLike
+
+
 @formula
 def moment_in_desired_axes(R_d: Mat, mu: Vec, previous: Vec, options: Coordinates) -> Vec:
     """Return mu^d = R_d' mu (3,): what relative displacements are driven by."""
@@ -152,9 +166,10 @@ def law_of(
 ) -> Callable[..., int]:
     """Return what Python calls of a law, compiled for a representation; there its name is ``law``.
 
-    In the law the names of formulas are those of the representation.
+    In the law the names of formulas are those of the representation, ``spring`` among them.
     """
-    made = kernel(template(law, _name_of(law, kind), **kind.laws._asdict()))
+    formulas = kind.laws._asdict() | {"spring": kind.spring}
+    made = kernel(template(law, _name_of(law, kind), **formulas))
     return _entry_of(call, kind, law=made)
 
 
@@ -181,6 +196,7 @@ class OrientationRepresentation(ABC):
         slope: [1/rad] of that where the displacement is small.
         laws: its formulas.
         compliance: those of its rotational impedance.
+        spring: what a stiffness does (R_d, R_e, K_o, options), K_o in its coordinates.
     """
 
     name: ClassVar[str]
@@ -189,6 +205,7 @@ class OrientationRepresentation(ABC):
     slope: ClassVar[float] = 1.0
     laws: ClassVar[Laws]
     compliance: ClassVar[Compliance]
+    spring: ClassVar[Formula]
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:

@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.impedance_matrices import Matrices
-from eulerparams_control.laws.linear import Mat, Vec, VecLike
+from eulerparams_control.laws.linear import Mat, Vec, VecLike, inverse
 from eulerparams_control.laws.orientation.base import (
     Compliance,
     CompliantRotation,
     Coordinates,
     Laws,
     OrientationRepresentation,
+    RotationalSpring,
 )
 from eulerparams_control.laws.orientation.sequences import (
     R_of,
@@ -54,9 +55,7 @@ def displacement(
 
 
 @formula
-def velocity(
-    x_de: EulerAnglesDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
-) -> Vec:
+def velocity(x_de: EulerAnglesDisplacement, omega_d: Vec, k_Po: float, options: Coordinates) -> Vec:
     """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23) by way of (24).
 
     J_A^-1 = J^-1 diag(I, T) exists where J_A does not, so the product is used and
@@ -162,6 +161,21 @@ def end(
     return CompliantRotation(R_of(axes, phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
 
 
+@formula
+def angles_spring(phi: Vec, T: Mat, K_o: Mat) -> RotationalSpring:
+    """Return the spring of the angles phi, rates of which turn by T dphi; (56): T^-T K_o phi."""
+    axes, pull = inverse(T).T, K_o @ phi
+    return RotationalSpring(-(axes @ pull), (phi @ pull) / 2.0, axes)
+
+
+@formula
+def spring(R_d: Mat, R_e: Mat, K_o: Mat, options: Coordinates) -> RotationalSpring:
+    """Return the spring of phi_e - phi_d."""
+    axes, none = options.axes, Vec(0.0, 0.0, 0.0)
+    phi_d, phi_e = extract(axes, R_d, none), extract(axes, R_e, none)
+    return angles_spring(wrap(phi_e - phi_d), T_of(axes, phi_e), K_o)
+
+
 class EulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_d - phi_e; singular where T(phi) is."""
 
@@ -170,6 +184,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     unit = "rad"
     laws = Laws(displacement, velocity, acceleration)
     compliance = Compliance(begin, drive, rate, normalised, end)
+    spring = spring
 
     @property
     def singularity(self) -> str:

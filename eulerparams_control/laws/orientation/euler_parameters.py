@@ -13,6 +13,7 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
     acceleration_along,
     relative_compliance,
+    relative_spring,
     velocity_along,
 )
 from eulerparams_control.laws.orientation.sign import signed_mutual
@@ -87,6 +88,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
     laws = Laws(displacement, velocity, acceleration)
     elastic = Elastic(elastic_moment, elastic_energy)
     compliance = relative_compliance(name, elastic)
+    spring = relative_spring(name, elastic)
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""

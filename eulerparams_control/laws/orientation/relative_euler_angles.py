@@ -14,9 +14,15 @@ from eulerparams_control.laws.orientation.base import (
     Coordinates,
     Laws,
     OrientationRepresentation,
+    RotationalSpring,
     moment_in_desired_axes,
 )
-from eulerparams_control.laws.orientation.euler_angles import CompliantAngles, moved_by, normalised
+from eulerparams_control.laws.orientation.euler_angles import (
+    CompliantAngles,
+    angles_spring,
+    moved_by,
+    normalised,
+)
 from eulerparams_control.laws.orientation.sequences import R_of, T_of, dT_of, extract, rates
 from eulerparams_control.laws.rotations import Array, cross
 
@@ -109,6 +115,13 @@ def end(
     return CompliantRotation(R_d @ R_of(axes, phi_cd), omega_c, domega_c)
 
 
+@formula
+def spring(R_d: Mat, R_e: Mat, K_o: Mat, options: Coordinates) -> RotationalSpring:
+    """Return the spring of the angles of R_d' R_e."""
+    phi = extract(options.axes, R_d.T @ R_e, Vec(0.0, 0.0, 0.0))
+    return angles_spring(phi, R_d @ T_of(options.axes, phi), K_o)
+
+
 class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     """The orientation error is phi_de; singular for large errors only, with XYZ at 90 deg."""
 
@@ -117,6 +130,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     unit = "rad"
     laws = Laws(displacement, velocity, acceleration)
     compliance = Compliance(begin, moment_in_desired_axes, rate, normalised, end)
+    spring = spring
 
     @property
     def singularity(self) -> str:

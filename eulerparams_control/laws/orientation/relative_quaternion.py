@@ -18,6 +18,7 @@ from eulerparams_control.laws.orientation.base import (
     Coordinates,
     Lyapunov,
     OrientationRepresentation,
+    RotationalSpring,
     moment_in_desired_axes,
 )
 from eulerparams_control.laws.rotations import (
@@ -79,7 +80,7 @@ def begin(R_d: Mat, omega_d: Vec, R_c: Mat, omega_c: Vec, options: Coordinates) 
     return RelativeTurn(mutual_R(R_d, R_c), R_d.T @ (omega_c - omega_d))
 
 
-elastic_moment = slot  # of a representation
+elastic_moment = elastic_energy = slot  # of a representation
 
 
 def _rate(y: RelativeTurn, mu_d: Vec, Z: Matrices, options: Coordinates) -> RelativeTurn:
@@ -87,6 +88,12 @@ def _rate(y: RelativeTurn, mu_d: Vec, Z: Matrices, options: Coordinates) -> Rela
     Q, x = y
     dx = Z.M_inverse @ (mu_d - Z.D @ x - elastic_moment(Q, Z.K))  # eq. (59)
     return RelativeTurn(propagation(Q, x), dx)
+
+
+def _spring(R_d: Mat, R_e: Mat, K_o: Mat, options: Coordinates) -> RotationalSpring:
+    """Return the spring of (62), (66) between a desired frame and another."""
+    Q = mutual_R(R_d, R_e)
+    return RotationalSpring(-(R_d @ elastic_moment(Q, K_o)), elastic_energy(Q, K_o), R_d)
 
 
 @formula
@@ -115,6 +122,12 @@ def relative_compliance(name: str, elastic: Elastic) -> Compliance:
     """Return the formulas of (59) with the elastic moment of the representation ``name``."""
     rate = formula(template(_rate, f"{name}_rate", elastic_moment=elastic.moment))
     return Compliance(begin, moment_in_desired_axes, rate, normalised, end)
+
+
+def relative_spring(name: str, elastic: Elastic) -> Formula:
+    """Return the spring of the representation ``name``."""
+    slots = {"elastic_moment": elastic.moment, "elastic_energy": elastic.energy}
+    return formula(template(_spring, f"{name}_spring", **slots))
 
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):

@@ -11,6 +11,7 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
     acceleration_along,
     relative_compliance,
+    relative_spring,
     velocity_along,
 )
 from eulerparams_control.laws.orientation.sign import signed_mutual
@@ -101,8 +102,8 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
     laws = Laws(displacement, velocity, acceleration)
     elastic = Elastic(elastic_moment, elastic_energy)
     compliance = relative_compliance(name, elastic)
+    spring = relative_spring(name, elastic)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:
         """Return the angle [rad] by which the error is away from 180 deg, where r is not unique."""
         return math.pi - angle_between(R_e, R_d)
-

@@ -1,0 +1,494 @@
+"""Compliance control: an impedance by efforts, without a force/torque sensor.
+
+Siciliano and Villani, Robot Force Control, ch. 3: springs and dampers draw the tip to the desired
+frame, and the arm keeps its own inertia:
+
+    tau = J' w + B ddq_0 + C dq + d + g
+
+with w the elastic wrench, minus the gradient of an energy, and the damping, and with ddq_0 the
+accelerations that follow the desired ones, and tend to the posture without moving the tip.  Against
+a contact f at rest K (p_d - p_e) = -f: what is felt is the stiffness.  The accelerations are those
+that springs and contact make of the inertia; limits of speed, position and effort hold.
+
+Notation: ``Lambda`` (6, 6) inertia of the tip (J B^-1 J')^-1, ``K`` (6, 6) its stiffness, ``omega``
+[1/s] natural rates of its modes, ``f, mu`` [N, Nm] wrench of the springs on the tip, ``u`` velocity
+of the tip relative to the desired frame; base frame.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws.blend import add_left
+from eulerparams_control.laws.compiled import (
+    Array,
+    Input,
+    Inputs,
+    Row,
+    Rows,
+    formula,
+    kernel,
+    layout,
+    slot,
+    to_rows,
+)
+from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
+from eulerparams_control.laws.dynamic_control import (
+    INFINITE_EFFORT,
+    SINGULAR,
+    STEEP_JOINT,
+    DynamicControl,
+    is_bounded,
+)
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
+from eulerparams_control.laws.inverse_dynamics import INFINITE, commanded, resolve_acceleration
+from eulerparams_control.laws.limits import without_accelerations
+from eulerparams_control.laws.linear import (
+    Mat,
+    MatLike,
+    Vec,
+    VecLike,
+    identity,
+    mat,
+    norm,
+    put_vec,
+    read_vec,
+    row,
+    vec,
+)
+from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
+from eulerparams_control.laws.orientation.base import Coordinates, law_of
+from eulerparams_control.laws.scheme import LoopGain, Tick, read_bounds, tick_places, too_far
+from eulerparams_control.motion.frames import DesiredFrame, frame_of
+from eulerparams_control.motion.motion_limits import TipLimits
+from eulerparams_control.robot.chain import (
+    Motion,
+    TipState,
+    dJ_dq,
+    jacobian_in,
+    joint_inertia,
+    read_tip,
+)
+
+BLEND_TIME = 0.5
+"""Time constant [s] with which a stretched arm goes over to other springs."""
+
+# An axis that is softer is damped as if it had this stiffness [N/m], [Nm/rad].
+_LEAST_K_p, _LEAST_K_o = 10.0, 0.5
+
+# Modes that are slower [1/s] are damped as if they had this rate: near a singularity one has none.
+_LEAST_OMEGA = 1.0
+
+# From this part below its speeds to as much above them the tip is drawn less and less.
+_BAND = 0.15
+
+# Number of ticks in which that begins and ends, at the least.
+_STEPS = 2.0
+
+displacement = spring = law = read = put = slot  # of a representation
+
+
+class _Numbers(NamedTuple):
+    """A law in numbers; F F' is the stiffness that is damped, in the same coordinates as K."""
+
+    options: Coordinates
+    K_p: MatLike
+    K_o: MatLike
+    F_p: MatLike
+    F_o: MatLike
+    ratio_p: float
+    ratio_o: float
+    clip_p: float
+    clip_o: float
+    in_base: bool
+
+
+class Pull(NamedTuple):
+    """What the springs do at a displacement.
+
+    Attributes:
+        f, mu: (3,) [N], [Nm] on the tip: minus the gradient of the energy.
+        energy: [J], that of the clipped springs.
+        stretch: by how much the more stretched one is beyond where it is clipped; 1 there.
+        axes_p, axes_o: (3, 3) whose columns F_p and F_o refer to, base frame.
+    """
+
+    f: VecLike
+    mu: VecLike
+    energy: float
+    stretch: float
+    axes_p: MatLike
+    axes_o: MatLike
+
+
+class Effects(NamedTuple):
+    """What a tick knows of its springs and dampers, behind x_de in its row.
+
+    Attributes:
+        f, mu: (3,) [N], [Nm] of the springs on the tip.
+        energy: [J] of them.
+        dissipated: [W] by the dampers.
+        rate: [1/s] of the fastest mode.
+        turning: the part of the elastic energy of that mode that is rotational.
+    """
+
+    f: VecLike
+    mu: VecLike
+    energy: float
+    dissipated: float
+    rate: float
+    turning: float
+
+
+_numbers = layout(_Numbers).read
+_put_effects, _unpack_effects = layout(Effects).put, layout(Effects).unpack
+_put_pull, _unpack_pull = layout(Pull).put, layout(Pull).unpack
+effects_width, _pull_width = layout(Effects).width, layout(Pull).width
+
+
+@formula
+def _share(energy: float, clip: float) -> float:
+    """Return the part of the gradient of an energy that is left beyond a clip.
+
+    s = sqrt(2 energy) is the size of the displacement in the metric of the stiffness.  Up to the
+    clip the energy is s^2 / 2, beyond it clip s - clip^2 / 2, whose gradient is clip / s as large.
+    """
+    s = math.sqrt(2.0 * energy)
+    return clip / s if s > clip else 1.0
+
+
+@formula
+def _clipped(energy: float, clip: float) -> float:
+    """Return the energy with that gradient."""
+    s = math.sqrt(2.0 * energy)
+    return clip * s - clip * clip / 2.0 if s > clip else energy
+
+
+def _law(tip: TipState, desired: DesiredFrame, numbers: _Numbers) -> Pull:
+    """Return what the springs do."""
+    A = identity(1.0) if numbers.in_base else desired.R_d
+    f = A @ (numbers.K_p @ (A.T @ (desired.p_d - tip.p_e)))
+    energy_p = (f @ (desired.p_d - tip.p_e)) / 2.0
+    turned = spring(desired.R_d, tip.R_e, numbers.K_o, numbers.options)  # eqs. (56), (60), (66)
+    share_p, share_o = _share(energy_p, numbers.clip_p), _share(turned.energy, numbers.clip_o)
+    energy = _clipped(energy_p, numbers.clip_p) + _clipped(turned.energy, numbers.clip_o)
+    stretch = max(1.0, 1.0 / min(share_p, share_o))
+    return Pull(share_p * f, share_o * turned.moment, energy, stretch, A, turned.axes)
+
+
+def _pull(p_e: Input, R_e: Inputs, p_d: Input, R_d: Inputs, numbers: Input, row: Row) -> int:
+    """Fill the row of a :class:`Pull`."""
+    still = Vec(0.0, 0.0, 0.0)
+    tip = TipState(vec(p_e), mat(R_e), Motion(still, still, still, still))
+    desired = DesiredFrame(vec(p_d), mat(R_d), still, still, still, still)
+    _put_pull(row, 0, law(tip, desired, _numbers(numbers, 0)))
+    return 0
+
+
+@kernel
+def _mobility(chain: Rows, work: Rows, J: Inputs, M: Rows) -> None:
+    """Fill M (n, n + 6), of which the last six columns are then B^-1 J'."""
+    n = len(work)
+    B = np.empty((n, n))
+    joint_inertia(chain, work, B)
+    for i in range(n):
+        for j in range(n):
+            M[i, j] = B[i, j]
+        for j in range(6):
+            M[i, n + j] = J[j, i]
+    solve_rows(M)
+
+
+@kernel
+def _put_axes(F: Rows, k: int, A: Mat) -> None:
+    """Write a matrix into the block k of the diagonal of F (6, 6)."""
+    for i in range(3):
+        put_vec(F[3 * k + i], 3 * k, row(A, i))
+
+
+@kernel
+def _dampers(
+    J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, u: Row, w: Row
+) -> tuple[float, float, float]:
+    """Add to w (6,) the damping -D u; return its power [W], and rate and turning of a mode.
+
+    D = F Y diag(2 zeta / omega) Y' F' with F' J B^-1 J' F = Y diag(omega^2) Y': the geometric mean
+    of Lambda and K = F F' times 2 zeta, which is positive definite, and damps each mode by its
+    ratio: that of its part of p and o.  Lambda itself is not needed, which singularities lack.
+    """
+    n = len(M)
+    F, S, Y, G = np.zeros((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.zeros((n, 6))
+    _put_axes(F, 0, pull.axes_p @ numbers.F_p)
+    _put_axes(F, 1, pull.axes_o @ numbers.F_o)
+    JF = np.zeros((n, 6))
+    for i in range(n):
+        for j in range(6):
+            for k in range(6):
+                G[i, j] += M[i, n + k] * F[k, j]
+                JF[i, j] += J[k, i] * F[k, j]
+    for i in range(6):
+        for j in range(6):
+            S[i, j] = 0.0
+            for k in range(n):
+                S[i, j] += JF[k, i] * G[k, j]
+    symmetric_modes(S, Y)
+    power, rate, turning, direction = 0.0, 0.0, 0.0, np.empty(6)
+    for m in range(6):
+        of_o, along = 0.0, 0.0
+        for i in range(6):
+            direction[i] = 0.0
+            for k in range(6):
+                direction[i] += F[i, k] * Y[k, m]
+            along += direction[i] * u[i]
+        for k in range(3, 6):
+            of_o += Y[k, m] * Y[k, m]
+        zeta = numbers.ratio_p + of_o * (numbers.ratio_o - numbers.ratio_p)
+        omega = math.sqrt(max(S[m, m], _LEAST_OMEGA * _LEAST_OMEGA))
+        for i in range(6):
+            w[i] -= 2.0 * zeta / omega * along * direction[i]
+        power += 2.0 * zeta / omega * along * along
+        if omega * max(1.0, zeta) > rate:
+            rate, turning = omega * max(1.0, zeta), of_o
+    return power, rate, turning
+
+
+@kernel
+def _drawn(J: Inputs, M: Rows, w: Row, tip: Motion, most: TipLimits, dt: float) -> float:
+    """Return the part of the springs' wrench w (6,) that acts on a tip near its speeds.
+
+    It is less than 1 only where they give the tip power, so that no energy is made: a released
+    arm comes back at no more than its speeds.  Of an arm that is so light that the springs make it
+    much faster within a tick it takes less, or it would chatter.
+    """
+    n, power, a = len(M), read_vec(w, 0) @ tip.v + read_vec(w, 3) @ tip.omega, np.zeros(6)
+    over = max(norm(tip.v) / most.linear_speed, norm(tip.omega) / most.angular_speed) - 1.0 + _BAND
+    if not (power > 0.0 and over > 0.0):
+        return 1.0
+    for i in range(n):
+        ddq = 0.0
+        for j in range(6):
+            ddq += M[i, n + j] * w[j]
+        for j in range(6):
+            a[j] += J[j, i] * ddq
+    step_p, step_o = norm(read_vec(a, 0)) / most.linear_speed, norm(read_vec(a, 3))
+    step = dt * max(step_p, step_o / most.angular_speed)
+    return 1.0 - min(over / max(2.0 * _BAND, _STEPS * step), 1.0)
+
+
+def _tick(
+    chain: Rows, work: Rows, row: Row,
+    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    h: Input, previous: Input, numbers: Input, bounds: Input,
+    resolution: Input, posture: Input, turns: Rows, last: Input, left: Row, share: float,
+    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
+    ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
+) -> int:  # fmt: skip
+    """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de."""
+    n = len(work)
+    at, at_ddq, at_tau, at_x = tick_places(n)
+    q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
+    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    given, most = _numbers(numbers, 0), read_bounds(bounds, 0)
+    put(row, at_x, displacement(desired.R_d, tip.R_e, read(previous, 0), given.options))
+    pull = law(tip, desired, given)
+    if math.isnan(pull.mu.x):
+        return SINGULAR
+    if limits.shape[1] > 0:
+        found = too_far(desired, tip.p_e, tip.R_e, most)
+        if found:
+            return found
+    M, ddq, u, w = np.empty((n, n + 6)), np.empty(n), np.empty(6), np.empty(6)
+    a, damping = np.empty(6), np.zeros(6)
+    _mobility(chain, work, J, M)
+    u_p, u_o = tip.motion.v - desired.dp_d, tip.motion.omega - desired.omega_d
+    put_vec(u, 0, u_p)
+    put_vec(u, 3, u_o)
+    put_vec(w, 0, pull.f)
+    put_vec(w, 3, pull.mu)
+    dissipated, fastest, turning = _dampers(J, M, pull, given, u, damping)
+    drawn = 1.0
+    if limits.shape[1] > 0:
+        drawn = _drawn(J, M, w, tip.motion, most.limits, dt)
+        dissipated += (1.0 - drawn) * (read_vec(w, 0) @ u_p + read_vec(w, 3) @ u_o)
+    for j in range(6):
+        w[j] = drawn * w[j] + damping[j]
+    put_vec(a, 0, desired.ddp_d)
+    put_vec(a, 3, desired.domega_d)
+    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
+    for i in range(n):
+        for j in range(6):
+            ddq[i] += M[i, n + j] * w[j]  # J' w, as what it accelerates
+    add_left(last, left, share, ddq)
+    if not is_bounded(ddq):
+        return STEEP_JOINT
+    row[at] = pull.stretch if limits.shape[1] > 0 else 1.0
+    effects = Effects(pull.f, pull.mu, pull.energy, dissipated, fastest, turning)
+    _put_effects(row, len(row) - effects_width, effects)
+    changed = commanded(
+        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, without_accelerations(limits),
+        dt, dq_before, ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
+    )  # fmt: skip
+    return INFINITE_EFFORT if changed & INFINITE else changed
+
+
+@dataclass(frozen=True)
+class ElasticLaw:
+    """Springs and dampers between the tip and the desired frame.
+
+    Attributes:
+        orientation: the representation of the rotational displacement.
+        K_p, K_o: (3, 3) stiffness [N/m], [Nm/rad], symmetric, positive semidefinite.
+        ratio_p, ratio_o: damping ratio of translational and rotational modes of the free arm.
+        clip_position, clip_rotation: [m], [rad] of displacement along the stiffest axis from which
+            the spring pulls no more; along one of the stiffness k it is sqrt(k_max / k) as far.
+        frame: whose axes K_p refers to, "base" or "desired".
+
+    Raises:
+        ConfigurationError: if a matrix or a number is impossible, or the representation has no
+            impedance.
+    """
+
+    orientation: OrientationRepresentation
+    K_p: Array
+    K_o: Array
+    ratio_p: float = 1.0
+    ratio_o: float = 1.0
+    clip_position: float = math.inf
+    clip_rotation: float = math.inf
+    frame: str = "base"
+
+    def __post_init__(self) -> None:
+        if self.frame not in TRANSLATIONAL_FRAMES:
+            raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
+        for name in ("ratio_p", "ratio_o", "clip_position", "clip_rotation"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
+        _ = self.numbers, self.step
+
+    @cached_property
+    def numbers(self) -> Array:
+        """What the law is made of, as a row."""
+        orientation, K_p, K_o = (
+            self.orientation,
+            _checked("K_p", self.K_p),
+            _checked("K_o", self.K_o),
+        )
+        numbers = _Numbers(
+            orientation.options.values,
+            K_p,
+            _in_coordinates(orientation, K_o),
+            _factor(_raised(K_p, _LEAST_K_p)),
+            _factor(_in_coordinates(orientation, _raised(K_o, _LEAST_K_o))),
+            self.ratio_p,
+            self.ratio_o,
+            _clip(K_p, self.clip_position),
+            _clip(K_o, self.clip_rotation),
+            self.frame == "base",
+        )
+        return to_rows(_Numbers, numbers)
+
+    @cached_property
+    def step(self) -> Callable[..., int]:
+        """What fills the row of a tick."""
+        return law_of(_tick, _law, type(self.orientation))
+
+    @property
+    def width(self) -> int:
+        """How many floats its part of the row of a tick has: x_de, and :class:`Effects`."""
+        return self.orientation.rows.width + effects_width
+
+    fastest_gain = None
+    """It depends on where the arm is."""
+
+    def stiffness(self, R_d: Array) -> Array:
+        """Return K_p (3, 3) [N/m] in the base frame, where the desired orientation is R_d."""
+        return self.K_p if self.frame == "base" else R_d @ self.K_p @ R_d.T
+
+    def pull(self, p_e: Array, R_e: Array, desired: DesiredFrame) -> Pull:
+        """Return what the springs do at a pose p_e (3,), R_e (3, 3) of the tip.
+
+        Raises:
+            SingularityError: if the representation has no finite answer.
+        """
+        row = np.empty(_pull_width)
+        law_of(_pull, _law, type(self.orientation))(p_e, R_e, *desired[:2], self.numbers, row)
+        pull: Pull = _unpack_pull(row)
+        if np.isnan(pull.mu).any():
+            raise SingularityError(self.orientation.singularity)
+        return pull
+
+    def springs(self, tick: Tick) -> Lyapunov:
+        """Return the elastic energy [J], and minus what the dampers take [W]."""
+        effects = effects_of(tick)
+        return Lyapunov(effects.energy, -effects.dissipated)
+
+
+def effects_of(tick: Tick) -> Effects:
+    """Return what a tick of compliance control knows of its springs and dampers."""
+    effects: Effects = _unpack_effects(tick.details[-effects_width:])
+    return effects
+
+
+class ComplianceControl(DynamicControl):
+    """Compliance control of one arm: the efforts of dynamic control, by another law."""
+
+    law: ElasticLaw
+
+    @property
+    def fastest_gain(self) -> LoopGain | None:
+        """The stiffness of the fastest mode where the arm was last; None before the first tick."""
+        _, _, _, _, rate, turning = _unpack_effects(self._x_de[-effects_width:])
+        if rate == 0:
+            return None
+        name, K = ("K_o", self.law.K_o) if turning > 0.5 else ("K_p", self.law.K_p)
+        return LoopGain(name, float(np.linalg.eigvalsh(K)[-1]), rate, order=2)
+
+    def lyapunov(self, tick: Tick) -> Lyapunov:
+        """Return the energy of the motion and of the springs [J], and what the dampers take [W].
+
+        V = u' Lambda u / 2 + U, of which without contact -u' D u remains at low speeds.
+        """
+        arm, desired = tick.state, tick.desired
+        u = np.concatenate((arm.dp_e - desired.dp_d, arm.omega_e - desired.omega_d))
+        B = self.robot.dynamic_state(arm.q, arm.dq).B
+        kinetic = u @ np.linalg.pinv(arm.J @ np.linalg.solve(B, arm.J.T)) @ u / 2
+        springs = self.law.springs(tick)
+        return Lyapunov(float(kinetic) + springs.V, springs.dV)
+
+
+def _checked(name: str, K: Array) -> Array:
+    """Return a stiffness; raises ConfigurationError unless it is one."""
+    try:
+        return Impedance(np.eye(3), np.zeros((3, 3)), K).K
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{name}: {error}") from error
+
+
+def _in_coordinates(orientation: OrientationRepresentation, K_o: Array) -> Array:
+    """Return a rotational stiffness in the coordinates of a representation."""
+    return orientation.impedance(Impedance(np.eye(3), np.zeros((3, 3)), K_o)).K
+
+
+def _clip(K: Array, most: float) -> float:
+    """Return the size of a displacement by ``most`` along the stiffest axis, in the metric of K."""
+    stiffest = float(np.linalg.eigvalsh(K)[-1])
+    return most * math.sqrt(stiffest) if stiffest > 0 else 0.0
+
+
+def _raised(K: Array, least: float) -> Array:
+    """Return a stiffness (3, 3) of which no axis is softer than ``least``."""
+    values, axes = np.linalg.eigh(K)
+    raised: Array = (axes * np.maximum(values, least)) @ axes.T
+    return raised
+
+
+def _factor(K: Array) -> Array:
+    """Return F (3, 3) with F F' = K."""
+    factor: Array = np.linalg.cholesky(K)
+    return factor

@@ -1,0 +1,294 @@
+"""Compliance control: springs that make no energy, dampers that fit the arm, and their bounds.
+
+The properties run over the registry of representations.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from arms import HOME, STILL, UR5, Plant, pose_of, robot_named
+from representations import every_representation, make
+from samples import about, generator, positive_definite, turn_of, uniform, unit_vectors
+from tolerances import (
+    CLOSED_PATH,
+    DAMPING_RATIO,
+    FORCE_IN_CONTACT,
+    GRADIENT,
+    NULL_SPACE,
+    SPEED_OF_RELEASE,
+    UNBOUNDED,
+    assert_close,
+)
+
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.compliance_control import (
+    ComplianceControl,
+    ElasticLaw,
+    effects_of,
+)
+from eulerparams_control.laws.dynamic_control import EffortLimits
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.inverse_dynamics import InverseDynamics
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.parameters.compliance_control import ComplianceParameters
+from eulerparams_control.parameters.fields import from_mapping
+from eulerparams_control.robot.catalogue import load_robot
+from sim_bridge.simulator import Simulator, SimulatorParameters
+
+K_P, K_O = 300 * positive_definite(1, key=1)[0], 10 * positive_definite(1, key=2)[0]
+FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
+FAR, UNCLIPPED = {"clip_position": 0.02, "clip_rotation": 0.1}, {}
+DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), about(0, 0.2) @ about(1, -0.2) @ about(2, 0.4))
+
+
+def law_with(orientation="euler_parameters", K_p=K_P, K_o=K_O, **given):
+    return ElasticLaw(make(orientation), K_p, K_o, **given)
+
+
+def control(law, robot=UR5, limits=None, **dynamics):
+    bounds = EffortLimits(limits)
+    return ComplianceControl(robot, law, InverseDynamics(**dynamics), bounds, blend_time=0.5)
+
+
+# --- the springs ---------------------------------------------------------------------------
+
+
+@every_representation
+@pytest.mark.parametrize("given", [UNCLIPPED, FAR])
+@pytest.mark.parametrize("frame", ["base", "desired"])
+def test_what_a_spring_exerts_is_minus_the_gradient_of_its_energy(name, given, frame):
+    law, h = law_with(name, frame=frame, **given), 1e-6
+    for x, turn in zip(unit_vectors(8, key=3), unit_vectors(8, key=4), strict=True):
+        p, R = DESIRED.p_d + 0.05 * x, exp(0.5 * turn) @ DESIRED.R_d
+        pull = law.pull(p, R, DESIRED)
+        for e in np.eye(3):
+            along = [law.pull(p + s * h * e, R, DESIRED).energy for s in (1, -1)]
+            turned = [law.pull(p, exp(s * h * e) @ R, DESIRED).energy for s in (1, -1)]
+            assert_close(e @ pull.f, -(along[0] - along[1]) / (2 * h), GRADIENT)
+            assert_close(e @ pull.mu, -(turned[0] - turned[1]) / (2 * h), GRADIENT)
+
+
+@every_representation
+@pytest.mark.parametrize("given", [UNCLIPPED, FAR])
+def test_no_closed_path_makes_energy(name, given):
+    law, N = law_with(name, **given), 6000 if given else 1000
+    for k in range(20):
+        c = generator(5, k).normal(size=(6, 2))
+        t = np.linspace(0.0, 2 * math.pi, N, endpoint=False)[:, None]
+        size = np.array([0.03] * 3 + [0.12] * 3)
+        y = size * (c[:, 0] * np.sin(t) + c[:, 1] * np.sin(2 * t + 1) / 2)
+        dy = size * (c[:, 0] * np.cos(t) + c[:, 1] * np.cos(2 * t + 1))
+        y[:, 3:], dy[:, 3:] = (
+            0.4 * np.tanh(y[:, 3:] / 0.4),
+            dy[:, 3:] / np.cosh(y[:, 3:] / 0.4) ** 2,
+        )
+        powers = []
+        for x, dx in zip(y, dy, strict=True):
+            R_x, R_y = about(0, x[3]), about(1, x[4])
+            pull = law.pull(DESIRED.p_d + x[:3], R_x @ R_y @ about(2, x[5]) @ DESIRED.R_d, DESIRED)
+            omega = dx[3] * np.eye(3)[0] + R_x @ (dx[4] * np.eye(3)[1] + R_y[:, 2] * dx[5])
+            powers.append(pull.f @ dx[:3] + pull.mu @ omega)
+        assert abs(np.sum(powers)) < CLOSED_PATH * np.abs(powers).sum()
+
+
+@every_representation
+def test_for_small_displacements_it_has_the_stiffness_that_is_stated(name):
+    x, turn = (1e-4 * v for v in unit_vectors(2, key=6))
+    for frame, A in (("base", np.eye(3)), ("desired", DESIRED.R_d)):
+        law = law_with(name, frame=frame)
+        pull = law.pull(DESIRED.p_d + x, exp(turn) @ DESIRED.R_d, DESIRED)
+        assert_close(pull.f, -A @ K_P @ A.T @ x)
+        if name != "euler_angles":  # whose stiffness depends on the orientation, (58)
+            R_d = DESIRED.R_d
+            stated = R_d @ K_O @ R_d.T @ turn
+            assert_close(pull.mu, -stated, 1e-3 * np.abs(stated).max())
+        K = law.orientation.impedance(Impedance(np.eye(3), np.zeros((3, 3)), K_O)).K
+        felt = pull.axes_o @ K @ pull.axes_o.T @ turn
+        assert_close(pull.mu, -felt, 1e-3 * np.abs(felt).max())
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_beyond_its_clip_a_spring_pulls_no_more(axis):
+    values, axes = np.linalg.eigh(K_P)
+    law, soft = law_with(**FAR), math.sqrt(values[-1] / values[axis])
+    for far in (1.0, 3.0, 100.0):
+        pull = law.pull(DESIRED.p_d + far * 0.02 * soft * axes[:, axis], DESIRED.R_d, DESIRED)
+        assert_close(pull.f, -0.02 * math.sqrt(values[-1] * values[axis]) * axes[:, axis])
+        assert_close(pull.stretch, far)
+    for x in unit_vectors(20, key=7):
+        force = law.pull(DESIRED.p_d + x, DESIRED.R_d, DESIRED).f
+        assert np.linalg.norm(force) <= 0.02 * values[-1] + 1e-9
+
+
+def test_an_axis_without_stiffness_bounds_nothing():
+    law = law_with(K_p=np.diag([0.0, 500.0, 500.0]), K_o=np.zeros((3, 3)), **FAR)
+    pull = law.pull(DESIRED.p_d + [0.5, 0.01, 0.0], uniform(1)[0], DESIRED)
+    assert_close(pull.f, [0.0, -5.0, 0.0])
+    assert_close(pull.mu, np.zeros(3))
+
+
+def test_only_euler_angles_pull_without_bound_at_their_pole():
+    pole = about(1, math.pi / 2)
+    for name, most in (("relative_euler_angles", math.inf), ("euler_parameters", 20.0)):
+        law = law_with(name, **FAR)
+        moment = law.pull(DESIRED.p_d, pole, DesiredFrame(DESIRED.p_d, np.eye(3))).mu
+        assert np.linalg.norm(moment) < most
+        assert most < math.inf or np.linalg.norm(moment) > UNBOUNDED
+
+
+# --- the arm -------------------------------------------------------------------------------
+
+
+def poles(scheme, plant, desired):
+    """Return the poles [1/s] of the free arm at rest in the desired frame, by differences."""
+    h, n = 1e-6, len(plant.q)
+
+    def ddq(q, dq):
+        scheme.reset(q)
+        tau = scheme.tick(1e-3, q, dq, desired).command.effort
+        return plant.acceleration(q, dq, tau)
+
+    q, eye = plant.q, np.eye(n)
+    by_q = [(ddq(q + h * e, 0 * e) - ddq(q - h * e, 0 * e)) / (2 * h) for e in eye]
+    by_dq = [(ddq(q, h * e) - ddq(q, -h * e)) / (2 * h) for e in eye]
+    top = np.hstack([np.zeros((n, n)), eye])
+    return np.linalg.eigvals(np.vstack([top, np.hstack([np.array(by_q).T, np.array(by_dq).T])]))
+
+
+@every_representation
+def test_each_mode_of_the_free_arm_has_the_damping_ratio(name):
+    found = poles(control(law_with(name, ratio_p=0.7, ratio_o=0.7)), Plant(), pose_of(UR5, HOME))
+    assert_close(-found.real / np.abs(found), 0.7, DAMPING_RATIO)
+
+
+def test_two_damping_ratios_bound_those_of_the_modes_and_the_fastest_is_known():
+    scheme = control(law_with(ratio_p=0.5, ratio_o=0.9))
+    found = poles(scheme, Plant(), pose_of(UR5, HOME))
+    ratios = -found.real / np.abs(found)
+    assert 0.5 - DAMPING_RATIO < ratios.min() < 0.6 < 0.8 < ratios.max() < 0.9 + DAMPING_RATIO
+    scheme.tick(1e-3, HOME, STILL, pose_of(UR5, HOME))
+    assert scheme.fastest_gain.rate == pytest.approx(np.abs(found).max(), rel=1e-3)
+    assert scheme.fastest_gain.name == "K_o"
+
+
+def test_it_follows_a_motion_by_its_acceleration():
+    scheme, plant, a = control(law_with()), Plant(), np.array([0.3, -0.2, 0.1])
+    desired = pose_of(UR5, HOME)._replace(ddp_d=a, domega_d=2 * a)
+    tau = scheme.tick(1e-3, HOME, STILL, desired).command.effort
+    reached = plant.tip_acceleration(HOME, STILL, plant.acceleration(HOME, STILL, tau))
+    assert_close(reached, [*a, *(2 * a)], NULL_SPACE)
+
+
+def test_the_posture_of_a_redundant_arm_does_not_move_its_tip():
+    robot, home = robot_named("panda")
+    q = home + 0.1
+    scheme, plant = control(law_with(), robot, posture=home, k_null=5.0), Plant("panda")
+    dq = np.linalg.svd(robot.state(q, 0 * q).J)[2][-1]
+    tau = scheme.tick(1e-3, q, dq, pose_of(robot, q)).command.effort
+    ddq = plant.acceleration(q, dq, tau)
+    assert np.abs(ddq).max() > 1.0
+    assert_close(plant.tip_acceleration(q, dq, ddq), np.zeros(6), NULL_SPACE)
+
+
+def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
+    parameters = from_mapping(ComplianceParameters, FRAMES)
+    scheme = parameters.make_scheme(UR5, parameters.limits(UR5))
+    home = pose_of(UR5, HOME)
+    away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
+    for speed, part in ((0.2, 1.0), (0.25, 0.5), (0.3, 0.0), (-0.3, 1.0)):
+        dq = np.linalg.solve(UR5.state(HOME, STILL).J, [speed, 0, 0, 0, 0, 0])
+        scheme.reset(HOME)
+        effects = effects_of(scheme.tick(1e-3, HOME, dq, away))
+        scheme.reset(HOME)
+        damped = effects_of(scheme.tick(1e-3, HOME, dq, home)).dissipated
+        assert_close(effects.dissipated - damped, (1 - part) * 30.0 * speed, 1e-6)
+
+
+@pytest.mark.parametrize("name", ["euler_parameters", "rotation_vector"])
+def test_other_springs_of_a_stretched_arm_come_without_a_jump(name):
+    scheme, home = control(law_with()), pose_of(UR5, HOME)
+    away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
+    before = scheme.tick(1e-3, HOME, STILL, away).command.effort
+    law = law_with(name, K_p=3 * K_P)
+    scheme.replace_law(law, scheme.dynamics, scheme.limits)
+    assert_close(scheme.tick(1e-3, HOME, STILL, away).command.effort, before)
+    for _ in range(500):
+        half = scheme.tick(1e-3, HOME, STILL, away).command.effort
+    after = control(law).tick(1e-3, HOME, STILL, away).command.effort
+    assert_close(half, after + math.exp(-1.0) * (before - after))
+
+
+def test_what_the_arm_loses_is_what_the_dampers_take():
+    scheme, plant, dt = control(law_with(ratio_p=0.3, ratio_o=0.3)), Plant(), 1e-4
+    home = pose_of(UR5, HOME)
+    scheme.tick(dt, plant.q, plant.dq, home)
+    plant.q = plant.q + 1e-3 * np.arange(6)
+    found = []
+    for _ in range(1500):
+        tick = scheme.tick(dt, plant.q, plant.dq, home)
+        found.append(scheme.lyapunov(tick))
+        plant.step(tick.command.effort, dt)
+    V, dV = np.array(found).T
+    assert V[-1] < 0.3 * V[0]
+    assert_close(V[-1] - V[0], dt * dV.sum(), 0.01 * V[0])
+
+
+# --- blocked -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "rate"), [("ur5", 200.0), ("kuka_iiwa", 1000.0)])
+def test_a_blocked_arm_pushes_as_stated_and_then_follows_without_a_stop_or_a_lunge(name, rate):
+    about_it, (robot, q) = load_robot(name), robot_named(name)
+    frames = {"base_frame": about_it.base_frame, "tip_frame": about_it.tip_frame}
+    parameters = from_mapping(ComplianceParameters, frames)
+    scheme = parameters.make_scheme(robot, parameters.limits(robot))
+    controller = Controller(scheme, ControllerOptions.of(parameters), q)
+    start = pose_of(robot, q)
+    end = start._replace(p_d=start.p_d + [0.0, 0.3, 0.0])
+    wall = {"shape": "plane", "position": list(start.p_d + [0.0, 0.03, 0.0]), "damping": 200.0,
+            "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
+    blocked = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
+    controller.follow(Trajectory([0.0, 3.0], [start, end]), None)
+    t, fastest, period = 0, 0.0, round(1e9 / rate)
+    for given, seconds in ((blocked, 10.0), ({}, 5.0)):
+        simulator = Simulator(about_it, SimulatorParameters(control="torque", rate=rate, **given))
+        simulator.reset(q)
+        for _ in range(round(seconds * rate)):
+            state, t = simulator.read(), t + period
+            simulator.command_effort(controller.step(t, state.q, state.dq).effort)
+            simulator.step()
+            fastest = max(fastest, np.linalg.norm(controller.guidance.tick_now.state.dp_e))
+        q, tick = simulator.read().q.copy(), controller.guidance.tick_now
+        simulator.close()
+        assert not controller.fault
+        if given:
+            assert_close(effects_of(tick).f[1], 50.0, FORCE_IN_CONTACT)
+            assert tick.desired.p_d[1] - start.p_d[1] < 0.1  # it waits
+    assert_close(tick.state.p_e, end.p_d, FORCE_IN_CONTACT)
+    assert_close(turn_of(tick.state.R_e.T @ end.R_d), np.zeros(3), FORCE_IN_CONTACT)
+    assert fastest < SPEED_OF_RELEASE * parameters.max_linear_speed
+
+
+# --- parameters ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"K_p": [1.0, 1.0]}, "K_p has 2 values"),
+        ({"K_p": [-1.0, 1.0, 1.0]}, "K_p: K has the negative eigenvalue"),
+        ({"K_o": [1.0, 2.0, 0.0, 1.0, 0.0, 1.0]}, "negative eigenvalue -1"),
+        ({"K_o": [1.0, 1.0, 1.0], "K_o_axes": [1.0, 0.0]}, "K_o_axes has 2 values"),
+        ({"orientation": "relative_euler_angles", "euler_sequence": "ZYZ"}, "have no impedance"),
+        ({"damping_ratio_p": 0.0}, "damping_ratio_p' is 0"),
+        ({"error_clip_position": 0.0}, "error_clip_position' is 0"),
+        ({"M_p": [1.0, 1.0, 1.0]}, "M_p"),
+    ],
+)
+def test_impossible_parameters_are_refused(given, words):
+    with pytest.raises(ConfigurationError, match=words):
+        from_mapping(ComplianceParameters, FRAMES | given).law()

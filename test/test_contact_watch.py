@@ -1,0 +1,195 @@
+"""The passivity observer, and chatter: found, damped, ended; a hand that shakes the tool is not it.
+
+The arm follows its compliant frame as a robot with a position servo does: late.
+"""
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import HOME, STILL, UR5, pose_of
+
+from eulerparams_control.control.mode import Cause, why_of
+from eulerparams_control.errors import ContactError
+from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.clik import ClikParameters
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+
+DT = 1e-3
+START = pose_of(UR5, HOME)
+WALL = 0.01  # [m] from the start, along x
+AT_TIP = UR5.placement(UR5.tip_frame)
+# The lag and the delay of the servo, and the delay of the sensor [s].
+LOOPS = {
+    "prompt": (0.0, 0.001, 0.0),
+    "delayed": (0.0, 0.015, 0.0),
+    "UR5e": (0.02, 0.004, 0.0),
+    "slow": (0.04, 0.01, 0.0),
+    "sensor 5 ms late": (0.0, 0.001, 0.005),
+    "sensor 30 ms late": (0.0, 0.001, 0.03),
+}
+
+
+class Admittance:
+    """Impedance control over a servo and a sensor that are late, see LOOPS; the tool goes along x.
+
+    Attributes:
+        found: when [s] the damping changed, and to what.
+        x, f: [m], [N] of the tip and on it, at each step; it is free at x < 0.
+    """
+
+    def __init__(self, lag, delay, sensed_late, **parameters):
+        p = ImpedanceParameters(command_type="none", **parameters)
+        self.scheme = p.make_scheme(UR5, UR5.limits)
+        self.servo = ClikParameters().make_scheme(UR5, None)
+        self.share = -math.expm1(-DT / lag) if lag else 1.0
+        self.q, self.late = HOME, deque([HOME], maxlen=max(1, round(delay / DT)))
+        self.felt = deque(maxlen=1 + round(sensed_late / DT))
+        self.scheme.reset(self.q)
+        self.servo.reset(self.q)
+        self.t, self.found, self.x, self.f = 0.0, [], [], []
+
+    def step(self, force, target=0.0, speed=0.0):
+        """Go on by a step under a force f(t, x, v) on the tool, to a target [m] along x."""
+        before, self.q = self.q, self.q + self.share * (self.late[0] - self.q)
+        dq = (self.q - before) / DT
+        arm = UR5.state(self.q, dq)
+        x, v = arm.p_e[0] - START.p_d[0] - WALL, arm.dp_e[0]
+        f = force(self.t, x, v)
+        self.felt.append(f)
+        w = np.concatenate((arm.R_e.T @ [self.felt[0], 0.0, 0.0], np.zeros(3)))
+        self.scheme.sense(SensedWrench(w, AT_TIP))
+        there = DesiredFrame(START.p_d + [target, 0.0, 0.0], START.R_d, np.array([speed, 0.0, 0.0]))
+        damping = self.scheme.damping
+        dt = DT if self.t else 0.0
+        frame = self.scheme.tick(dt, self.q, dq, there).command.frame
+        if self.scheme.damping != damping:
+            self.found.append((self.t, self.scheme.damping))
+        self.late.append(self.servo.tick(dt, self.q, STILL, frame).command.q)
+        self.t += DT
+        self.x.append(x)
+        self.f.append(f)
+
+    def run(self, seconds, force, depth=0.0, speed=0.05):
+        """Go ``depth`` [m] along x, and stay."""
+        for k in range(round(seconds / DT)):
+            moves = k * DT * speed < depth
+            target = k * DT * speed if moves else depth
+            self.step(force, target, speed if moves else 0.0)
+        return self
+
+    @property
+    def touched(self):
+        """When [s] it touched first."""
+        return DT * next(k for k, f in enumerate(self.f) if f)
+
+    @property
+    def ripple(self):
+        """How much [N] the force has changed in the last half second."""
+        return np.ptp(self.f[-500:])
+
+
+def wall(stiffness):
+    return lambda _t, x, _v: -stiffness * x if x > 0 else 0.0
+
+
+def tapped(t, _x, _v):
+    """Return a hand that taps on the tool once."""
+    return -40.0 if 0.5 < t < 0.55 else 0.0
+
+
+def shaken(frequency):
+    """Return a hand that holds the tool by 3000 N/m and moves it by 5 mm."""
+    return lambda t, x, v: 3000 * (0.005 * math.sin(math.tau * frequency * t) - x - WALL) - 20 * v
+
+
+def noisy(force, size):
+    noise = np.random.default_rng(1)
+    return lambda t, x, v: force(t, x, v) + size * noise.standard_normal()
+
+
+def changing(t, x, _v):
+    """Return the force of a surface that is 500 to 9500 N/m stiff, twice a second."""
+    return -(5000 + 4500 * math.sin(math.tau * 2 * t)) * max(x, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("loop", "stiffness"),
+    [
+        ("delayed", 2e4),
+        ("UR5e", 2e4),
+        ("UR5e", 4e4),
+        ("slow", 2e4),
+        ("sensor 5 ms late", 5e4),
+        ("sensor 30 ms late", 2e4),
+    ],
+)
+def test_chatter_is_found_within_a_second_and_ended_by_damping(loop, stiffness):
+    arm = Admittance(*LOOPS[loop]).run(4.0, wall(stiffness), 0.03)
+    found, damping = arm.found[0]
+    assert found - arm.touched < 1.0
+    assert damping == 3.0
+    assert arm.ripple < 1.0
+    assert arm.f[-1] < -10.0  # it still presses
+
+
+def test_without_more_damping_the_chatter_would_go_on():
+    arm = Admittance(*LOOPS["UR5e"], max_ripple_force=1e5).run(4.0, wall(2e4), 0.03)
+    assert arm.found == []
+    assert arm.ripple > 20.0
+
+
+def test_chatter_that_no_damping_ends_stops_the_motion():
+    arm = Admittance(*LOOPS["UR5e"], max_contact_force=1e4)
+    with pytest.raises(ContactError, match="more is not possible") as stopped:
+        arm.run(4.0, wall(1e6), 0.03)
+    assert why_of(stopped.value).cause is Cause.CONTACT_OSCILLATES
+    assert [damping for _, damping in arm.found] == [3.0, 9.0]
+    arm.scheme.hold(DT, arm.q, STILL)
+    assert arm.scheme.damping == 1.0  # whatever leads on begins with the law that was asked for
+
+
+@pytest.mark.parametrize(
+    ("loop", "force", "depth"),
+    [
+        *(("prompt", wall(stiffness), 0.03) for stiffness in (1e3, 1e4, 1e5)),
+        *(("UR5e", wall(stiffness), 0.03) for stiffness in (1e3, 1e4)),
+        *(("prompt", shaken(frequency), 0.0) for frequency in (1, 2, 3, 5, 8)),
+        *(("UR5e", shaken(frequency), 0.0) for frequency in (1, 2, 3)),
+        ("prompt", noisy(wall(1e4), 2.0), 0.03),
+        ("UR5e", changing, 0.03),
+        ("UR5e", tapped, 0.0),
+    ],
+)
+def test_what_is_not_chatter_is_left_alone(loop, force, depth):
+    assert Admittance(*LOOPS[loop]).run(3.0, force, depth).found == []
+
+
+def test_the_damping_goes_back_when_the_tool_was_free_for_a_while():
+    arm = Admittance(*LOOPS["UR5e"]).run(3.0, wall(2e4), 0.03)
+    for k in range(3000):
+        arm.step(wall(2e4), 0.03 - min(k * DT, 1.0) * 0.03)
+    left = DT * (len(arm.f) - next(k for k, f in enumerate(reversed(arm.f)) if f))
+    (_, raised), (back, damping) = arm.found
+    assert (raised, damping) == (3.0, 1.0)
+    assert back - left == pytest.approx(2.0, abs=0.3)  # from where less than the ripple is felt
+
+
+def test_the_law_that_is_changed_meanwhile_is_the_one_that_counts():
+    arm = Admittance(*LOOPS["UR5e"]).run(1.0, wall(2e4), 0.03)
+    assert arm.scheme.damping == 3.0
+    law, motion = arm.scheme.law, arm.scheme.motion
+    arm.scheme.replace_law(replace(law, ripple_force=1e5), None, None, motion.limits)
+    assert arm.scheme.damping == 1.0
+    arm.run(1.0, wall(2e4), 0.03)
+    assert arm.ripple > 20.0
+
+
+def test_the_energy_is_what_the_contact_was_given():
+    arm = Admittance(*LOOPS["prompt"]).run(3.0, wall(5e3), 0.03)
+    assert arm.scheme.contact.energy == pytest.approx(5e3 * arm.x[-1] ** 2 / 2, rel=0.02)  # sampled
+    pushed = Admittance(*LOOPS["prompt"]).run(1.0, lambda *_: 10.0)
+    assert pushed.scheme.contact.energy == pytest.approx(-10.0 * (pushed.x[-1] + WALL), rel=0.02)
