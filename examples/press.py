@@ -1,5 +1,6 @@
 """Press on a surface with 10 N for 2 s, and go back, also in trouble; see docs/examples.md."""
 
+import signal
 from time import monotonic
 
 import rclpy
@@ -8,8 +9,8 @@ from rclpy.qos import qos_profile_sensor_data
 
 FORCE, TOUCHES, LOST, STIFFNESS, GAIN = 10.0, 1.0, 0.5, 1000.0, 0.001  # [N], [N/m], [m/(N s)]
 RATE, SPEED, FAR, HOLD, SILENCE, LONGEST = 20.0, 0.01, 0.1, 2.0, 0.5, 20.0  # [Hz], [m/s], [m], [s]
-rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)  # Ctrl-C is met here, below
-node, poses, felt = rclpy.create_node("press"), [], [(-1.0, 0.0, 0.0)]
+rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)  # Ctrl-C is met here
+node, poses, felt, interrupts = rclpy.create_node("press"), [], [(-1.0, 0.0, 0.0)], []
 
 
 def feel(msg: WrenchStamped) -> None:
@@ -23,8 +24,8 @@ def force() -> float:
     del felt[:-1]
     while felt[-1][0] - felt[0][0] < 1 / RATE:
         rclpy.spin_once(node, timeout_sec=0.1)
-        if monotonic() - felt[-1][2] > SILENCE:
-            raise SystemExit("no wrench comes: gone back")
+        if interrupts or monotonic() - felt[-1][2] > SILENCE:
+            raise SystemExit(f"{'interrupted' if interrupts else 'no wrench comes'}: gone back")
     return sum(z for _, z, _ in felt) / len(felt)
 
 
@@ -33,6 +34,7 @@ node.create_subscription(WrenchStamped, "wrench", feel, qos_profile_sensor_data)
 target = node.create_publisher(PoseStamped, "target_pose", 10)
 while not (poses and len(felt) > 1 and target.get_subscription_count()):
     rclpy.spin_once(node, timeout_sec=0.1)
+signal.signal(signal.SIGINT, lambda *_: interrupts.append(True))  # no exception inside a callback
 start, depth, deepest, held, touches, recent = poses[-1], 0.0, FAR, 0.0, False, []
 p, q = start.pose.position, start.pose.orientation
 x, y, z = 2 * (q.x * q.z + q.w * q.y), 2 * (q.y * q.z - q.w * q.x), 1 - 2 * (q.x**2 + q.y**2)
@@ -53,8 +55,6 @@ try:
         at = Point(x=p.x + depth * x, y=p.y + depth * y, z=p.z + depth * z)
         target.publish(PoseStamped(header=start.header, pose=Pose(position=at, orientation=q)))
     print(f"the tip pressed {mean:.2f} N")
-except KeyboardInterrupt:
-    raise SystemExit("interrupted: gone back") from None
 finally:
     target.publish(start)  # the controller goes back smoothly, and stays there
     target.wait_for_all_acked()
