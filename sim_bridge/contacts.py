@@ -25,11 +25,12 @@ from sim_bridge.urdf import Placed
 
 @dataclass
 class _Contact:
-    """A solid, PyBullet's body of it, and n."""
+    """A solid, PyBullet's body of it, n, and whether it is there."""
 
     solid: Solid
     body: int
     n: float = 1.0
+    is_there: bool = True
 
 
 class Contacts:
@@ -65,8 +66,15 @@ class Contacts:
             for contact in self._contacts:
                 self._set(contact)
 
-    def prepare(self) -> None:
-        """Share the stiffness among the points that touch in the next step."""
+    def prepare(self, t: float) -> None:
+        """Let the solids come and go, and share their stiffness among the points that touch.
+
+        In the step from ``t`` [s] on.
+        """
+        for contact in self._contacts:
+            if contact.is_there != contact.solid.is_there(t):
+                contact.is_there = not contact.is_there
+                self._engine.let_touch(contact.body, contact.is_there)
         if self._is_single:
             return
         self._engine.find_contacts()

@@ -177,10 +177,18 @@ class Engine:
             if link in self._touching:
                 pybullet.changeDynamics(self.body, link, **_NEUTRAL, physicsClientId=self.client)
             else:
-                pybullet.setCollisionFilterPair(
-                    self.body, body, link, -1, False, physicsClientId=self.client
-                )
+                self._filter(body, link, False)
         return body
+
+    def let_touch(self, body: int, whether: bool) -> None:
+        """Let the robot touch a solid from the next step on, or not."""
+        for link in self._touching:
+            self._filter(body, link, whether)
+
+    def _filter(self, body: int, link: int, whether: bool) -> None:
+        pybullet.setCollisionFilterPair(
+            self.body, body, link, -1, whether, physicsClientId=self.client
+        )
 
     def set_contact(self, body: int, stiffness: float, damping: float, friction: float) -> None:
         """Set stiffness [N/m], damping [Ns/m] and friction of each point that touches a solid."""

@@ -263,15 +263,16 @@ class Simulator:
             effort = self._disturbance + (self._zero if effort is None else effort)
         if effort is not None:
             self.engine.exert(effort)
+        t = self._count / self.parameters.rate
         if self._forces:
-            acting = total_wrench(self._forces, self._count / self.parameters.rate, self._motion)
+            acting = total_wrench(self._forces, t, self._motion)
             if self._external is not None:
                 acting += self._external
             self.engine.push(acting.tolist())
         elif self._external is not None:
             self.engine.push(self._external)
         if self._solids:
-            self.contacts.prepare()
+            self.contacts.prepare(t)
         self.engine.step()
 
     def _configurations(self) -> Array:

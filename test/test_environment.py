@@ -53,17 +53,20 @@ STIFFNESSES = (1e3, 1e4, 1e5, 1e6)
 seeds = st.integers(0, 2**32 - 1)
 # A thing of each kind, as YAML gives it, with all its keys.
 POSE = {"position": [0.5, 0, 0.2], "orientation": [0.0, 0.6, 0.0, 0.8]}
-CONTACT = {"stiffness": 2.0e4, "damping": 100, "friction": 0.5}
+TIMES = {"start": 1, "end": 3}
+CONTACT = {"stiffness": 2.0e4, "damping": 100, "friction": 0.5, **TIMES}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "box": {**POSE, **CONTACT, "size": [1, 1, 0.1]},
     "sphere": {**POSE, **CONTACT, "radius": 0.1},
     "cylinder": {**POSE, **CONTACT, "radius": 0.1, "length": 1},
     "plane": {**POSE, **CONTACT},
-    "spring": {**POSE, "stiffness": [1, 2, 3], "damping": 10, "point": [0, 0, 0.1]},
-    "torsion_spring": {"orientation": [0, 0, 0, 1], "stiffness": 500, "damping": [1.0, 2, 3]},
+    "spring": {**POSE, "stiffness": [1, 2, 3], "damping": 10, **TIMES, "point": [0, 0, 0.1]},
+    "torsion_spring": {
+        "orientation": [0, 0, 0, 1], "stiffness": 500, **TIMES, "damping": [1.0, 2, 3],
+    },
     "push": {
         "force": [1, 2, 3], "moment": [0, 0, 1], "frame": "tool", "point": [0, 0, 0.1],
-        "start": 1, "end": 3, "ramp": 0.5,
+        **TIMES, "ramp": 0.5,
     },
 }  # fmt: skip
 EXAMPLES = {shape: {"shape": shape, **keys} for shape, keys in EXAMPLES.items()}
@@ -196,6 +199,7 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape):
         (EXAMPLES["push"] | {"frame": "tol"}, "environment.odd.frame: 'tol' (did you mean 'tool'?"),
         (EXAMPLES["push"] | {"end": 0.5}, "environment.odd: end is 0.5 s; expected it after start"),
         (EXAMPLES["push"] | {"ramp": 1.1}, "of 1.1 s each, two ramps"),
+        (EXAMPLES["box"] | {"start": 3.0}, "end is 3 s; expected it after start 3 s"),
         ({"shape": "push"}, "environment.odd: force and moment are both zero"),
     ],
 )
@@ -319,6 +323,34 @@ def test_a_push_without_a_ramp_acts_in_whole_steps(start, end, steps):
     expected = np.zeros(30)
     expected[first : first + steps] = 1.0
     assert moments == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_a_wall_a_spring_and_a_handle_come_and_go_within_one_step_and_again_after_a_reset(shape):
+    tool, top = upright_tool("ur5", shape), lowest("ur5", shape) + 1e-3
+    p, R = placement("ur5", np.array(robot("ur5").home))
+    turned = pin.Quaternion(R @ pin.exp3(np.array([0.1, 0.0, 0.0]))).coeffs()
+    sim = simulated(environment={
+        "wall": {"shape": "plane", "position": [0, 0, top], "stiffness": 2e4, "end": 0.003},
+        "again": {"shape": "plane", "position": [0, 0, top], "stiffness": 3e4, "start": 0.006},
+        "spring": {"shape": "spring", "position": p + [0.1, 0, 0], "stiffness": 70.0,
+                   "start": 0.002, "end": 0.005},
+        "handle": {"shape": "torsion_spring", "orientation": turned, "stiffness": 50.0,
+                   "start": 0.001, "end": 0.004},
+    }, **tool)  # fmt: skip
+    expected = np.zeros((3, 10))  # of the step from k on: t_k
+    expected[0, :3], expected[0, 6:] = 20.0, 30.0
+    expected[1, 2:5], expected[2, 1:4] = 7.0, 5.0
+    for _ in range(2):
+        sensed = []
+        for _ in range(10):
+            state = run(sim, 1)
+            point = R.T @ [0.0, 0.0, -HEIGHT - (0.02 if shape == "sphere" else 0.03)]
+            up, along = (R @ state.wrench[:3])[[2, 0]]
+            touched = np.cross(point, R.T @ [0.0, 0.0, up])
+            sensed.append([up, along, (state.wrench[3:] - touched)[0]])
+        assert np.transpose(sensed) == pytest.approx(expected, abs=BRAKED)
+        sim.reset()
 
 
 def test_noise_and_bias_do_not_reach_what_acts():

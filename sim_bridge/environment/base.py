@@ -1,12 +1,13 @@
 """The surroundings of the robot: named things, each of a kind that its key ``shape`` names."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from sim_bridge.environment.keys import checked
+from sim_bridge.environment.keys import checked, number
 
 _KEYS_OF = "environment.NAME.KEY, of every NAME the key shape and those of that shape"
 
@@ -18,12 +19,18 @@ class Thing:
     Poses are in the frame of the world, which is that of the robot's root link; its axes are
     the base axes.
 
+    Attributes:
+        start, end: s; it is there in the steps from t_k on with start <= t_k < end, and comes and
+            goes within one of them; an infinite end is none.
+
     Raises:
         ConfigurationError: if a value is impossible; names the key.
     """
 
     shape: ClassVar[str]
     kinds: ClassVar[dict[str, type["Thing"]]] = {}
+    start: float = number("s", default=0.0, least=0.0)
+    end: float = number("s", default=math.inf, least=0.0, endless=True)
 
     def __init_subclass__(cls, shape: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -35,6 +42,14 @@ class Thing:
         for field in dataclasses.fields(self):
             value = checked(field.name, getattr(self, field.name), field.metadata)
             object.__setattr__(self, field.name, value)
+        if not self.end > self.start:
+            raise ConfigurationError(
+                f"end is {self.end:g} s; expected it after start {self.start:g} s"
+            )
+
+    def is_there(self, t: float) -> bool:
+        """Return whether it is there in the step from ``t`` [s] on."""
+        return self.start <= t < self.end
 
     @property
     def keys(self) -> dict[str, Any]:

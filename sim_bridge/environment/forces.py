@@ -34,7 +34,7 @@ class Force(Thing, ABC):
         """Return force [N] and moment [Nm] about the sensor's origin, (3,) each, base axes.
 
         Args:
-            t: time, s.
+            t: time at which it is there, s.
             sensor: where the tool is, and how it moves.
         """
 
@@ -43,7 +43,8 @@ def total_wrench(forces: Iterable[Force], t: float, sensor: SensorMotion) -> Arr
     """Return the sum of what they exert (6,), in the sensor's axes about its origin, N and Nm."""
     total = np.zeros((2, 3))
     for force in forces:
-        total += force.exerted(t, sensor)
+        if force.is_there(t):
+            total += force.exerted(t, sensor)
     turned: Array = total.dot(sensor.R).ravel()  # rows, each turned by R'
     return turned
 

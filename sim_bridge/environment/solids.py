@@ -47,7 +47,8 @@ class Solid(Thing, ABC):
     It pushes along its normal with stiffness times depth plus damping times its rate, and
     never pulls; a face has the mean depth of its points, see :mod:`sim_bridge.contacts`.
     Along its surface it holds what does not slide, with up to friction times that force,
-    and brakes what does with as much.
+    and brakes what does with as much.  One that comes where the tool is pushes with the depth
+    that it finds.
 
     Attributes:
         position: of its origin, m; 3.
