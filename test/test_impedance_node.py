@@ -225,6 +225,58 @@ def broken_wrenches(arm: FeelingArm) -> list[WrenchStamped]:
     return [nan, inf, unknown, moving, unnamed]
 
 
+# --- the stiffness -------------------------------------------------------------------------
+def test_the_stiffness_follows_its_topic_until_it_is_set(paired):
+    arm, (p, _) = paired.arm, pose(HOME)
+    stiffness = paired.peer.publisher(WrenchStamped, "/stamp/target_stiffness")
+    paired.peer.graph.until(stiffness.get_subscription_count, "a subscriber")
+
+    def ask(K_x: float, frame_id: str = "") -> None:
+        msg = WrenchStamped()
+        msg.header.frame_id = frame_id
+        force, torque = msg.wrench.force, msg.wrench.torque
+        force.x, force.y, force.z = K_x, K_P, K_P
+        torque.x, torque.y, torque.z = K_O, K_O, K_O
+        stiffness.publish(msg)
+
+    def until_displaced_by(x: float) -> None:
+        paired.status(lambda _: abs(arm.frame().p_d[0] - p[0] - x) < 1e-5)
+
+    arm.push(8.0, 0.0, 0.0)
+    until_displaced_by(8.0 / K_P)
+    refused = paired.peer.counter(paired.name, "target_stiffness rejected")
+    for bad in ((math.nan, ""), (-1.0, ""), (1e9, ""), (500.0, "tool1")):
+        ask(*bad)
+        refused += 1
+        assert paired.peer.counter(paired.name, "target_stiffness rejected", refused) == refused
+    until_displaced_by(8.0 / K_P)
+    begin = arm.t
+    ask(500.0, UR5.base_frame)
+    until_displaced_by(8.0 / 500.0)
+    frames = arm.frames_of(stamps_since(arm, (arm.t - begin) // MS))
+    steps, accelerations = np.diff([f.dp_d for f in frames], axis=0), [f.ddp_d for f in frames]
+    assert np.abs(steps).max() <= 1.1 * DT * np.abs(accelerations).max()
+    assert np.abs(accelerations).max() < 0.2 * 8.0 / M_P  # of a stiffness that were gone at once
+    paired.change(wrench_cutoff=50.0)  # the stiffness stays
+    felt(arm, 300)
+    until_displaced_by(8.0 / 500.0)
+    paired.change(K_p=[K_P / 2] * 3)
+    until_displaced_by(8.0 / (K_P / 2))
+
+
+def test_a_stiffness_that_would_add_too_much_energy_waits_and_says_so(paired):
+    arm, (p, _) = paired.arm, pose(HOME)
+    paired.change(K_p=[200.0] * 3, stiffness_energy=0.01)
+    arm.push(10.0, 0.0, 0.0)
+    paired.status(lambda _: abs(arm.frame().p_d[0] - p[0] - 0.05) < 1e-4)
+    paired.change(K_p=[K_P] * 3)
+    status = paired.status(lambda s: values(s)["cause"] == "stiffness_waits")
+    assert float(values(status)["change of the impedance"]) < 0.9
+    arm.release()  # led back
+    paired.status(lambda s: float(values(s)["change of the impedance"]) == 1.0)
+    paired.status(lambda s: values(s)["cause"] == "")
+
+
 # --- the wrench stops ------------------------------------------------------------------------
 @pytest.mark.parametrize("is_broken", [False, True], ids=["none comes", "none can be used"])
 def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_goes_on(

@@ -39,6 +39,7 @@ class Cause(StrEnum):
     NO_WRENCH = "no_wrench"  # none that is to be believed: the compliant frame is frozen
     WRENCH_STUCK = "wrench_stuck"  # the sensor repeats itself: the same
     CONTACT_OSCILLATES = "contact_oscillates"  # damping is raised; where that is not enough, held
+    STIFFNESS_WAITS = "stiffness_waits"  # for energy: it would add too much to the arm
     # held still
     HALT = "halt"
     DEACTIVATED = "deactivated"  # until the arm is at rest; then nothing is commanded
@@ -179,6 +180,11 @@ FROZEN_ENCODER = Why(
     Cause.FROZEN_ENCODER,
     "joint_states reports speeds, but positions that stay the same to the bit",
     f"see to the robot's driver or encoders, then {AGAIN}",
+)
+STIFFNESS_WAITS = Why(
+    Cause.STIFFNESS_WAITS,
+    remedy="bring the desired frame nearer to the arm, or raise stiffness_energy",
+    note="the stiffness waits: more of it would add energy to the arm, which is displaced",
 )
 SILENT = Why(Cause.COMMAND_SILENCE, remedy=AGAIN, note="a silence of its commands")
 

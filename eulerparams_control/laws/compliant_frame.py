@@ -32,8 +32,18 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds, Most, bounded
+from eulerparams_control.laws.impedance_change import (
+    CHANGE_TIME,
+    DONE,
+    between,
+    dip_of,
+    elastic,
+    impedance_between,
+    kinetic,
+)
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
 from eulerparams_control.laws.linear import (
+    MatLike,
     Vec,
     VecLike,
     cross,
@@ -55,10 +65,16 @@ MAX_RATE = 1000.0
 # Product of rate and step that Runge-Kutta's method integrates well.
 _STEP = 0.5
 
+# Of the energy that is left a tick of a change takes this part: what it takes is not linear in s.
+_CAUTION = 0.9
+
 STOP_TIME = 0.05
 """A frozen compliant frame comes to rest with this time constant [s], a fast one later."""
 
 _LONGEST_STOP = 0.5  # the same, however low the accelerations are
+
+# A tank with no more than this part of its most is empty.
+_EMPTY = 0.01
 
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
@@ -69,8 +85,8 @@ _NOTHING, _FRAME, _FRAMES, _STATE = range(4)
 # What a step finds.
 _NOT_FINITE, _SINGULAR = 1, 2
 
-begin = drive = rate = normalised = end = slot  # of a representation
-read_y = put_y = read_u = put_u = rates = integrate = driven = slot  # that follow from these
+begin = drive = rate = normalised = end = spring = slot  # of a representation
+read_y = put_y = read_u = put_u = rates = integrate = driven = energy = slot  # that follow
 y_width = 0
 
 
@@ -83,6 +99,24 @@ class _Numbers(NamedTuple):
     in_base: bool
     rate: float
     most: Most
+
+
+class _Change(NamedTuple):
+    """A change of the law under way: that of before, and the dips of K_p and K_o."""
+
+    translation: Matrices
+    rotation: Matrices
+    rate: float
+    dip_p: MatLike
+    dip_o: MatLike
+
+
+class _Tank(NamedTuple):
+    """How far the change is, the energy [J] that is left for it, and the most there can be."""
+
+    s: float
+    energy: float
+    most: float
 
 
 class _Memory(NamedTuple):
@@ -98,7 +132,9 @@ class _Memory(NamedTuple):
 
 _width, _read_memory, _put_memory = layout(_Memory)[:3]
 _NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
-_read_law, _read_vec = layout(_Numbers).read, layout(Vec).read
+_read_law, _put_law = layout(_Numbers).read, layout(_Numbers).put
+_read_vec, _read_change = layout(Vec).read, layout(_Change).read
+_read_tank, _put_tank = layout(_Tank).read, layout(_Tank).put
 _, _read_frame, _put_frame = layout(DesiredFrame)[:3]
 
 
@@ -297,6 +333,61 @@ def _step(
     return 0
 
 
+def _energy(memory: Input, Z_p: Matrices, Z_o: Matrices, law: _Numbers, y: Row) -> float:
+    """Return the energy [J] of the displacement as it is, (IC4); fill y (y_width,)."""
+    known = _read_memory(memory, 0)
+    now, desired = known.now, known.desired
+    x, dx = now.p_d - desired.p_d, now.dp_d - desired.dp_d
+    if not law.in_base:
+        R = desired.R_d
+        x, dx = R.T @ x, R.T @ (dx - cross(desired.omega_d, x))
+    put_y(y, 0, begin(desired.R_d, desired.omega_d, now.R_d, now.omega_d, law.options))
+    put_vec(y, y_width, dx)
+    moving = kinetic(Z_p, dx) + kinetic(Z_o, _read_vec(y, y_width - 3))
+    return moving + elastic(Z_p, x) + spring(desired.R_d, now.R_d, Z_o.K, law.options).energy
+
+
+def _go_on(
+    memory: Input, change: Input, numbers: Input, dt: float, tank: Row, changed: Row
+) -> None:
+    """Fill the numbers of a law on the way to those that are given, dt [s] after the last."""
+    law, way, of = _read_law(numbers, 0), _read_change(change, 0), _read_tank(tank, 0)
+    s, left, y = of.s, of.energy, np.zeros(y_width + 3)
+    if _read_memory(memory, 0).known > _FRAME:  # else the displacement is not known
+        Z_p = between(s, way.translation, law.translation, way.dip_p)
+        Z_o = between(s, way.rotation, law.rotation, way.dip_o)
+        before = energy(memory, Z_p, Z_o, law, y)
+        dx, dy = _read_vec(y, y_width), _read_vec(y, y_width - 3)
+        left = min(of.most, left + dt * (dx @ (Z_p.D @ dx) + dy @ (Z_o.D @ dy)))
+        s = 1.0 - (1.0 - s) * math.exp(-dt / CHANGE_TIME)  # (IC1)
+        s = s if s < 1.0 - DONE else 1.0
+        for _ in range(2):  # all of it, or as much as there is energy for
+            Z_p = between(s, way.translation, law.translation, way.dip_p)
+            Z_o = between(s, way.rotation, law.rotation, way.dip_o)
+            more = energy(memory, Z_p, Z_o, law, y) - before
+            if more > left:
+                s = of.s + max(0.0, _CAUTION * left / more) * (s - of.s)
+        if not more <= left:  # or it is not finite
+            s, more = of.s, 0.0
+        left = min(of.most, left - more)  # (IC5)
+    _put_tank(tank, 0, _Tank(s, left, of.most))
+    Z_p = between(s, way.translation, law.translation, way.dip_p)
+    Z_o = between(s, way.rotation, law.rotation, way.dip_o)
+    rate = max(law.rate, way.rate)
+    now = _Numbers(law.options, Z_p, Z_o, law.in_base, rate, law.most)
+    _put_law(changed, 0, now)
+
+
+@cache
+def _go_on_of(kind: type[OrientationRepresentation]) -> Callable[..., None]:
+    """Return how the law of a representation goes over to another."""
+    y, name = layout(kind.compliance.begin.result), kind.identifier()
+    slots = {"begin": kind.compliance.begin, "spring": kind.spring, "y_width": y.width}
+    slots["put_y"] = y.put
+    slots["energy"] = kernel(template(_energy, f"{name}_energy", **slots))
+    return entry(template(_go_on, f"{name}_go_on", **slots))
+
+
 @cache
 def _step_of(kind: type[OrientationRepresentation]) -> Callable[..., int]:
     """Return the step of a representation."""
@@ -325,22 +416,56 @@ class CompliantFrame:
 
     Args:
         law: its equations.
+        tank: the energy [J] that changes of the impedance may add, beside what the damping takes.
 
     Attributes:
         now: the compliant frame of the last step; None before the first.
     """
 
-    def __init__(self, law: ComplianceLaw) -> None:
-        self._law = law
+    def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
+        self._law = self._before = law
+        self._tank = to_rows(_Tank, _Tank(1.0, tank, tank))
+        self._change, self._changed = np.zeros(layout(_Change).width), law.numbers.copy()
         self.reset()
 
     @property
     def law(self) -> ComplianceLaw:
-        """The equations."""
+        """The equations; those that a change leads to while one is under way."""
         return self._law
 
+    @property
+    def law_now(self) -> ComplianceLaw:
+        """The equations of now."""
+        s, before, law = self.changed, self._before, self._law
+        if s == 1.0:
+            return law
+        translation = impedance_between(before.translation, law.translation, s)
+        return replace(law, translation=translation, rotation=impedance_between(
+            before.rotation, law.rotation, s))  # fmt: skip
+
+    @property
+    def changed(self) -> float:
+        """How far a change of the impedance is, s from 0 to 1."""
+        return self._tank.item(0)
+
+    @property
+    def energy_left(self) -> float:
+        """The energy [J] that is left for changes of the impedance."""
+        return self._tank.item(1)
+
+    @property
+    def waits(self) -> bool:
+        """Whether a change of the impedance waits for energy."""
+        s, left, most = self._tank.tolist()
+        return s < 1.0 and left <= _EMPTY * most
+
+    def limit_energy(self, tank: float) -> None:
+        """Bound the energy [J] of changes from now on; what is there stays, as far as it fits."""
+        self._tank[1:] = min(self._tank[1], tank) if tank < self._tank[2] else self._tank[1], tank
+
     def reset(self) -> None:
-        """Forget the state."""
+        """Forget the state; a change is done, and its tank full."""
+        self._tank[:2] = 1.0, self._tank[2]
         self.now: DesiredFrame | None = None
         kinds = self._law.orientation.compliance
         widths = (layout(of.result).width for of in (kinds.begin, kinds.drive))
@@ -355,11 +480,29 @@ class CompliantFrame:
             law: the equations.
             moved: placements by which the centre of compliance moves, one after the other.
         """
-        self._law, now, felt = law, self.now, self._memory[1 : _NOW.start]
+        now, felt, left = self.now, self._memory[1 : _NOW.start], self._tank[1]
+        self._law = law
         self.reset()
-        self._memory[1 : _NOW.start] = felt
+        self._memory[1 : _NOW.start], self._tank[1] = felt, left
         if now is not None:  # the state is recomputed from the frames
             self._set(_FRAME, now.carrying(moved[0]).carrying(moved[1]))
+
+    def change_impedance(self, law: ComplianceLaw) -> None:
+        """Go over to another impedance, smoothly, and as far as there is energy for it.
+
+        Args:
+            law: with the same representation and translational frame.
+        """
+        before = self.law_now
+        Z_p, Z_o, to = before.translation, before.rotation, before.orientation
+        if self.now is None or np.array_equal(before.numbers, law.numbers):
+            self.replace_law(law)
+            return
+        dip_o = replace(Z_o, K=dip_of(Z_o.K, law.rotation.K))
+        matrices = Z_p.values, to.impedance(Z_o).values
+        dips = dip_of(Z_p.K, law.translation.K), to.impedance(dip_o).K
+        self._change = to_rows(_Change, _Change(*matrices, before.rate, *dips))
+        self._law, self._before, self._tank[0] = law, before, 0.0
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
         """Set the compliant frame and its velocities."""
@@ -410,7 +553,12 @@ class CompliantFrame:
             SingularityError: if the representation has no finite answer.
         """
         row = np.empty(24)
-        found = self._law.step(*desired, dt, wrench, self._memory, self._law.numbers, row)
+        numbers = self._law.numbers
+        if self._tank[0] < 1.0 or self._tank[1] < self._tank[2]:
+            go_on = _go_on_of(type(self._law.orientation))
+            go_on(self._memory, self._change, numbers, dt, self._tank, self._changed)
+            numbers = self._changed
+        found = self._law.step(*desired, dt, wrench, self._memory, numbers, row)
         if found == _SINGULAR:
             raise SingularityError(self._law.orientation.singularity)
         if found:

@@ -9,7 +9,7 @@ wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -90,9 +90,7 @@ class NoMotionLoop:
         state(self.robot.chain, *self.robot.checked(q, dq), work, row)
         return row
 
-    def tick_at(
-        self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE
-    ) -> Tick:
+    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
         arm = RobotState.of(row, self.robot.n)
         self.limits.refuse_error(desired, arm)
@@ -119,6 +117,7 @@ class ImpedanceLaw:
         centre: frame of the compliance seen from the tip.
         max_force, max_moment: [N], [Nm] of the contact that stop the motion.
         ripple_force, ripple_moment: [N], [Nm] that the contact may swing by while the arm feeds it.
+        stiffness_energy: [J] that changes of M and K may add, beside what the damping takes.
         max_jump_position, max_jump_rotation: [m], [rad] by which the compliant frame may be
             displaced when a wrench is measured again; more stops the motion.
         inner_loop: whether the motion loop follows the compliant frame; else the impedance
@@ -135,6 +134,7 @@ class ImpedanceLaw:
     max_jump_rotation: float = math.inf
     ripple_force: float = math.inf
     ripple_moment: float = math.inf
+    stiffness_energy: float = math.inf
 
     def __post_init__(self) -> None:
         self.compliance.orientation.prepare()
@@ -188,7 +188,7 @@ class ImpedanceControl(Scheme):
         self.robot = motion.robot
         self.chain = chain or WrenchChain(law.wrench)
         self.chain.replace_options(law.wrench)
-        self._compliant = CompliantFrame(law.compliance)
+        self._compliant = CompliantFrame(law.compliance, law.stiffness_energy)
         self.contact = ContactWatch(law.ripple_force, law.ripple_moment)
         self.damping, self._free = 1.0, 0.0
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
@@ -227,8 +227,11 @@ class ImpedanceControl(Scheme):
             ConfigurationError: if the posture or the friction has the wrong size.
         """
         self.motion.replace_law(motion, dynamics, limits)
-        moved = self.law.centre.inverse, law.centre
-        self._compliant.replace_law(law.compliance, moved)
+        moved, now = (self.law.centre.inverse, law.centre), self._compliant.law_now
+        kept = replace(law.compliance, translation=now.translation, rotation=now.rotation)
+        self._compliant.replace_law(kept, moved)
+        self._compliant.limit_energy(law.stiffness_energy)
+        self._compliant.change_impedance(law.compliance)
         self.contact.ripple[:] = law.ripple_force, law.ripple_moment
         self.damping = 1.0
         if law.compliance.orientation != self.law.compliance.orientation:
@@ -236,6 +239,35 @@ class ImpedanceControl(Scheme):
         self.chain.replace_options(law.wrench)
         self._blend.replace(self._w)
         self.law = law
+
+    def change_impedance(self, compliance: ComplianceLaw) -> None:
+        """Go over to another impedance, as far as there is energy for it.
+
+        Args:
+            compliance: with the representation, frame and bounds of the law.
+        """
+        self.law = replace(self.law, compliance=compliance)
+        self._compliant.change_impedance(compliance.damped(self.damping))
+
+    @property
+    def compliance_now(self) -> ComplianceLaw:
+        """The equations of the compliant frame now, also while they change."""
+        return self._compliant.law_now
+
+    @property
+    def changed(self) -> float:
+        """How far a change of the impedance is, from 0 to 1."""
+        return self._compliant.changed
+
+    @property
+    def energy_left(self) -> float:
+        """The energy [J] that is left for changes of the impedance."""
+        return self._compliant.energy_left
+
+    @property
+    def waits(self) -> bool:
+        """Whether a change of the impedance waits for energy."""
+        return self._compliant.waits
 
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`WrenchChain.felt`, for no contact from now on."""
@@ -432,7 +464,7 @@ class ImpedanceControl(Scheme):
         if times > _CALMEST:
             raise ConfigurationError(f"at most {_CALMEST:g} times")
         if times != self.damping:
-            self._compliant.replace_law(self.law.compliance.damped(times))
+            self._compliant.change_impedance(self.law.compliance.damped(times))
             self.damping, self._free = times, 0.0
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:

@@ -143,14 +143,14 @@ def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
 
     D = 2 ratio M^1/2 (M^-1/2 K M^-1/2)^1/2 M^1/2.
     """
-    M_half = _square_root(M)
+    M_half = square_root(M)
     M_half_inverse = np.linalg.inv(M_half)
-    D: Array = 2 * ratio * M_half @ _square_root(M_half_inverse @ K @ M_half_inverse) @ M_half
+    D: Array = 2 * ratio * M_half @ square_root(M_half_inverse @ K @ M_half_inverse) @ M_half
     return (D + D.T) / 2
 
 
-def _square_root(A: Array) -> Array:
-    """Return A^1/2 of a symmetric positive semidefinite A (3, 3)."""
+def square_root(A: Array) -> Array:
+    """Return the root A^1/2 of a symmetric positive semidefinite A (3, 3)."""
     values, vectors = np.linalg.eigh(A)
     root: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return root

@@ -157,6 +157,13 @@ class ImpedanceParameters(
     max_ripple_torque: float = parameter(
         0.4, "the same for the moment", unit="Nm", bounds=(0.001, 1e6), live=True
     )
+    stiffness_energy: float = parameter(
+        0.5,
+        "that a growing stiffness may add, beside what the damping takes; then it waits",
+        unit="J",
+        bounds=(0.0, 1e6),
+        live=True,
+    )
     max_error_position: float = parameter(
         0.04,
         "a tip farther from the compliant frame stops the motion",
@@ -249,6 +256,7 @@ class ImpedanceParameters(
             self.max_jump_rotation,
             self.max_ripple_force,
             self.max_ripple_torque,
+            self.stiffness_energy,
         )
 
     def advice(self) -> str:

@@ -43,6 +43,9 @@ from eulerparams_control.ros.views import HAS_TF, PERIOD, Views
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
 
+Lead = Callable[[Controller, Robot, Any], None]
+"""What takes a message that leads the arm."""
+
 # Number of other robots' joints that are named.
 _SHOWN = 5
 
@@ -97,18 +100,22 @@ class ControlNode(ManagedNode):
         """Return the translational stiffness of a tick; None if the scheme has none."""
         return None
 
+    def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
+        """Return the topics that lead the arm, their type, and what takes a message."""
+        return {
+            "reference": (MultiDOFJointTrajectory, self._follow),
+            "target_pose": (PoseStamped, self._aim),
+            "target_twist": (TwistStamped, self._jog),
+            interactive_target.FEEDBACK: (InteractiveMarkerFeedback, self._drag),
+        }
+
     def note(self, why: Why) -> None:
         """Show a warning with the state from now on; Why() takes it back."""
         self._report.note(why)
 
     def _activated(self) -> None:
         # only now: who publishes a reference can see by it that somebody follows
-        for topic, kind, lead in (
-            ("reference", MultiDOFJointTrajectory, self._follow),
-            ("target_pose", PoseStamped, self._aim),
-            ("target_twist", TwistStamped, self._jog),
-            (interactive_target.FEEDBACK, InteractiveMarkerFeedback, self._drag),
-        ):
+        for topic, (kind, lead) in self.leaders().items():
             self._leading[topic] = self._listen(kind, topic, partial(self._lead, topic, lead), QOS)
         self._is_heard = False
         self._report.activated()
@@ -216,7 +223,7 @@ class ControlNode(ManagedNode):
             )
         return self._is_heard
 
-    def _lead(self, topic: str, lead: Callable[[Controller, Robot, Any], None], msg: Any) -> None:
+    def _lead(self, topic: str, lead: Lead, msg: Any) -> None:
         """Let a message lead the arm, or say why it must not."""
         if self._controller is None or self._robot is None:
             return

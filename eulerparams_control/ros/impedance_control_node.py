@@ -1,6 +1,7 @@
 """The node ``impedance_control``: section V; publishes ``joint_effort`` and ``compliant_frame``."""
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from eulerparams_control.control.mode import Why, calmed
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import STIFFNESS_WAITS, Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
@@ -21,10 +23,11 @@ from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ComplianceCommands
-from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.targets import TargetStiffness
 from eulerparams_control.ros.wrench_input import WrenchInput
 
 # Number of wrenches that decide whether the arm touches something.
@@ -35,6 +38,7 @@ class ImpedanceControlNode(ControlNode):
     """Impedance control of one arm."""
 
     parameters_type = ImpedanceParameters
+    _target: TargetStiffness
 
     def __init__(self) -> None:
         self._note_on_wrench, self._set_backs = Why(), 0
@@ -65,29 +69,31 @@ class ImpedanceControlNode(ControlNode):
     def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
-        compliance = parameters.impedance_law(scheme.robot).compliance
-        self._refuse_lunge(scheme, compliance.translation.K, compliance.rotation.K)
-        parameters.change_scheme(scheme, limits)
+        target = self._target.kept(parameters)
+        target.of(parameters).change_scheme(scheme, limits)
+        self._target = target
         self._resting.clear()  # they are of another tool or bias
 
-    def _refuse_lunge(self, scheme: ImpedanceControl, K_p: Array, K_o: Array) -> None:
-        """Raise ConfigurationError if a stiffness would pull a far displaced frame back."""
-        tick = self._controller.guidance.tick_now if self._controller else None
-        if tick is None or tick.command.frame is None:
-            return
-        old, new = scheme.law.compliance, (K_p, K_o)
-        stiffer = any(
-            np.linalg.eigvalsh(K - before)[-1] > 0
-            for K, before in zip(new, (old.translation.K, old.rotation.K), strict=True)
-        )
-        distance, angle = _displacement(tick)
-        p = self._params
-        if stiffer and not (distance <= p.max_jump_position and angle <= p.max_jump_rotation):
-            raise ConfigurationError(
-                f"the compliant frame is {distance:.3f} m, {angle:.3f} rad from the desired one, "
-                "to which more stiffness would pull it at once; deactivate and activate to begin "
-                "where the arm is, or raise max_jump_position and max_jump_rotation"
-            )
+    def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
+        """Return the topics that lead the arm, ``target_stiffness`` among them."""
+        return {**super().leaders(), "target_stiffness": (WrenchStamped, self._stiffen)}
+
+    def _activated(self) -> None:
+        self._target = TargetStiffness(self._params, self._params)
+        super()._activated()
+
+    def _stiffen(self, controller: Controller, robot: Robot, msg: WrenchStamped) -> None:
+        p: ImpedanceParameters = self._params
+        in_base = p.translational_frame == "base"
+        K_p, K_o = self._targets.stiffness(msg, robot.base_frame if in_base else robot.tip_frame)
+        wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
+        try:
+            compliance = wanted.impedance_law(robot).compliance
+        except ConfigurationError as error:
+            raise InvalidMessageError(str(error)) from error
+        self._target = TargetStiffness(p, wanted)
+        assert isinstance(controller.scheme, ImpedanceControl)
+        controller.scheme.change_impedance(compliance)
 
     def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
         """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
@@ -162,16 +168,18 @@ class ImpedanceControlNode(ControlNode):
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
             scheme.sense(sensed)
-            self._say_contact(scheme.damping)
+            self._say_contact(scheme)
         if sensed is None:
             self._resting.clear()
         elif is_new:
             self._resting.add(sensed, q, dq)
 
-    def _say_contact(self, damping: float) -> None:
+    def _say_contact(self, scheme: ImpedanceControl) -> None:
         why = self._sensor.trouble
-        if damping > 1.0 and not why.note:
-            why = calmed(damping)
+        if not why.note and scheme.damping > 1.0:
+            why = calmed(scheme.damping)
+        elif not why.note and scheme.waits:
+            why = STIFFNESS_WAITS
         if why != self._note_on_wrench:
             self._note_on_wrench = why
             is_frozen = why is self._sensor.trouble and why.note
@@ -255,7 +263,7 @@ class ImpedanceControlNode(ControlNode):
         if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
             return None
         centre = tick.command.frame.carrying(self._params.centre(scheme.robot))
-        return Stiffness(scheme.law.compliance.stiffness(tick.desired.R_d), centre.p_d)
+        return Stiffness(scheme.compliance_now.stiffness(tick.desired.R_d), centre.p_d)
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
@@ -270,6 +278,8 @@ class ImpedanceControlNode(ControlNode):
             "contact force [N]": force,
             "contact moment [Nm]": moment,
             "energy given to the contact [J]": scheme.contact.energy,
+            "energy left for stiffness [J]": scheme.energy_left,
+            "change of the impedance": scheme.changed,
             "displacement [m]": distance,
             "displacement [rad]": angle,
             "distance to singularity of the impedance [rad]": (

@@ -1,0 +1,68 @@
+"""From one impedance to another while it acts: smoothly, and with the energy of a tank.
+
+Stiffness that grows under a displacement adds energy to the arm, and so does a mass that grows in
+motion.  A tank has it: what the damping takes fills the tank, and the change waits where the tank
+is empty (Ferraguti, Secchi and Fantuzzi, A tank-based approach to impedance control with variable
+stiffness, 2013).  So all that the contact is ever given is what it gave, and one tank.
+
+    s        = how far the change is, from 0 to 1; ds = (1 - s) / T                           (IC1)
+    K(s)     = W^2, W = (1 - s) K_0^1/2 + s K_1^1/2                                           (IC2)
+    M(s)^-1  = (1 - s) M_0^-1 + s M_1^-1, D(s) = (1 - s) D_0 + s D_1                          (IC3)
+    E(s)     = (dx' M dx + x' K x) / 2 + (dy' M_o dy) / 2 + U(K_o), at the displacement x, y  (IC4)
+    dt_tank  = dx' D dx + dy' D_o dy - (dE/ds) ds, from 0 to the most                         (IC5)
+
+With D = 2 zeta (M K)^1/2 at both ends the damping ratio zeta holds all the way (IC2, IC3), where M
+stays and has the axes of K.
+
+Notation: ``Z_0, Z_1`` (M, D, K) of before and after, ``dip`` (3, 3) by which K(s) is less than
+what is linear in s, at s (1 - s) = 1.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eulerparams_control.laws.compiled import Array, formula
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
+from eulerparams_control.laws.linear import Mat, Vec, inverse
+
+CHANGE_TIME = 0.05
+"""T [s]: a change is 95 % done after three times that."""
+
+DONE = 1e-6
+"""What is left of a change when it ends."""
+
+
+def dip_of(K_0: Array, K_1: Array) -> Array:
+    """Return (K_0^1/2 - K_1^1/2)^2 (3, 3): K(s) = (1 - s) K_0 + s K_1 - s (1 - s) dip, (IC2)."""
+    root = square_root(K_0) - square_root(K_1)
+    return root @ root
+
+
+def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
+    """Return the impedance on the way from one to another, (IC2), (IC3)."""
+    dip = dip_of(Z_0.K, Z_1.K)
+    M_inverse, D, K = between(s, Z_0.values, Z_1.values, dip)
+    K = K if np.any(dip) else Z_1.K  # freed of rounding
+    M = np.linalg.inv(M_inverse)
+    return replace(Z_1, M=(M + M.T) / 2, D=D, K=(K + K.T) / 2)
+
+
+@formula
+def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Mat) -> Matrices:
+    """Return M^-1, D, K on the way, (IC2), (IC3)."""
+    K = (1.0 - s) * Z_0.K + s * Z_1.K - (s * (1.0 - s)) * dip
+    M_inverse = (1.0 - s) * Z_0.M_inverse + s * Z_1.M_inverse
+    return Matrices(M_inverse, (1.0 - s) * Z_0.D + s * Z_1.D, K)
+
+
+@formula
+def kinetic(Z: Matrices, v: Vec) -> float:
+    """Return v' M v / 2 [J]."""
+    return (v @ (inverse(Z.M_inverse) @ v)) / 2.0
+
+
+@formula
+def elastic(Z: Matrices, x: Vec) -> float:
+    """Return x' K x / 2 [J]."""
+    return (x @ (Z.K @ x)) / 2.0

@@ -1,0 +1,146 @@
+"""Changes of M, D, K under a displacement: smooth, and with no more energy than the tank has."""
+
+import math
+
+import numpy as np
+import pytest
+from arms import assert_no_jump
+from representations import every_representation, make
+from samples import generator, positive_definite
+
+from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.impedance_change import impedance_between
+from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.motion.frames import DesiredFrame
+
+I, O, DT = np.eye(3), np.zeros(3), 1e-3
+R_D = exp(np.array([0.3, 0.6, -0.3]))
+DESIRED = DesiredFrame(O, R_D, O, O, O, O)
+TANK = 0.3  # [J]
+
+
+def law(K_p, K_o=30.0, M_p=10.0, name="euler_parameters", frame="base"):
+    M, K = M_p * I, K_p * np.diag([1.0, 0.5, 2.0])
+    translation = Impedance(M, damping_of_ratio(M, K, 1.0), K)
+    rotation = Impedance(I, damping_of_ratio(I, K_o * I, 1.0), K_o * I)
+    return ComplianceLaw(make(name), translation, rotation, frame)
+
+
+def pressed(law, wrench, tank=math.inf, seconds=2.0):
+    """Return a compliant frame that a wrench (6,) has displaced until it is at rest."""
+    compliant = CompliantFrame(law, tank)
+    for _ in range(round(seconds / DT)):
+        compliant.step(DT, DESIRED, wrench)
+    return compliant
+
+
+def energy(compliant):
+    """Return the energy [J] of the displacement, by what the frames and the law of now are."""
+    c, now = compliant.now, compliant.law_now
+    v, x = c.dp_d - DESIRED.dp_d, c.p_d - DESIRED.p_d
+    moving = v @ now.translation.M @ v / 2 + x @ now.stiffness(R_D) @ x / 2
+    R_dc, omega = R_D.T @ c.R_d, R_D.T @ c.omega_d
+    V_3 = now.orientation.lyapunov_3(R_dc, omega, now.rotation, O)
+    return moving + (V_3.V if V_3 else 0.0)
+
+
+def swung(name, frame, tank):
+    """Return by how much the energy grows [J] (N,), beside what a noisy wrench gives.
+
+    The stiffness swings between 100 and 5000 N/m at 2 Hz, the mass between 5 and 15 kg.
+    """
+    random, given, growth = generator(2026), 0.0, []
+    last = push = np.array([20.0, -10.0, 15.0, 2.0, 1.0, -1.0])
+    compliant = pressed(law(100.0, 5.0, name=name, frame=frame), push, tank)
+    begin = energy(compliant)
+    for k in range(3000):
+        t = k * DT
+        share = (1 - math.cos(2 * math.pi * 2 * t)) / 2
+        if k % 20 == 0:
+            K_p, K_o, M_p = 100 + 4900 * share, 5 + 195 * share, 10 + 5 * math.sin(9 * t)
+            compliant.change_impedance(law(K_p, K_o, M_p, name, frame))
+        wrench, before = push + random.normal(size=6) * [3, 3, 3, 0.3, 0.3, 0.3], compliant.now
+        c = compliant.step(DT, DESIRED, wrench)
+        mean, last = (last + wrench) / 2, wrench  # it goes linearly from sample to sample
+        given += mean[:3] @ (c.p_d - before.p_d)
+        given += mean[3:] @ (DT * (c.omega_d + before.omega_d) / 2)
+        growth.append(energy(compliant) - begin - given)
+        assert compliant.energy_left >= 0.0
+    return np.array(growth)
+
+
+@pytest.mark.parametrize("frame", ["base", "desired"])
+@pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
+def test_a_stiffness_that_swings_in_contact_gives_no_more_than_the_tank(name, frame):
+    growth = swung(name, frame, TANK)
+    assert growth.max() <= TANK
+    assert swung(name, frame, math.inf).max() > 3 * TANK
+
+
+@every_representation
+def test_a_change_waits_where_the_tank_is_empty_and_goes_on_where_it_is_led_back(name):
+    push = np.array([10.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # 10 cm on 100 N/m: 25 J at 5000 N/m
+    compliant = pressed(law(100.0, name=name), push, TANK)
+    compliant.change_impedance(law(5000.0, name=name))
+    frames = [compliant.step(DT, DESIRED, push) for _ in range(300)]
+    assert_no_jump(frames, DT)
+    assert compliant.waits
+    assert 0.0 < compliant.changed < 0.3
+    assert compliant.law.translation.K[0, 0] == 5000.0
+    assert compliant.law_now.translation.K[0, 0] < 1500.0
+    speed = max(np.linalg.norm(frame.dp_d) for frame in frames)
+    assert speed <= math.sqrt(2 * (TANK + 0.5) / 10.0)  # what the tank, and the spring, can give
+    frames = [compliant.step(DT, DESIRED, np.zeros(6)) for _ in range(3000)]  # it comes back
+    assert_no_jump(frames, DT)
+    assert compliant.changed == 1.0
+    assert compliant.law_now is compliant.law
+    assert compliant.energy_left == pytest.approx(TANK)
+
+
+def test_without_a_displacement_a_change_is_done_soon_and_needs_nothing():
+    compliant = pressed(law(100.0), np.zeros(6), 0.0, seconds=0.1)
+    compliant.change_impedance(law(5000.0))
+    for _ in range(1000):
+        compliant.step(DT, DESIRED, np.zeros(6))
+        assert np.array_equal(compliant.now.p_d, O)
+    assert compliant.changed == 1.0
+
+
+def test_on_the_way_the_damping_ratio_is_kept():
+    """(IC2), (IC3), where the mass has the axes of the stiffness."""
+    random = generator(7)
+    U, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    M = U @ np.diag([1.0, 4.0, 9.0]) @ U.T
+    stiffness = [U @ np.diag(random.uniform(10.0, 5000.0, 3)) @ U.T for _ in range(2)]
+    ends = [Impedance(M, damping_of_ratio(M, K, 0.7), K) for K in stiffness]
+    for s in (0.0, 0.2, 0.7, 1.0):
+        there = impedance_between(*ends, s)
+        np.testing.assert_allclose(there.D, damping_of_ratio(M, there.K, 0.7), atol=1e-9)
+        np.testing.assert_allclose(there.M, M, atol=1e-12)
+    np.testing.assert_allclose(impedance_between(*ends, 0.0).K, ends[0].K, atol=1e-9)
+
+
+def test_on_the_way_from_any_matrices_to_others_all_stay_positive():
+    matrices = iter(positive_definite(300, key=8, least=1e-3, most=50.0))
+    for _ in range(50):
+        ends = [Impedance(*(next(matrices) for _ in range(3))) for _ in range(2)]
+        for s in (0.1, 0.5, 0.9):
+            there = impedance_between(*ends, s)  # refuses what is not
+            assert min(np.linalg.eigvalsh(Z).min() for Z in (there.M, there.D, there.K)) > 0
+
+
+@every_representation
+def test_what_acts_on_the_way_is_what_the_law_of_now_says(name):
+    push = np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1])
+    compliant = pressed(law(300.0, 10.0, name=name), push)
+    compliant.change_impedance(law(900.0, 30.0, M_p=5.0, name=name))
+    for _ in range(60):
+        compliant.step(DT, DESIRED, push)
+    law_now, frame = compliant.law_now, compliant.now
+    assert 0.5 < compliant.changed < 0.9
+    other = CompliantFrame(law_now)
+    other.begin(DESIRED, frame)
+    again = other.step(0.0, DESIRED, push)
+    np.testing.assert_allclose(again.ddp_d, frame.ddp_d, atol=1e-9)
+    np.testing.assert_allclose(again.domega_d, frame.domega_d, atol=1e-9)
