@@ -52,8 +52,9 @@ class NotCompiledError(ConfigurationError):
 
     def __init__(self) -> None:
         super().__init__(
-            "its formulas are not compiled on this machine, which takes seconds without commands: "
-            "run compile_laws, then set it again; or deactivate, set it, and activate"
+            "its formulas are not loaded, as they were not compiled on this machine, which takes "
+            "seconds without commands: deactivate, set it, and activate; or run compile_laws "
+            "before the node is configured"
         )
 
 

@@ -13,6 +13,7 @@ from arms import HOME, STILL, UR5, pose_of
 
 from eulerparams_control.control.mode import Cause, why_of
 from eulerparams_control.errors import ContactError
+from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.clik import ClikParameters
@@ -96,6 +97,16 @@ def wall(stiffness):
     return lambda _t, x, _v: -stiffness * x if x > 0 else 0.0
 
 
+def held(stiffness):
+    """Return what holds the tool from both sides, and is hit once."""
+    return lambda t, x, _v: -stiffness * (x + WALL) - (5.0 if 0.2 < t < 0.3 else 0.0)
+
+
+def patted(t, _x, _v):
+    """Return a hand that pats the tool with 20 N, three times a second."""
+    return -20.0 if 3 * t % 1 < 0.3 else 0.0
+
+
 def tapped(t, _x, _v):
     """Return a hand that taps on the tool once."""
     return -40.0 if 0.5 < t < 0.55 else 0.0
@@ -134,6 +145,46 @@ def test_chatter_is_found_within_a_second_and_ended_by_damping(loop, stiffness):
     assert damping == 3.0
     assert arm.ripple < 1.0
     assert arm.f[-1] < -10.0  # it still presses
+
+
+def test_what_swings_between_two_sides_is_found_and_ended():
+    arm = Admittance(*LOOPS["UR5e"]).run(2.5, held(2e4))
+    (found, damping), *_ = arm.found
+    assert found < 1.3
+    assert damping == 3.0
+    assert arm.ripple < 1.0
+
+
+def test_bounces_as_slow_as_the_impedance_are_found():
+    """On 100 N/m the tool is away for half a second."""
+    arm = Admittance(*LOOPS["UR5e"], K_p=(100.0,) * 3).run(2.0, wall(3e4), 0.03)
+    assert [damping for _, damping in arm.found] == [3.0]
+
+
+def test_a_hand_that_pats_the_tool_is_damped_but_does_not_stop_it():
+    arm = Admittance(*LOOPS["prompt"]).run(4.0, patted)
+    assert [damping for _, damping in arm.found] == [3.0]
+
+
+def fed(axis, speed, frequency=5.0, force=8.0):
+    """Return what a watch says of a contact that swings along an axis, with power from the tool."""
+    p = ImpedanceParameters()
+    watch, found = ContactWatch(4.0, 0.4, p.translation(), p.rotation()), []
+    part = axis // 3
+    w, v = np.zeros(6), np.zeros(6)
+    for k in range(1500):
+        swing = math.sin(math.tau * frequency * k * DT)
+        w[axis], v[axis] = -force * (1.0, 0.1)[part] * swing, speed * (1.0, 10.0)[part] * swing
+        found.append(watch.take(w, v[:3], v[3:], DT))
+    return max(found)
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_swing_that_is_fed_is_found_along_and_about_each_axis_unless_it_is_tiny(axis):
+    assert fed(axis, 0.02) is Oscillation.IS_FED
+    assert fed(axis, -0.02, force=7.0) is Oscillation.NONE  # a hand shakes
+    assert fed(axis, 0.001) is Oscillation.NONE  # a sensor that hums
+    assert fed(axis, 0.02, frequency=2.0) is Oscillation.NONE
 
 
 def test_without_more_damping_the_chatter_would_go_on():

@@ -1,8 +1,10 @@
 """What a controller gives to its contact: energy, and whether it feeds an oscillation there.
 
 A loop that lags, by its servo, its network or its sensor, chatters on what is stiff.  The tool
-bounces: it is pressed, let go, and pressed again from the same side.  Or it swings without being
-let go, and is given energy, which the impedance takes from a hand that shakes the tool.
+bounces: it is pressed, let go, and pressed again from the same side.  Or it swings in what holds it
+from both sides, and gives energy.  A hand that shakes or pats the tool gives energy to it instead;
+what bounces slowly, or is to be stopped, has to give some, too.  Of a sensor that is late the power
+is not to be trusted: quick bounces count without it.
 
 Notation: ``w`` (6,) [N, Nm] contact on the tool, ``v`` (3,) [m/s] and ``omega`` (3,) [rad/s] of the
 tip; P = -w'[v; omega] [W] what the tool gives.  Its integral is the energy of the passivity
@@ -10,17 +12,20 @@ observer (Hannaford and Ryu, Time-domain passivity control of haptic interfaces,
 """
 
 import math
+from enum import IntEnum
 
 import numpy as np
 
 from eulerparams_control.laws.compiled import Array, Input, Row, Rows, entry, kernel
+from eulerparams_control.laws.impedance_matrices import Impedance
 
 # Time constants [s] of the low-pass against noise, of the means, and of the power that swings.
 _NOISE, _MEAN, _MEMORY = 0.005, 0.3, 0.7
 
-# It oscillates when turns of the force, or presses, have followed each other within these times
-# [s], 2.3 Hz and more, for longer than the last.
-_NEXT_TURN, _NEXT_PRESS, _LONG = 0.22, 0.45, 0.6
+# It oscillates when turns of the force, or so many presses, have followed each other within these
+# times [s] for longer than the last; presses that are fed may be as far apart as the impedance
+# swings, up to the longest.
+_NEXT_TURN, _NEXT_PRESS, _LONGEST_GAP, _PRESSES, _LONG = 0.22, 0.45, 1.5, 3, 0.6
 
 # A press is a force above so many ripples, after one below so many.
 _PRESSED, _FREE = 2.0, 0.5
@@ -32,10 +37,18 @@ _GIVES = -0.25
 _LEAST_SPEED = (0.005, 0.05)
 
 # Rows of the state, 6 numbers each: w and v without noise; their means; sign and time of the last
-# turn, and when turns began; the same of presses, and whether it is pressed; then the books:
-# energy, swinging power given and in size, of forces and of moments; time.
-_W, _V, _MEAN_W, _MEAN_V, _TURN, _PRESS, _IS_PRESSED, _BOOKS = 0, 1, 2, 3, 4, 7, 10, 11
+# turn, when turns began, and how many there were; the same of presses, and whether it is pressed;
+# then the books: energy, swinging power given and in size, of forces and of moments; time.
+_W, _V, _MEAN_W, _MEAN_V, _TURN, _PRESS, _IS_PRESSED, _BOOKS = 0, 1, 2, 3, 4, 8, 12, 13
 _ENERGY, _GIVEN, _SIZE, _TIME = 0, 1, 3, 5
+
+
+class Oscillation(IntEnum):
+    """What a contact does."""
+
+    NONE = 0
+    BOUNCES = 1  # who feeds it is not known
+    IS_FED = 2  # by the controller
 
 
 class ContactWatch:
@@ -43,12 +56,21 @@ class ContactWatch:
 
     Args:
         force, moment: [N], [Nm] ripple that a contact may have; infinite: none is too much.
+        translation, rotation: the impedances, which say how far apart bounces may be.
     """
 
-    def __init__(self, force: float, moment: float) -> None:
-        self.ripple = np.array([force, moment])
+    def __init__(
+        self, force: float, moment: float, translation: Impedance, rotation: Impedance
+    ) -> None:
         self._state = np.zeros((_BOOKS + 1, 6))
+        self.expect(force, moment, translation, rotation)
         self.reset()
+
+    def expect(
+        self, force: float, moment: float, translation: Impedance, rotation: Impedance
+    ) -> None:
+        """Go on with another law."""
+        self._most = np.array([force, moment, _gap(translation), _gap(rotation)])
 
     def reset(self) -> None:
         """Start again: nothing was given."""
@@ -60,8 +82,8 @@ class ContactWatch:
         self._state[[_TURN + 1, _PRESS + 1]] = -math.inf
         self._state[_BOOKS, _GIVEN:_TIME] = 0.0
 
-    def take(self, w: Array, v: Array, omega: Array, dt: float) -> bool:
-        """Return whether the contact oscillates, fed by the controller.
+    def take(self, w: Array, v: Array, omega: Array, dt: float) -> Oscillation:
+        """Return whether the contact oscillates.
 
         Where it does, that is looked for from the start again; the energy goes on.
 
@@ -70,7 +92,7 @@ class ContactWatch:
             v, omega: (3,) of the tip.
             dt: [s] since the last one.
         """
-        found = bool(_observe(w, v, omega, dt, self.ripple, self._state))
+        found = Oscillation(_observe(w, v, omega, dt, self._most, self._state))
         if found:
             self._look_again()
         return found
@@ -81,46 +103,58 @@ class ContactWatch:
         return self._state.item(_BOOKS, _ENERGY)
 
 
+def _gap(Z: Impedance) -> float:
+    """Return how far apart [s] bounces may be: a swing of the impedance."""
+    slowest = float(np.linalg.eigvals(np.linalg.solve(Z.M, Z.K)).real.min())
+    longest = (math.tau / _LONGEST_GAP) ** 2
+    return max(_NEXT_PRESS, math.tau / math.sqrt(max(slowest, longest)))
+
+
 @kernel
 def _goes_on(run: Rows, i: int, sign: float, now: float, gap: float, same: float) -> float:
     """Take an event of axis i with a sign; return for how long [s] such have followed each other.
 
     Args:
-        run: (3, 6) sign and time of the last one, and when they began.
+        run: (4, 6) sign and time of the last one, when they began, and how many there were.
         i, sign, now, gap: the event, its time, and the longest time until it [s].
         same: 1 where the signs have to be the same, -1 where they have to differ.
     """
     if now - run[1, i] > gap or same * sign * run[0, i] < 0.0:
-        run[2, i] = now
-    run[0, i], run[1, i] = sign, now
+        run[2, i], run[3, i] = now, 0.0
+    run[0, i], run[1, i], run[3, i] = sign, now, run[3, i] + 1.0
     lasted: float = now - run[2, i]
     return lasted
 
 
 @kernel
-def _is_told(i: int, swing: float, ripple: float, books: Row, state: Rows) -> bool:
-    """Return whether the force of axis i, whose part that swings is given, oscillates."""
+def _found(i: int, swing: float, ripple: float, gap: float, books: Row, state: Rows) -> int:
+    """Return what the force of axis i does, whose part that swings is given."""
     now, part, lasted = books[_TIME], i // 3, 0.0
     gives = books[_GIVEN + part] > _GIVES * books[_SIZE + part]
     counts = books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
     if abs(swing) > ripple and swing * state[_TURN, i] <= 0.0:
         sign = math.copysign(1.0, swing)
-        lasted = _goes_on(state[_TURN : _TURN + 3], i, sign, now, _NEXT_TURN, -1.0)
-    is_found = lasted > _LONG and gives and counts
+        lasted = _goes_on(state[_TURN:_PRESS], i, sign, now, _NEXT_TURN, -1.0)
+    found = 2 if lasted > _LONG and gives and counts else 0
     force = state[_W, i]
     if abs(force) < _FREE * ripple:
         state[_IS_PRESSED, i] = 0.0
     elif abs(force) > _PRESSED * ripple and state[_IS_PRESSED, i] == 0.0:
         state[_IS_PRESSED, i], sign = 1.0, math.copysign(1.0, force)
-        lasted = _goes_on(state[_PRESS : _PRESS + 3], i, sign, now, _NEXT_PRESS, 1.0)
-        is_found = is_found or lasted > _LONG
-    return is_found
+        is_quick = now - state[_PRESS + 1, i] <= _NEXT_PRESS
+        lasted = _goes_on(state[_PRESS:_IS_PRESSED], i, sign, now, gap, 1.0)
+        if lasted > _LONG and state[_PRESS + 3, i] >= _PRESSES:
+            if gives and counts:
+                found = 2
+            elif is_quick:
+                found = max(found, 1)
+    return found
 
 
 @entry
-def _observe(w: Input, v: Input, omega: Input, dt: float, ripple: Input, state: Rows) -> bool:
-    """Take one sample, see :class:`ContactWatch`; return whether the contact oscillates."""
-    books, left, found = state[_BOOKS], math.exp(-dt / _MEMORY), False
+def _observe(w: Input, v: Input, omega: Input, dt: float, most: Input, state: Rows) -> int:
+    """Take one sample, see :class:`ContactWatch`; return the :class:`Oscillation`."""
+    books, left, found = state[_BOOKS], math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)
     if books[_TIME] == 0.0:
         quick = slow = 1.0
@@ -139,5 +173,5 @@ def _observe(w: Input, v: Input, omega: Input, dt: float, ripple: Input, state: 
             books[_SIZE + part] *= left
         books[_GIVEN + part] += given
         books[_SIZE + part] += abs(given)
-        found = _is_told(i, swing, ripple[part], books, state) or found
+        found = max(found, _found(i, swing, most[part], most[2 + part], books, state))
     return found

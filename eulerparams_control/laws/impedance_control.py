@@ -18,12 +18,13 @@ from eulerparams_control.errors import ConfigurationError, ContactError, Followi
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
-from eulerparams_control.laws.contact_watch import ContactWatch
+from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
     ResolvedAcceleration,
 )
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
@@ -139,6 +140,12 @@ class ImpedanceLaw:
     def __post_init__(self) -> None:
         self.compliance.orientation.prepare()
 
+    @property
+    def watched(self) -> tuple[float, float, Impedance, Impedance]:
+        """What its :class:`ContactWatch` expects."""
+        law = self.compliance
+        return self.ripple_force, self.ripple_moment, law.translation, law.rotation
+
     def refuse_wrench(self, w: Array) -> None:
         """Raise FollowingError for a contact wrench (6,) that is too large."""
         for part, most, unit, name in (
@@ -189,7 +196,7 @@ class ImpedanceControl(Scheme):
         self.chain = chain or WrenchChain(law.wrench)
         self.chain.replace_options(law.wrench)
         self._compliant = CompliantFrame(law.compliance, law.stiffness_energy)
-        self.contact = ContactWatch(law.ripple_force, law.ripple_moment)
+        self.contact = ContactWatch(*law.watched)
         self.damping, self._free = 1.0, 0.0
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
@@ -232,7 +239,7 @@ class ImpedanceControl(Scheme):
         self._compliant.replace_law(kept, moved)
         self._compliant.limit_energy(law.stiffness_energy)
         self._compliant.change_impedance(law.compliance)
-        self.contact.ripple[:] = law.ripple_force, law.ripple_moment
+        self.contact.expect(*law.watched)
         self.damping = 1.0
         if law.compliance.orientation != self.law.compliance.orientation:
             self._x_de = law.compliance.orientation.row(None)  # else it means nothing
@@ -441,7 +448,8 @@ class ImpedanceControl(Scheme):
         Raises:
             ContactError: if that did not end it.
         """
-        if self.contact.take(self._w, arm.dp_e, arm.omega_e, dt):
+        found = self.contact.take(self._w, arm.dp_e, arm.omega_e, dt)
+        if found is Oscillation.IS_FED or (found and self.damping == 1.0):
             try:
                 self._damp(_CALMER * self.damping)
             except ConfigurationError as error:

@@ -5,7 +5,6 @@ By default it starts itself as soon as it has a robot description and a state.
 
 from abc import abstractmethod
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -21,6 +20,7 @@ from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
+    NotCompiledError,
     defect,
 )
 from eulerparams_control.events import Event, tell
@@ -61,6 +61,7 @@ class ManagedNode(LifecycleNode):
         refuse_unless_simulated(self, self._params)
         claim(self._params, self._health)
         self._robot: Robot | None = None
+        self._loaded: set[str] = set()  # the orientations whose laws are
         self._controller: Controller | None = None
         self._description = self._params.robot_description
         self._input = StateInput()
@@ -147,6 +148,8 @@ class ManagedNode(LifecycleNode):
         try:
             if self._controller is not None and self._robot is not None:
                 limits = new.limits(self._robot)
+                if new.orientation not in self._loaded:  # to load it takes a tenth of a second
+                    raise NotCompiledError
                 with nothing_compiled():
                     if new.orientation != old.orientation:  # nothing is taken of what is refused
                         new.make_scheme(self._robot, limits)
@@ -156,6 +159,7 @@ class ManagedNode(LifecycleNode):
             elif self._robot is not None:
                 # refuses now what activation would refuse
                 self.make_scheme(self._robot, new.limits(self._robot))
+                self._loaded.add(new.orientation)
         except ConfigurationError:
             self._params = old
             raise
@@ -196,10 +200,17 @@ class ManagedNode(LifecycleNode):
 
     def _load_laws(self, robot: Robot) -> None:
         """Load the laws that are compiled: from the disk they take a tenth of a second each."""
+        self._loaded = {self._params.orientation}
         for orientation in ORIENTATIONS:
-            with suppress(ConfigurationError), nothing_compiled():
-                other = replace(self._params, orientation=orientation)
-                other.make_scheme(robot, other.limits(robot))
+            other = replace(self._params, orientation=orientation)
+            try:
+                with nothing_compiled():
+                    other.make_scheme(robot, other.limits(robot))
+            except NotCompiledError:
+                continue
+            except ConfigurationError:
+                pass  # of what does not suit it now; a change is judged then
+            self._loaded.add(orientation)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
