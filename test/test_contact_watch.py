@@ -12,7 +12,8 @@ import pytest
 from arms import HOME, STILL, UR5, pose_of
 
 from eulerparams_control.control.mode import Cause, why_of
-from eulerparams_control.errors import ContactError
+from eulerparams_control.errors import ConfigurationError, ContactError
+from eulerparams_control.laws.contact_bound import stiffest_contact
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
@@ -244,3 +245,31 @@ def test_the_energy_is_what_the_contact_was_given():
     assert arm.scheme.contact.energy == pytest.approx(5e3 * arm.x[-1] ** 2 / 2, rel=0.02)  # sampled
     pushed = Admittance(*LOOPS["prompt"]).run(1.0, lambda *_: 10.0)
     assert pushed.scheme.contact.energy == pytest.approx(-10.0 * (pushed.x[-1] + WALL), rel=0.02)
+
+
+# --- the bound of a late servo ------------------------------------------------------------------
+@pytest.mark.parametrize("loop", ["UR5e", "slow"])
+@pytest.mark.parametrize("D", [300.0, 3000.0])
+def test_a_contact_oscillates_from_the_stiffness_on_that_is_computed(loop, D):
+    lag, delay, _ = LOOPS[loop]
+    given = {"D_p": (D,) * 3, "max_ripple_force": 1e6, "max_contact_force": 1e6}
+    Z = ImpedanceParameters(**given).translation()
+    K_e = 2.0 * stiffest_contact(Z, lag, delay + DT)  # without the margin; a tick of the wrench
+    below, above = (
+        Admittance(*LOOPS[loop], **given).run(5.0, wall(part * K_e), 0.012, 0.01)
+        for part in (0.8, 1.5)
+    )
+    assert below.ripple < 0.05 * np.ptp(below.f)
+    assert max(above.f[-1000:]) == 0.0  # it bounces
+
+
+def test_an_impedance_that_is_too_fast_for_a_late_servo_is_refused_with_what_it_needs():
+    late = {"servo_lag": 0.04, "servo_delay": 0.01}
+    with pytest.raises(ConfigurationError, match="stable on contacts of up") as no:
+        ImpedanceParameters(**late, D_p=(100.0,) * 3).impedance_law(UR5)
+    said = str(no.value)
+    assert "up to 1.46e+03 N/m; expected stiffest_contact 100000 N/m: give D_p of 2.59e+03" in said
+    ImpedanceParameters(**late, D_p=(2600.0,) * 3).impedance_law(UR5)
+    ImpedanceParameters(**late, D_p=(100.0,) * 3, stiffest_contact=1.4e3).impedance_law(UR5)
+    ImpedanceParameters(D_p=(100.0,) * 3).impedance_law(UR5)
+    assert stiffest_contact(ImpedanceParameters().translation(), 0.0, 0.0) == math.inf

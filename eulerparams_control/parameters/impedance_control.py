@@ -9,6 +9,7 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, RobotError
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
+from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.impedance_control import (
     ImpedanceControl,
@@ -164,6 +165,24 @@ class ImpedanceParameters(
         bounds=(0.0, 1e6),
         live=True,
     )
+    stiffest_contact: float = parameter(
+        1e5,
+        "that is expected: on a stiffer one the force overshoots; the approach is slower for it",
+        unit="N/m",
+        bounds=(100.0, 1e8),
+        live=True,
+    )
+    servo_lag: float = parameter(
+        0.0,
+        "with which the arm follows compliant_frame, to be stable on stiffest_contact; 0: prompt",
+        unit="s",
+        bounds=(0.0, 1.0),
+        live=True,
+    )
+    servo_delay: float = parameter(
+        0.0, "the same: after which it follows, and its wrench comes", unit="s", bounds=(0.0, 1.0),
+        live=True,
+    )  # fmt: skip
     max_error_position: float = parameter(
         0.04,
         "a tip farther from the compliant frame stops the motion",
@@ -242,6 +261,7 @@ class ImpedanceParameters(
                 self.max_compliant_speed,
             ),
         )
+        self._refuse_late(compliance.translation)
         options = self.wrench_options(robot)
         if options.tool is not None:
             self._refuse_tool(options.tool, compliance)
@@ -290,6 +310,21 @@ class ImpedanceParameters(
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
         robot, bounds = scheme.robot, self.effort_limits(scheme.robot, limits)
         scheme.replace_law(self.impedance_law(robot), self.law(), self.dynamics(robot), bounds)
+
+    def _refuse_late(self, Z: Impedance) -> None:
+        """Raise ConfigurationError for a servo that is too late for the contact expected, (CB2)."""
+        lag, delay, stiffness = self.servo_lag, self.servo_delay, self.stiffest_contact
+        if not lag + delay > 0.0:
+            return
+        most = stiffest_contact(Z, lag, delay)
+        if most < stiffness:
+            heaviest = float(np.linalg.eigvalsh(Z.M)[-1])
+            raise ConfigurationError(
+                f"with servo_lag {lag:g} s and servo_delay {delay:g} s this impedance is stable on "
+                f"contacts of up to {most:.3g} N/m; expected stiffest_contact {stiffness:g} N/m: "
+                f"give D_p of {damping_for(stiffness, heaviest, lag, delay):.3g} Ns/m or more, or "
+                "lower stiffest_contact"
+            )
 
     def _refuse_tool(self, tool: Tool, compliance: ComplianceLaw) -> None:
         """Raise ConfigurationError for a tool that is too heavy for the impedance."""
