@@ -167,6 +167,22 @@ def test_a_hand_that_pats_the_tool_is_damped_but_does_not_stop_it():
     assert [damping for _, damping in arm.found] == [3.0]
 
 
+@pytest.mark.parametrize("loop", ["prompt", "UR5e"])
+def test_a_stiffness_that_a_program_swings_in_contact_is_no_chatter(loop):
+    """100 to 5000 N/m at 2 Hz, 1 cm into 1e4 N/m: 1 N to 33 N, and no more energy than there is."""
+    arm = Admittance(*LOOPS[loop])
+    for k in range(3000):
+        if k % 20 == 0:
+            K = 2550 - 2450 * math.cos(math.tau * 2 * k * DT)
+            law = ImpedanceParameters(K_p=(K,) * 3).impedance_law(UR5)
+            arm.scheme.change_impedance(law.compliance)
+        moves = k * DT * 0.05 < 0.02
+        arm.step(wall(1e4), min(k * DT * 0.05, 0.02), 0.05 if moves else 0.0)
+        assert arm.scheme.energy_left > 0.1
+    assert arm.found == []
+    assert 25.0 < np.ptp(arm.f[1500:]) < 33.3
+
+
 def fed(axis, speed, frequency=5.0, force=8.0):
     """Return what a watch says of a contact that swings along an axis, with power from the tool."""
     p = ImpedanceParameters()

@@ -254,6 +254,7 @@ class ImpedanceControl(Scheme):
             compliance: with the representation, frame and bounds of the law.
         """
         self.law = replace(self.law, compliance=compliance)
+        self.contact.expect_changes()
         self._compliant.change_impedance(compliance.damped(self.damping))
 
     @property
