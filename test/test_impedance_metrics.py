@@ -27,6 +27,7 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.analysis.quantities.contact import desired_rotations
+from eulerparams_control.analysis.quantities.springs import ELASTIC_ENERGY
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
@@ -558,3 +559,30 @@ def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_
     assert measure("escape_rate", run, low=1.0, high=5.0) == pytest.approx(3.0, rel=1e-6)
     with pytest.raises(BagError, match=r"run: 180 deg less the turn has fewer than two samples"):
         measure("escape_rate", run, low=0.1, high=5.0)
+
+
+# --- springs of compliance control ---------------------------------------------------
+@pytest.mark.parametrize("clip", [0.1, 10.0])
+def test_springs_take_their_energy_on_the_way_out_and_give_it_back(tmp_path, clip):
+    def energy(q: float) -> float:
+        """Return that of 100 N/m and 8 Nm/rad of the rod, which is 1 m long: 2 eps' K_o eps."""
+        s = [10.0 * 2.0 * math.sin(q / 2), math.sqrt(8.0) * 2.0 * math.sin(q / 2)]
+        most = [10.0 * clip, math.sqrt(8.0) * clip]
+        return sum(a * a / 2 if a < c else c * a - c * c / 2 for a, c in zip(s, most, strict=True))
+
+    told = {"K_p": [100.0] * 3, "K_o": [8.0] * 3, "error_clip_position": clip}
+    told |= {"error_clip_rotation": clip, "orientation": "euler_parameters"}
+    there, back = np.linspace(0.0, 0.4, 400), np.linspace(0.4, 0.0, 300)
+    run = {"parameters": told, "node": "/compliance_control"}
+    out = recorded(tmp_path / "out", there, **run)
+    assert measure("spring_work", out) == pytest.approx(-1.0, abs=EXACT)
+    assert ELASTIC_ENERGY.samples(out)[1][-1] == pytest.approx(energy(0.4), rel=EXACT)
+    half = recorded(tmp_path / "half", [*there, *back[:150]], **run)
+    left, most = energy(back[149]), energy(0.4)
+    expected = -left / (2 * most - left)
+    assert measure("spring_work", half) == pytest.approx(expected, abs=1e-4)
+    closed = recorded(tmp_path / "closed", [*there, *back], **run)
+    assert abs(measure("spring_work", closed)) < 1e-5
+    other = replace(out, parameters={})
+    with pytest.raises(BagError, match="no parameters of compliance_control were recorded"):
+        measure("spring_work", other)

@@ -113,9 +113,6 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 BY_CONTACT = 0.02
 # What a spring of 1000 N/m exerts on a wall of 2e4 N/m after 10 s [N]; a pose at rest after it.
 FORCE_IN_CONTACT = 1e-3
-# The speed at which an arm comes back that is let go within one step, of its limit: its efforts
-# fall by max_effort_rate.
-SPEED_OF_RELEASE = 1.3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
 # or to nothing in every tick.
 LAW_IN_A_NODE = 1e-6

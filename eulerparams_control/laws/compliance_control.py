@@ -10,6 +10,11 @@ accelerations that follow the desired ones, and tend to the posture without movi
 a contact f at rest K (p_d - p_e) = -f: what is felt is the stiffness.  The accelerations are those
 that springs and contact make of the inertia; limits of speed, position and effort hold.
 
+An arm that is held may be let go within a moment.  The springs pull no more than can be taken back,
+at the rates of the efforts, before the tip has its speeds: their clips are lowered until that
+holds, which takes energy from them, and return when nothing is stretched that far, which gives
+none.
+
 Notation: ``Lambda`` (6, 6) inertia of the tip (J B^-1 J')^-1, ``K`` (6, 6) its stiffness, ``omega``
 [1/s] natural rates of its modes, ``f, mu`` [N, Nm] wrench of the springs on the tip, ``u`` velocity
 of the tip relative to the desired frame; base frame.
@@ -85,11 +90,13 @@ _LEAST_K_p, _LEAST_K_o = 10.0, 0.5
 # Modes that are slower [1/s] are damped as if they had this rate: near a singularity one has none.
 _LEAST_OMEGA = 1.0
 
-# From this part below its speeds to as much above them the tip is drawn less and less.
-_BAND = 0.15
+# A damped mode has 1 / (e omega) of the speed that its first acceleration makes in 1 s.
+_DAMPED = math.e / 2.0
 
-# Number of ticks in which that begins and ends, at the least.
-_STEPS = 2.0
+# Ticks until what was seen of the tip has changed an effort.
+_LATE = 2.0
+
+_TINY = 1e-12
 
 displacement = spring = law = read = put = slot  # of a representation
 
@@ -115,7 +122,7 @@ class Pull(NamedTuple):
     Attributes:
         f, mu: (3,) [N], [Nm] on the tip: minus the gradient of the energy.
         energy: [J], that of the clipped springs.
-        stretch: by how much the more stretched one is beyond where it is clipped; 1 there.
+        stretch: of the more stretched one; 1 where it is clipped.
         axes_p, axes_o: (3, 3) whose columns F_p and F_o refer to, base frame.
     """
 
@@ -136,6 +143,7 @@ class Effects(NamedTuple):
         dissipated: [W] by the dampers.
         rate: [1/s] of the fastest mode.
         turning: the part of the elastic energy of that mode that is rotational.
+        lowered: by which part the clips are lower than stated, from the next tick on.
     """
 
     f: VecLike
@@ -144,10 +152,12 @@ class Effects(NamedTuple):
     dissipated: float
     rate: float
     turning: float
+    lowered: float
 
 
 _numbers = layout(_Numbers).read
 _put_effects, _unpack_effects = layout(Effects).put, layout(Effects).unpack
+_read_effects = layout(Effects).read
 _put_pull, _unpack_pull = layout(Pull).put, layout(Pull).unpack
 effects_width, _pull_width = layout(Effects).width, layout(Pull).width
 
@@ -164,21 +174,28 @@ def _share(energy: float, clip: float) -> float:
 
 
 @formula
+def _stretch(energy: float, clip: float) -> float:
+    """Return s / clip; 0 without a displacement."""
+    return math.sqrt(2.0 * energy) / clip if energy > 0.0 else 0.0
+
+
+@formula
 def _clipped(energy: float, clip: float) -> float:
     """Return the energy with that gradient."""
     s = math.sqrt(2.0 * energy)
     return clip * s - clip * clip / 2.0 if s > clip else energy
 
 
-def _law(tip: TipState, desired: DesiredFrame, numbers: _Numbers) -> Pull:
-    """Return what the springs do."""
+def _law(tip: TipState, desired: DesiredFrame, numbers: _Numbers, part: float) -> Pull:
+    """Return what the springs do, clipped at this part of where that is stated."""
     A = identity(1.0) if numbers.in_base else desired.R_d
     f = A @ (numbers.K_p @ (A.T @ (desired.p_d - tip.p_e)))
     energy_p = (f @ (desired.p_d - tip.p_e)) / 2.0
     turned = spring(desired.R_d, tip.R_e, numbers.K_o, numbers.options)  # eqs. (56), (60), (66)
-    share_p, share_o = _share(energy_p, numbers.clip_p), _share(turned.energy, numbers.clip_o)
-    energy = _clipped(energy_p, numbers.clip_p) + _clipped(turned.energy, numbers.clip_o)
-    stretch = max(1.0, 1.0 / min(share_p, share_o))
+    clip_p, clip_o = part * numbers.clip_p, part * numbers.clip_o
+    share_p, share_o = _share(energy_p, clip_p), _share(turned.energy, clip_o)
+    energy = _clipped(energy_p, clip_p) + _clipped(turned.energy, clip_o)
+    stretch = max(_stretch(energy_p, clip_p), _stretch(turned.energy, clip_o))
     return Pull(share_p * f, share_o * turned.moment, energy, stretch, A, turned.axes)
 
 
@@ -187,7 +204,7 @@ def _pull(p_e: Input, R_e: Inputs, p_d: Input, R_d: Inputs, numbers: Input, row:
     still = Vec(0.0, 0.0, 0.0)
     tip = TipState(vec(p_e), mat(R_e), Motion(still, still, still, still))
     desired = DesiredFrame(vec(p_d), mat(R_d), still, still, still, still)
-    _put_pull(row, 0, law(tip, desired, _numbers(numbers, 0)))
+    _put_pull(row, 0, law(tip, desired, _numbers(numbers, 0), 1.0))
     return 0
 
 
@@ -259,26 +276,90 @@ def _dampers(
 
 
 @kernel
-def _drawn(J: Inputs, M: Rows, w: Row, tip: Motion, most: TipLimits, dt: float) -> float:
-    """Return the part of the springs' wrench w (6,) that acts on a tip near its speeds.
-
-    It is less than 1 only where they give the tip power, so that no energy is made: a released
-    arm comes back at no more than its speeds.  Of an arm that is so light that the springs make it
-    much faster within a tick it takes less, or it would chatter.
-    """
-    n, power, a = len(M), read_vec(w, 0) @ tip.v + read_vec(w, 3) @ tip.omega, np.zeros(6)
-    over = max(norm(tip.v) / most.linear_speed, norm(tip.omega) / most.angular_speed) - 1.0 + _BAND
-    if not (power > 0.0 and over > 0.0):
-        return 1.0
+def _accelerated(J: Inputs, M: Rows, w: Row, a: Row) -> None:
+    """Fill a (6,): by what a wrench w (6,) accelerates a free tip, J B^-1 J' w."""
+    n = len(M)
+    for j in range(6):
+        a[j] = 0.0
     for i in range(n):
         ddq = 0.0
         for j in range(6):
             ddq += M[i, n + j] * w[j]
         for j in range(6):
             a[j] += J[j, i] * ddq
-    step_p, step_o = norm(read_vec(a, 0)) / most.linear_speed, norm(read_vec(a, 3))
-    step = dt * max(step_p, step_o / most.angular_speed)
-    return 1.0 - min(over / max(2.0 * _BAND, _STEPS * step), 1.0)
+
+
+class _Release(NamedTuple):
+    """How a tip goes off that is let go.
+
+    Attributes:
+        a_p, a_o: [m/s^2], [rad/s^2] by the springs.
+        braked_p, braked_o: [1/s] the dampers' acceleration over the speed.
+        time: [s] in which the efforts of the springs are taken back.
+        tick: [s] for which an effort lasts.
+    """
+
+    a_p: float
+    a_o: float
+    braked_p: float
+    braked_o: float
+    time: float
+    tick: float
+
+
+@formula
+def _borne(speed: float, most: float, a: float, braked: float, time: float, tick: float) -> float:
+    """Return the largest part s <= 1 of the springs' pull that keeps a tip within its speed.
+
+    A pull s a acts for a tick before it is seen.  It is taken back after t = 2 tick + s time / 2,
+    and dampers leave 1 / (1 / t + c) of that, with c = e / 2 times ``braked``:
+
+        speed + s a tick <= most
+        speed + s a t / (1 + c t) = most
+    """
+    left, c, late = most - speed, _DAMPED * braked, _LATE * tick
+    if left <= 0.0:
+        return 0.0
+    square = a * time / 2.0
+    linear = a * late - left * c * time / 2.0
+    whole = left * (1.0 + c * late)
+    root = linear + math.sqrt(linear * linear + 4.0 * square * whole)
+    part = 2.0 * whole / root if root > 2.0 * whole else 1.0
+    return min(part, left / max(a * tick, left))
+
+
+@kernel
+def _part(v: float, omega: float, release: _Release, most: TipLimits) -> float:
+    """Return the part of the springs' pull that keeps a tip of these speeds within its limits."""
+    of_p, of_o, time, tick = release.braked_p, release.braked_o, release.time, release.tick
+    part = _borne(v, most.linear_speed, release.a_p, of_p, time, tick)
+    return min(part, _borne(omega, most.angular_speed, release.a_o, of_o, time, tick))
+
+
+@kernel
+def _bearable(
+    J: Inputs, M: Rows, w: Row, pull: Pull, numbers: _Numbers, tip: Motion, most: TipLimits,
+    rate: Input, dt: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the parts of the springs' wrench w (6,) that a tip at rest bears, and this one."""
+    n, time, v, omega = len(M), 0.0, norm(tip.v), norm(tip.omega)
+    a, damping, b = np.empty(6), np.zeros(6), np.empty(6)
+    _accelerated(J, M, w, a)
+    a_p, a_o = read_vec(a, 0), read_vec(a, 3)
+    for i in range(n):
+        tau = 0.0
+        for j in range(6):
+            tau += J[j, i] * w[j]
+        time = max(time, abs(tau) / rate[i])
+    free = _Release(norm(a_p), norm(a_o), 0.0, 0.0, time, dt)
+    if _part(v, omega, free, most) == 1.0:
+        return 1.0, 1.0  # also with dampers
+    _dampers(J, M, pull, numbers, a, damping)
+    _accelerated(J, M, damping, b)
+    braked_p = -(a_p @ read_vec(b, 0)) / max(a_p @ a_p, _TINY)
+    braked_o = -(a_o @ read_vec(b, 3)) / max(a_o @ a_o, _TINY)
+    damped = _Release(free.a_p, free.a_o, max(braked_p, 0.0), max(braked_o, 0.0), time, dt)
+    return _part(0.0, 0.0, damped, most), _part(v, omega, damped, most)
 
 
 def _tick(
@@ -296,7 +377,8 @@ def _tick(
     desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     given, most = _numbers(numbers, 0), read_bounds(bounds, 0)
     put(row, at_x, displacement(desired.R_d, tip.R_e, read(previous, 0), given.options))
-    pull = law(tip, desired, given)
+    part = 1.0 - _read_effects(previous, len(previous) - effects_width).lowered
+    pull = law(tip, desired, given, part)
     if math.isnan(pull.mu.x):
         return SINGULAR
     if limits.shape[1] > 0:
@@ -314,7 +396,13 @@ def _tick(
     dissipated, fastest, turning = _dampers(J, M, pull, given, u, damping)
     drawn = 1.0
     if limits.shape[1] > 0:
-        drawn = _drawn(J, M, w, tip.motion, most.limits, dt)
+        resting, moving = _bearable(J, M, w, pull, given, tip.motion, most.limits, rate, dt)
+        if resting < 1.0:
+            part *= resting * min(1.0, pull.stretch)
+        elif pull.stretch <= 1.0:
+            part = 1.0
+        if read_vec(w, 0) @ tip.motion.v + read_vec(w, 3) @ tip.motion.omega > 0.0:
+            drawn = moving  # no more power
         dissipated += (1.0 - drawn) * (read_vec(w, 0) @ u_p + read_vec(w, 3) @ u_o)
     for j in range(6):
         w[j] = drawn * w[j] + damping[j]
@@ -327,8 +415,9 @@ def _tick(
     add_left(last, left, share, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
-    row[at] = pull.stretch if limits.shape[1] > 0 else 1.0
-    effects = Effects(pull.f, pull.mu, pull.energy, dissipated, fastest, turning)
+    row[at] = max(1.0, pull.stretch) if limits.shape[1] > 0 else 1.0
+    told = dissipated, fastest, turning, 1.0 - part
+    effects = Effects(pull.f, pull.mu, pull.energy, *told)
     _put_effects(row, len(row) - effects_width, effects)
     changed = commanded(
         chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, without_accelerations(limits),
@@ -443,7 +532,7 @@ class ComplianceControl(DynamicControl):
     @property
     def fastest_gain(self) -> LoopGain | None:
         """The stiffness of the fastest mode where the arm was last; None before the first tick."""
-        _, _, _, _, rate, turning = _unpack_effects(self._x_de[-effects_width:])
+        _, _, _, _, rate, turning, _ = _unpack_effects(self._x_de[-effects_width:])
         if rate == 0:
             return None
         name, K = ("K_o", self.law.K_o) if turning > 0.5 else ("K_p", self.law.K_p)

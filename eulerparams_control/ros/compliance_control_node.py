@@ -35,6 +35,7 @@ class ComplianceControlNode(ControlNode):
             "displacement [rad]": angle_between(tick.desired.R_d, tick.state.R_e),
             "elastic energy [J]": effects.energy,
             "stretch of the springs": tick.excess,
+            "their clips lowered by": effects.lowered,
             "rate of the fastest mode [1/s]": effects.rate,
         }
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from eulerparams_control.analysis.quantities.base import (
+    Axis,
     Samples,
     TableNumber,
+    along,
     metric,
     quotient,
     reduced,
@@ -51,6 +53,33 @@ def joint_speed(recording: Recording, of: str = "leading") -> Samples:
     """Return the largest speed [rad/s] of a joint."""
     series = series_of(recording, of)
     return series.t, series.joint_speed
+
+
+@reduced("tip_speed", "m/s", "speed of the tip", "peak")
+def tip_speed(recording: Recording, of: str = "leading") -> Samples:
+    """Return the speed [m/s] of the tip."""
+    series = series_of(recording, of)
+    return series.t, np.linalg.norm(series.kinematics.dp_e, axis=1)
+
+
+@reduced("turning", "rad/s", "angular speed of the tip", "peak")
+def turning(recording: Recording, of: str = "leading") -> Samples:
+    """Return the angular speed [rad/s] of the tip."""
+    series = series_of(recording, of)
+    return series.t, np.linalg.norm(series.omega_e, axis=1)
+
+
+@metric("mm")
+def tip_distance(
+    recording: Recording, axis: Axis = (), before: float = math.inf, of: str = "leading"
+) -> float:
+    """Distance of the tip from its start at the end.
+
+    With an axis, in the base frame, its component.
+    """
+    series = series_of(recording, of)
+    p_e = series.p_e[within(series.t, 0.0, before)]
+    return 1e3 * float(along(p_e[-1] - p_e[0], axis))
 
 
 @reduced("speed_of_limit", "", "speed of a joint over its velocity limit", "peak")

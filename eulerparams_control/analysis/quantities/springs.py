@@ -1,0 +1,69 @@
+"""Springs of compliance control: their energy, and the work that they do along a path.
+
+They are those of the recorded parameters, clips included, at the recorded poses of tip and desired
+frame.
+"""
+
+import numpy as np
+
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
+from eulerparams_control.analysis.quantities.base import Samples, metric, quotient
+from eulerparams_control.analysis.quantity import Quantity
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.errors import BagError, SingularityError
+from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.compliance_control import ComplianceParameters
+
+
+def _springs(recording: Recording) -> tuple[Array, Array]:
+    """Return wrench (M, 6) and energy (M,) at the instants ``known``; NaN where is none."""
+    told = recorded(recording.parameters, ComplianceParameters)
+    if told is None:
+        name = ComplianceParameters.scheme.name
+        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
+    with parameters_to_blame(told.scheme.name):
+        law = told.law()
+    series, known = recording.leading, recording.known
+    w, energy = np.full((len(known), 6), np.nan), np.full(len(known), np.nan)
+    for i, k in enumerate(known):
+        desired = DesiredFrame(series.desired.p[k], series.desired.R[k])
+        try:
+            pull = law.pull(series.p_e[k], series.R_e[k], desired)
+        except SingularityError:
+            continue
+        w[i], energy[i] = [*pull.f, *pull.mu], pull.energy
+    return w, energy
+
+
+@metric("")
+def spring_work(recording: Recording) -> float:
+    """Work of the springs on the tip over what they exchange with it.
+
+    The sum of their work over that of its magnitude, by the trapezoidal rule along the recorded
+    poses.  Around a closed path before a desired frame at rest it is 0: no energy is made.
+    """
+    w, _ = _springs(recording)
+    series, known = recording.leading, recording.known
+    p, R = series.p_e[known], series.R_e[known]
+    turned = rotation_vector(quaternion(R[1:] @ R[:-1].mT))
+    work = ((w[1:] + w[:-1]) / 2 * np.hstack([np.diff(p, axis=0), turned])).sum(axis=1)
+    return quotient(float(work.sum()), float(np.abs(work).sum()))
+
+
+def _elastic_energy(recording: Recording) -> Samples:
+    return recording.leading.t[recording.known], _springs(recording)[1]
+
+
+ELASTIC_ENERGY = Quantity(
+    "elastic_energy",
+    "Elastic energy",
+    "energy of the springs [J]",
+    "Energy of the springs of compliance control, of which force and moment, (60), (66), are minus "
+    "the gradient.",
+    "J",
+    1e-9,
+    _elastic_energy,
+)
+
+PLACES = {18: ELASTIC_ENERGY}
