@@ -22,6 +22,7 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 DT = 1e-3
 START = pose_of(UR5, HOME)
+X = np.array([1.0, 0.0, 0.0])
 WALL = 0.01  # [m] from the start, along x
 AT_TIP = UR5.placement(UR5.tip_frame)
 # The lag and the delay of the servo, and the delay of the sensor [s].
@@ -36,14 +37,15 @@ LOOPS = {
 
 
 class Admittance:
-    """Impedance control over a servo and a sensor that are late, see LOOPS; the tool goes along x.
+    """Impedance control over a servo and a sensor that are late, see LOOPS; the tool goes along n.
 
     Attributes:
         found: when [s] the damping changed, and to what.
         x, f: [m], [N] of the tip and on it, at each step; it is free at x < 0.
     """
 
-    def __init__(self, lag, delay, sensed_late, **parameters):
+    def __init__(self, lag, delay, sensed_late, n=X, **parameters):
+        self.n = n
         p = ImpedanceParameters(command_type="none", **parameters)
         self.scheme = p.make_scheme(UR5, UR5.limits)
         self.servo = ClikParameters().make_scheme(UR5, None)
@@ -55,16 +57,16 @@ class Admittance:
         self.t, self.found, self.x, self.f = 0.0, [], [], []
 
     def step(self, force, target=0.0, speed=0.0):
-        """Go on by a step under a force f(t, x, v) on the tool, to a target [m] along x."""
+        """Go on by a step under a force f(t, x, v) on the tool, to a target [m] along n."""
         before, self.q = self.q, self.q + self.share * (self.late[0] - self.q)
         dq = (self.q - before) / DT
         arm = UR5.state(self.q, dq)
-        x, v = arm.p_e[0] - START.p_d[0] - WALL, arm.dp_e[0]
+        x, v = self.n @ (arm.p_e - START.p_d) - WALL, self.n @ arm.dp_e
         f = force(self.t, x, v)
         self.felt.append(f)
-        w = np.concatenate((arm.R_e.T @ [self.felt[0], 0.0, 0.0], np.zeros(3)))
+        w = np.concatenate((self.felt[0] * arm.R_e.T @ self.n, np.zeros(3)))
         self.scheme.sense(SensedWrench(w, AT_TIP))
-        there = DesiredFrame(START.p_d + [target, 0.0, 0.0], START.R_d, np.array([speed, 0.0, 0.0]))
+        there = DesiredFrame(START.p_d + target * self.n, START.R_d, speed * self.n)
         damping = self.scheme.damping
         dt = DT if self.t else 0.0
         frame = self.scheme.tick(dt, self.q, dq, there).command.frame
@@ -76,7 +78,7 @@ class Admittance:
         self.f.append(f)
 
     def run(self, seconds, force, depth=0.0, speed=0.05):
-        """Go ``depth`` [m] along x, and stay."""
+        """Go ``depth`` [m] along n, and stay."""
         for k in range(round(seconds / DT)):
             moves = k * DT * speed < depth
             target = k * DT * speed if moves else depth

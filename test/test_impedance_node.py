@@ -709,3 +709,78 @@ def test_a_redundant_arm_is_controlled_as_its_parameters_alone_say(world):
     assert_close(turned, expected, 1e-4)
     assert np.linalg.norm(turned) > 5e-3
     assert np.linalg.norm(tip.p_e - end.p_d) < 1e-4
+
+
+# --- a force on the environment --------------------------------------------------------------
+def target_wrench(arm: FeelingArm, *force: float, frame: str = UR5.tip_frame) -> WrenchStamped:
+    """Return a target_wrench for the next state of an arm."""
+    msg = WrenchStamped()
+    msg.header.frame_id, msg.header.stamp = frame, arm.message().header.stamp
+    msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z = force
+    return msg
+
+
+def broken_targets(arm: FeelingArm) -> list[tuple[WrenchStamped, str]]:
+    """Return what is no target_wrench, and what is said of it."""
+    turning = target_wrench(arm, 0.0, 0.0, 10.0)
+    turning.wrench.torque.x = 1.0
+    return [
+        (target_wrench(arm, 0.0, 0.0, math.nan), "non-finite"),
+        (target_wrench(arm, 0.0, 0.0, 10.0, frame="forearm_link"), "expected 'tool0' or 'base"),
+        (target_wrench(arm, 10.0, 0.0, 1.0), "a force along force_axes ['z']"),
+        (turning, "expected no moment"),
+        (target_wrench(arm, 0.0, 0.0, 200.0), "at most max_contact_force 140 N"),
+    ]
+
+
+def test_a_target_wrench_is_exerted_until_it_ends_and_not_again_after_a_halt(node):
+    """On a wall of 2e4 N/m, 1 mm from the tool, which gives way along its z."""
+    arm, peer, (p, R) = node.arm, node.peer, pose(HOME)
+    targets = peer.publisher(WrenchStamped, f"/{node.name.split('/')[0]}/target_wrench")
+    node.graph.until(targets.get_subscription_count, "a subscriber of target_wrench")
+    n = R[:, 2]
+
+    def wall(state: Any) -> Array:
+        depth, speed = n @ (state.p_e - p) - 1e-3, n @ state.dp_e
+        f = max(0.0, 2e4 * depth + 20.0 * speed) if depth > 0 else 0.0
+        return np.append(-f * n, np.zeros(3))
+
+    def exert(count: int, force: Array, frame: str = UR5.tip_frame) -> float:
+        """Press for so many ticks; return the force [N]."""
+        for _ in range(count):
+            targets.publish(target_wrench(arm, *force, frame=frame))
+            arm.tick()
+        return float(-n @ arm.contact()[:3])
+
+    arm.environment = wall
+    for msg, words in broken_targets(arm):
+        targets.publish(msg)
+        arm.tick()
+        assert words in node.process.log
+    assert_close(pose(arm.q)[0], p, AT_FRAME)
+
+    force = np.array([0.0, 0.0, 10.0])
+    assert exert(800, force) == pytest.approx(10.0, rel=0.01)
+    shown = values(node.status())
+    assert shown["force exerted [N]"] == "[0, 0, 10]"
+    assert exert(200, 1.2 * R @ force, frame=UR5.base_frame) == pytest.approx(12.0, rel=0.02)
+    words = "force_axes cannot change while target_wrench is followed"
+    assert words in peer.set_parameters(node.name, force_axes=["x"])[0]
+
+    here = pose(arm.q)[0]
+    arm.ticks(200)  # the stream has ended
+    status = node.status(
+        lambda s: "holding the measured pose, after the end of target_wrench" in s.message
+    )
+    assert values(status)["cause"] == "stream_ended"
+    assert np.linalg.norm(pose(arm.q)[0] - here) < 1e-3
+
+    assert exert(300, force) == pytest.approx(10.0, rel=0.02)
+    here = pose(arm.q)[0]
+    assert peer.call(Trigger, f"/{node.name}/halt", Trigger.Request()).success
+    exert(200, force)
+    assert "the arm is stopped: a force is exerted while it holds or follows" in node.process.log
+    assert peer.call(Trigger, f"/{node.name}/resume", Trigger.Request()).success
+    exert(200, 3.0 * force)
+    assert "the arm was stopped meanwhile; send nothing for 0.5 s" in node.process.log
+    assert np.linalg.norm(pose(arm.q)[0] - here) < 1e-3

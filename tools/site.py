@@ -34,7 +34,7 @@ from eulerparams_control.parameters.teleop import TeleopParameters
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.ros import watchdog_node, wrench_input
+from eulerparams_control.ros import target_wrench, watchdog_node, wrench_input
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 from sim_bridge.drive_modes import DriveCause, DriveMode, DriveStatus
@@ -128,6 +128,7 @@ def remedies() -> dict[str, str]:
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,
+        target_wrench.AT_ITS_END,
     ]
     return {why.cause.value: why.remedy for why in whys if why.cause is not Cause.NONE}
 

@@ -173,6 +173,11 @@ class Controller:
         """
         self.supervisor.follow(Jog(twist, self.options.target_timeout), None, now, self._q)
 
+    def settle(self, why: Why) -> None:
+        """Hold the pose measured last, in a contact as it is, while the last command acts."""
+        self.supervisor.begin(self._q, acts=True)
+        self.supervisor.change(ModeEvent.RESTART, why)
+
     def halt(self) -> None:
         """Hold from the next state on, until :meth:`resume`; command nothing now."""
         self.supervisor.change(ModeEvent.HALT, HALTED)

@@ -90,7 +90,7 @@ read_y = put_y = read_u = put_u = rates = integrate = driven = energy = slot  # 
 y_width = 0
 
 
-class _Numbers(NamedTuple):
+class LawNumbers(NamedTuple):
     """A law in numbers."""
 
     options: Coordinates
@@ -132,7 +132,7 @@ class _Memory(NamedTuple):
 
 _width, _read_memory, _put_memory = layout(_Memory)[:3]
 _NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
-_read_law, _put_law = layout(_Numbers).read, layout(_Numbers).put
+_read_law, _put_law = layout(LawNumbers)[1:3]
 _read_vec, _read_change = layout(Vec).read, layout(_Change).read
 _read_tank, _put_tank = layout(_Tank).read, layout(_Tank).put
 _, _read_frame, _put_frame = layout(DesiredFrame)[:3]
@@ -171,8 +171,8 @@ class ComplianceLaw:
                 )
         options, in_base = self.orientation.options.values, self.frame == "base"
         matrices = self.translation.values, Z_o.values
-        numbers = _Numbers(options, *matrices, in_base, self.rate, self.bounds.values)
-        object.__setattr__(self, "numbers", to_rows(_Numbers, numbers))
+        numbers = LawNumbers(options, *matrices, in_base, self.rate, self.bounds.values)
+        object.__setattr__(self, "numbers", to_rows(LawNumbers, numbers))
         object.__setattr__(self, "step", _step_of(type(self.orientation)))
 
     numbers: Array = field(init=False, repr=False, compare=False)
@@ -333,7 +333,7 @@ def _step(
     return 0
 
 
-def _energy(memory: Input, Z_p: Matrices, Z_o: Matrices, law: _Numbers, y: Row) -> float:
+def _energy(memory: Input, Z_p: Matrices, Z_o: Matrices, law: LawNumbers, y: Row) -> float:
     """Return the energy [J] of the displacement as it is, (IC4); fill y (y_width,)."""
     known = _read_memory(memory, 0)
     now, desired = known.now, known.desired
@@ -374,7 +374,7 @@ def _go_on(
     Z_p = between(s, way.translation, law.translation, way.dip_p)
     Z_o = between(s, way.rotation, law.rotation, way.dip_o)
     rate = max(law.rate, way.rate)
-    now = _Numbers(law.options, Z_p, Z_o, law.in_base, rate, law.most)
+    now = LawNumbers(law.options, Z_p, Z_o, law.in_base, rate, law.most)
     _put_law(changed, 0, now)
 
 
@@ -541,13 +541,26 @@ class CompliantFrame:
         assert self.now is not None
         return self.now
 
-    def step(self, dt: float, desired: DesiredFrame, wrench: Array) -> DesiredFrame:
+    def rearrange(self) -> None:
+        """Go on from the same frame and velocities: what drives it means something else now."""
+        if self.now is not None:
+            self._memory[1] = False
+            self._set(_FRAMES, self.now)
+
+    def step(
+        self,
+        dt: float,
+        desired: DesiredFrame,
+        wrench: Array,
+        along: Callable[[Array], Array] | None = None,
+    ) -> DesiredFrame:
         """Return the compliant frame dt [s] after the last, with velocities and accelerations.
 
         Args:
             dt: 0 or more.
             desired: the desired frame now.
             wrench: (6,) f, mu now, base frame.
+            along: what becomes of the :class:`LawNumbers` in a row; None: nothing.
 
         Raises:
             SingularityError: if the representation has no finite answer.
@@ -558,6 +571,7 @@ class CompliantFrame:
             go_on = _go_on_of(type(self._law.orientation))
             go_on(self._memory, self._change, numbers, dt, self._tank, self._changed)
             numbers = self._changed
+        numbers = along(numbers) if along else numbers
         found = self._law.step(*desired, dt, wrench, self._memory, numbers, row)
         if found == _SINGULAR:
             raise SingularityError(self._law.orientation.singularity)

@@ -24,6 +24,7 @@ from eulerparams_control.laws.dynamic_control import (
     EffortLimits,
     ResolvedAcceleration,
 )
+from eulerparams_control.laws.force_control import ForceControl, ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
@@ -39,6 +40,9 @@ from eulerparams_control.robot.robot import Robot, RobotState
 _BLEND_TIME = 0.1
 
 _NO_WRENCH = np.zeros(6)
+
+# The part of its bound that the displacement has reached where it is at its end.
+_AT_ITS_END = 0.99
 
 # Each time that the contact oscillates there is so many times the damping, up to this, until the
 # tool was free for the time [s].
@@ -121,6 +125,7 @@ class ImpedanceLaw:
         stiffness_energy: [J] that changes of M and K may add, beside what the damping takes.
         max_jump_position, max_jump_rotation: [m], [rad] by which the compliant frame may be
             displaced when a wrench is measured again; more stops the motion.
+        force: how a force is exerted.
         inner_loop: whether the motion loop follows the compliant frame; else the impedance
             acts on the measured frame itself, without rejecting disturbances.
     """
@@ -136,6 +141,7 @@ class ImpedanceLaw:
     ripple_force: float = math.inf
     ripple_moment: float = math.inf
     stiffness_energy: float = math.inf
+    force: ForceOptions = field(default_factory=ForceOptions)
 
     def __post_init__(self) -> None:
         self.compliance.orientation.prepare()
@@ -176,7 +182,8 @@ class ImpedanceControl(Scheme):
     """Impedance control of one arm.
 
     Before each tick :meth:`sense` says what the force/torque sensor measures.  While nothing is
-    measured the compliant frame is at rest, and the motion loop holds it.
+    measured the compliant frame is at rest, and the motion loop holds it.  :meth:`press` lets the
+    tool exert a force, until the scheme restarts, or holds.
 
     Args:
         motion: follows the compliant frame.
@@ -184,6 +191,7 @@ class ImpedanceControl(Scheme):
         chain: of the wrench, with its tare; None is a new one.
 
     Attributes:
+        force: that the tool is to exert.
         contact: the energy that it is given, and whether it oscillates.
         damping: how many times that of the law: more where the contact oscillated.
     """
@@ -197,6 +205,7 @@ class ImpedanceControl(Scheme):
         self.chain.replace_options(law.wrench)
         self._compliant = CompliantFrame(law.compliance, law.stiffness_energy)
         self.contact = ContactWatch(*law.watched)
+        self.force = ForceControl(law.force)
         self.damping, self._free = 1.0, 0.0
         self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
@@ -221,6 +230,18 @@ class ImpedanceControl(Scheme):
             self._fade.replace(-self._h)
         self._sensed = wrench
 
+    def press(self, force: Array) -> None:
+        """Let the tool exert a force (3,) [N] on the environment, axes of the compliance."""
+        if not self.force.is_on:
+            self._compliant.rearrange()
+        self.force.press(force)
+
+    @property
+    def is_at_its_end(self) -> bool:
+        """Whether the tool is to press, but its frame may not go farther from the desired one."""
+        most = _AT_ITS_END * self.law.compliance.bounds.position
+        return self.force.is_on and self._reach >= most
+
     def replace_law(
         self,
         law: ImpedanceLaw,
@@ -231,8 +252,11 @@ class ImpedanceControl(Scheme):
         """Go over to another law, without a jump of the compliant frame or of the command.
 
         Raises:
-            ConfigurationError: if the posture or the friction has the wrong size.
+            ConfigurationError: if the posture or the friction has the wrong size, or the axes of a
+                force that is exerted change.
         """
+        if self.force.is_on and law.force.axes != self.law.force.axes:
+            raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.replace_law(motion, dynamics, limits)
         moved, now = (self.law.centre.inverse, law.centre), self._compliant.law_now
         kept = replace(law.compliance, translation=now.translation, rotation=now.rotation)
@@ -240,6 +264,7 @@ class ImpedanceControl(Scheme):
         self._compliant.limit_energy(law.stiffness_energy)
         self._compliant.change_impedance(law.compliance)
         self.contact.expect(*law.watched)
+        self.force.options = law.force
         self.damping = 1.0
         if law.compliance.orientation != self.law.compliance.orientation:
             self._x_de = law.compliance.orientation.row(None)  # else it means nothing
@@ -337,6 +362,8 @@ class ImpedanceControl(Scheme):
     def _forget(self) -> None:
         self._damp(1.0)
         self._compliant.reset()
+        self.force.reset()
+        self._reach = 0.0
         self.contact.reset()
         self.chain.reset()
         self._blend.reset()
@@ -449,8 +476,11 @@ class ImpedanceControl(Scheme):
         Raises:
             ContactError: if that did not end it.
         """
-        found = self.contact.take(self._w, arm.dp_e, arm.omega_e, dt)
-        if found is Oscillation.IS_FED or (found and self.damping == 1.0):
+        w = self._w.copy()  # a force that is commanded to swing is no oscillation
+        w[:3] += self.force.swing
+        found = self.contact.take(w, arm.dp_e, arm.omega_e, dt)
+        bounces = self.force.bounces() or (found and self.damping == 1.0)
+        if found is Oscillation.IS_FED or bounces:
             try:
                 self._damp(_CALMER * self.damping)
             except ConfigurationError as error:
@@ -482,6 +512,7 @@ class ImpedanceControl(Scheme):
         is_new, centre = frame.now is None, law.centre
         if self.is_frozen:
             self._was_frozen = not is_new
+            self.force.restart()
             return frame.freeze(dt, _actual(arm, centre), self.stop_time)
         if self._was_frozen and frame.now is not None:
             law.refuse_return(desired, frame.now)
@@ -491,7 +522,12 @@ class ImpedanceControl(Scheme):
         if is_new or not law.inner_loop:
             frame.begin(desired, _actual(arm, centre))
             return frame.step(0.0, desired, w)
-        return frame.step(dt, desired, w)
+        if not self.force.is_on:
+            return frame.step(dt, desired, w)
+        drive, rate = self.force.drive(dt, _actual(arm, centre), desired, w, self.damping)
+        now = frame.step(dt, desired, drive, partial(self.force.freed, desired.R_d, rate))
+        self._reach = float(np.linalg.norm(now.p_d - desired.p_d))
+        return now
 
 
 def _actual(arm: RobotState, centre: Placement) -> DesiredFrame:

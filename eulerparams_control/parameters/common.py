@@ -156,7 +156,7 @@ class ControlParameters(RealTimeParameters):
         0.1, "a single streamed frame holds its twist for", unit="s", bounds=(0.0, 60.0)
     )
     target_timeout: float = parameter(
-        0.1, "a target_twist goes on for", unit="s", bounds=(0.0, 1.0)
+        0.1, "a target_twist, or a target_wrench, goes on for", unit="s", bounds=(0.0, 1.0)
     )
     max_jump_position: float = parameter(
         0.05, "largest distance at which a reference may begin", unit="m", bounds=(0.0, 100.0)

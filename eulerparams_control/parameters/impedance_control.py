@@ -11,6 +11,7 @@ from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.dynamic_control import DynamicControl
+from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.impedance_control import (
     ImpedanceControl,
     ImpedanceLaw,
@@ -36,7 +37,11 @@ _MOST_TOOL = 0.5
 
 @dataclass(frozen=True)
 class ImpedanceParameters(
-    ResolvedParameters, scheme="impedance_control", inputs=("wrench",), outputs=("compliant_frame",)
+    ResolvedParameters,
+    scheme="impedance_control",
+    inputs=("wrench",),
+    targets=("target_wrench",),
+    outputs=("compliant_frame",),
 ):
     """Parameters of the node ``impedance_control``."""
 
@@ -190,6 +195,31 @@ class ImpedanceParameters(
         bounds=(1e-4, 100.0),
         live=True,
     )
+    force_axes: tuple[str, ...] = parameter(
+        ("z",), "of x, y, z of the compliance_frame, along which target_wrench presses", live=True
+    )
+    force_bandwidth: float = parameter(
+        5.0, "of the force that is exerted", unit="Hz", bounds=(0.1, 20.0), live=True
+    )
+    stiffest_contact: float = parameter(
+        1e5,
+        "that is expected: on a stiffer one the force overshoots; the approach is slower for it",
+        unit="N/m",
+        bounds=(100.0, 1e8),
+        live=True,
+    )
+    max_approach_speed: float = parameter(
+        0.02,
+        "with which target_wrench looks for a contact",
+        unit="m/s",
+        bounds=(1e-4, 1.0),
+        live=True,
+    )
+    target_wrench_pairing: str = parameter(
+        LATEST,
+        "target_wrench of a state: the newest, or the one of its stamp, once one came",
+        choices=PAIRINGS,
+    )
     tare_samples: int = parameter(100, "that a tare is the mean of", bounds=(1, 100_000))
     max_activation_force: float = parameter(
         5.0, "no activation while a larger force is felt", unit="N", bounds=(0.0, 1e6)
@@ -277,7 +307,14 @@ class ImpedanceParameters(
             self.max_ripple_force,
             self.max_ripple_torque,
             self.stiffness_energy,
+            self.force_options(compliance),
         )
+
+    def force_options(self, compliance: ComplianceLaw) -> ForceOptions:
+        """Return how a force is exerted; raises ConfigurationError."""
+        heaviest = float(np.linalg.eigvalsh(compliance.translation.M)[-1])
+        limits = self.max_approach_speed, self.stiffest_contact
+        return ForceOptions(self.force_axes, self.force_bandwidth, *limits, heaviest)
 
     def advice(self) -> str:
         """Return what is to be said of an impedance that is possible, but weak; "" if nothing."""

@@ -213,7 +213,7 @@ _DOING = {
 
 def _doing(mode: Mode, why: Why) -> str:
     """Return what a controller without a fault does, in words."""
-    if why.cause is Cause.STREAM_ENDED:
+    if why.cause is Cause.STREAM_ENDED and not why.note:
         return "holding the last desired pose: the set-points have stopped"
     return f"{_DOING[mode]}, after {why.note}" if why.note else _DOING[mode]
 

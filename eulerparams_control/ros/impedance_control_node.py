@@ -27,6 +27,7 @@ from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
 from eulerparams_control.ros.targets import TargetStiffness
 from eulerparams_control.ros.wrench_input import WrenchInput
 
@@ -52,6 +53,7 @@ class ImpedanceControlNode(ControlNode):
         self._resting = RestingWrench(p.tare_samples)
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
+        self._pressing = TargetWrench()
         self._read_wrench = self._health.reader(WrenchStamped)
         self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
         self.create_service(Trigger, "~/tare", self._on_tare)
@@ -75,11 +77,16 @@ class ImpedanceControlNode(ControlNode):
         self._resting.clear()  # they are of another tool or bias
 
     def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
-        """Return the topics that lead the arm, ``target_stiffness`` among them."""
-        return {**super().leaders(), "target_stiffness": (WrenchStamped, self._stiffen)}
+        """Return the topics that lead the arm, its stiffness and its force."""
+        more: dict[str, tuple[type[Any], Lead]] = {
+            "target_stiffness": (WrenchStamped, self._stiffen),
+            "target_wrench": (WrenchStamped, self._press),
+        }
+        return super().leaders() | more
 
     def _activated(self) -> None:
         self._target = TargetStiffness(self._params, self._params)
+        self._pressing = TargetWrench()  # what came before does not count
         super()._activated()
 
     def _stiffen(self, controller: Controller, robot: Robot, msg: WrenchStamped) -> None:
@@ -113,6 +120,9 @@ class ImpedanceControlNode(ControlNode):
             self._chain = WrenchChain(self._params.wrench_options(self._robot))
             self._resting.clear()
         return result
+
+    def _press(self, controller: Controller, _robot: Robot, msg: WrenchStamped) -> None:
+        self._pressing.take(msg, self._params, controller, self._input.measured)
 
     # --- the wrench --------------------------------------------------------------------
 
@@ -152,7 +162,8 @@ class ImpedanceControlNode(ControlNode):
 
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
-        return super().is_complete(t) and self._sensor.is_complete(t)
+        is_there = super().is_complete(t) and self._sensor.is_complete(t)
+        return is_there and self._pressing.is_complete(t, self._params.target_wrench_pairing)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
@@ -168,6 +179,8 @@ class ImpedanceControlNode(ControlNode):
             scheme = self._controller.scheme
             assert isinstance(scheme, ImpedanceControl)
             scheme.sense(sensed)
+            timeout = self._params.target_timeout
+            self._pressing.exert(self._controller, t, timeout, is_simulated=self._is_simulated)
             self._say_contact(scheme)
         if sensed is None:
             self._resting.clear()
@@ -180,6 +193,8 @@ class ImpedanceControlNode(ControlNode):
             why = calmed(scheme.damping)
         elif not why.note and scheme.waits:
             why = STIFFNESS_WAITS
+        elif not why.note and scheme.is_at_its_end:
+            why = AT_ITS_END
         if why != self._note_on_wrench:
             self._note_on_wrench = why
             is_frozen = why is self._sensor.trouble and why.note
@@ -280,6 +295,8 @@ class ImpedanceControlNode(ControlNode):
             "energy given to the contact [J]": scheme.contact.energy,
             "energy left for stiffness [J]": scheme.energy_left,
             "change of the impedance": scheme.changed,
+            "force exerted [N]": _text(scheme.force.wanted) if scheme.force.is_on else "none asked",
+            "stiffness of the contact [N/m]": _text(scheme.force.stiffness),
             "displacement [m]": distance,
             "displacement [rad]": angle,
             "distance to singularity of the impedance [rad]": (

@@ -1,0 +1,136 @@
+"""The input ``target_wrench``: the force that the tool is to exert ON the environment."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from eulerparams_control.control.clock import steady
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import Cause, Mode, Why
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.impedance_control import ImpedanceControl
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.from_ros import ns_from_ros, shown, wrench_from_ros
+from eulerparams_control.parameters.common import LATEST
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.ros.targets import State
+
+# After a stop the stream has to pause for this time [s]: who sends it may not have noticed.
+_PAUSE = 0.5
+
+# A moment [Nm] that is none, and the part of a force that may be across the force axes.
+_NO_MOMENT, _ACROSS = 1e-6, 0.7072
+
+_MAY_PRESS = (Mode.HOLDING, Mode.FOLLOWING)
+
+ENDED = Why(
+    Cause.STREAM_ENDED,
+    note="the end of target_wrench",
+    remedy="see to the node that sends it, unless that was meant; send it again to press",
+)
+AT_ITS_END = Why(
+    Cause.FORCE_NOT_REACHED,
+    note="the force is not reached within max_displacement_position of the desired frame",
+    remedy="is there a surface? bring the desired frame nearer to it, or raise "
+    "max_displacement_position",
+)
+
+
+class TargetWrench:
+    """Takes set-points, and lets them be exerted for as long as they count.
+
+    In simulated time that goes by the stamps of the states, else by the time of receipt.
+    """
+
+    def __init__(self) -> None:
+        self._force: Array | None = None
+        self._came, self._t, self._stamp = -math.inf, 0, 0  # [s], [ns] of the state, and its own
+        self._breaks = 0  # of the controller, when it came
+
+    def take(
+        self, msg: Any, p: ImpedanceParameters, controller: Controller, state: State | None
+    ) -> None:
+        """Take a message.
+
+        Args:
+            msg: geometry_msgs/WrenchStamped, in the axes of the tip, or of the base.
+            p: the parameters.
+            controller: of the arm.
+            state: of the arm as measured last: stamp [ns], q, dq (n,).
+
+        Raises:
+            InvalidMessageError: if it cannot be exerted, or must not be now.
+        """
+        since, self._came = steady() - self._came, steady()
+        if state is None:
+            raise InvalidMessageError("no valid joint_states yet")
+        scheme, breaks = controller.scheme, _breaks(controller)
+        assert isinstance(scheme, ImpedanceControl)
+        force = _force(msg, p, scheme, state[1])
+        if controller.mode not in _MAY_PRESS:
+            raise InvalidMessageError(
+                f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
+                "send a reference, or call ~/resume, first"
+            )
+        if self._force is not None and breaks != self._breaks and since < _PAUSE:
+            raise InvalidMessageError(
+                f"the arm was stopped meanwhile; send nothing for {_PAUSE} s, then again"
+            )
+        self._force, self._t, self._breaks = force, state[0], breaks
+        self._stamp = ns_from_ros(msg.header.stamp)
+
+    def is_complete(self, t: int, pairing: str) -> bool:
+        """Whether the one of the state stamped t [ns] is there, or is not to be expected."""
+        return pairing == LATEST or self._force is None or self._stamp >= t
+
+    def exert(self, controller: Controller, t: int, timeout: float, *, is_simulated: bool) -> None:
+        """Let the tool exert what counts for the state stamped t [ns]; else hold the arm as it is.
+
+        Args:
+            controller: of the arm; while it stops the arm it goes on, or ends it.
+            t: of the state.
+            timeout: [s] for which a set-point counts.
+            is_simulated: whether time is.
+        """
+        scheme = controller.scheme
+        assert isinstance(scheme, ImpedanceControl)
+        if self._force is None or controller.mode not in _MAY_PRESS:
+            return
+        age = (t - self._t) / 1e9 if is_simulated else steady() - self._came
+        if age <= timeout and self._breaks == _breaks(controller):
+            scheme.press(self._force)
+        elif scheme.force.is_on:
+            controller.settle(ENDED)
+
+
+def _breaks(controller: Controller) -> int:
+    """Return how often the arm was stopped, or started again."""
+    return controller.supervisor.stops + controller.resets
+
+
+def _force(msg: Any, p: ImpedanceParameters, scheme: ImpedanceControl, q: Array) -> Array:
+    """Return the force (3,) [N] of a message along the axes of the compliance."""
+    w, robot, frame = wrench_from_ros(msg, msg.header.frame_id), scheme.robot, msg.header.frame_id
+    centre, on = scheme.law.centre, scheme.law.force.are_on
+    if frame not in (robot.tip_frame, robot.base_frame):
+        raise InvalidMessageError(
+            f"target_wrench is in the frame '{shown(frame)}'; expected '{robot.tip_frame}' or "
+            f"'{robot.base_frame}'"
+        )
+    if not p.inner_loop:
+        raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
+    R = robot.state(q, np.zeros_like(q)).R_e if frame == robot.base_frame else np.eye(3)
+    f = (R @ centre.R).T @ w[:3]
+    size = float(np.linalg.norm(f))
+    if np.abs(w[3:]).max() > _NO_MOMENT or np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
+        raise InvalidMessageError(
+            f"target_wrench is {w.tolist()} in '{shown(frame)}'; expected no moment, and a force "
+            f"along force_axes {list(p.force_axes)}"
+        )
+    if size > p.max_contact_force:
+        raise InvalidMessageError(
+            f"target_wrench is {size:.3g} N; at most max_contact_force {p.max_contact_force:g} N"
+        )
+    exerted: Array = on * f
+    return exerted

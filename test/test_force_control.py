@@ -1,0 +1,227 @@
+"""A force of the tool on the environment, FC1-FC5: regulated, followed, lost, ended, refused.
+
+The arm is PyBullet's, and presses along z of its tool; where the servo of the arm is late it is
+that of ``test_contact_watch``.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from simulated import MS
+from test_contact_watch import LOOPS, START, Admittance, wall
+
+from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.mode import Cause, Mode, Why
+from eulerparams_control.errors import ConfigurationError, ContactError
+from eulerparams_control.laws.force_control import ForceOptions
+from eulerparams_control.laws.rotations import quaternion
+from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.robot.catalogue import load_robot
+from sim_bridge.simulator import Simulator, SimulatorParameters
+
+FORCE = 10.0  # [N]
+SPEED = 0.02  # [m/s] of the approach at most
+GAP = 0.003  # [m] to the surface
+BALL = 0.01  # [m] radius of the tool
+ENDED = Why(Cause.STREAM_ENDED)
+# The speed of the tip is measured with the lag of its motion loop [m/s].
+MEASURED = 5e-4
+
+
+class Pressing:
+    """An arm over a surface, along z of its tool.
+
+    Attributes:
+        f, x, v: [N], [m], [m/s] along z of the tool: what it exerts, its way, its speed.
+    """
+
+    def __init__(self, name="ur5", rate=1000, gap=GAP, stiffness=1e4, solid=None, **parameters):
+        about = load_robot(name)
+        frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
+        p = ImpedanceParameters(**frames, max_approach_speed=SPEED, **parameters)
+        self.robot, q = p.robot(about.urdf), np.array(about.home)
+        self.scheme = p.make_scheme(self.robot, p.limits(self.robot))
+        arm = self.robot.state(q, np.zeros_like(q))
+        self.start = DesiredFrame(arm.p_e, arm.R_e)
+        eta, eps = quaternion(arm.R_e @ np.diag([1.0, -1.0, -1.0]))  # faces the tool
+        wall = {
+            "shape": "plane",
+            "position": [float(p) for p in arm.p_e + arm.R_e[:, 2] * (gap + BALL)],
+            "orientation": [*map(float, eps), float(eta)],
+            "stiffness": stiffness,
+            "damping": 5e-4 * stiffness,
+        } | (solid or {})
+        self.each = 1000 // rate  # steps of the simulation a tick
+        ball = {"tool_shape": "sphere", "tool_size": (BALL,)}
+        simulated = SimulatorParameters(
+            control="torque", rate=rate * self.each, environment={"wall": wall}, **ball
+        )
+        self.simulator = Simulator(about, simulated)
+        self.simulator.reset(q)
+        self.controller = Controller(self.scheme, ControllerOptions.of(p), q)
+        self.sensor, self.rate, self.ticks = self.robot.placement(about.tip_frame), rate, 0
+        self.f, self.x, self.v = [], [], []
+
+    def run(self, seconds, force=None):
+        """Go on while a force(t) [N] is asked for; None: none is sent."""
+        for _ in range(round(seconds * self.rate)):
+            t, state = self.ticks / self.rate, self.simulator.read()
+            self.scheme.sense(SensedWrench(state.wrench, self.sensor))
+            if force is not None:
+                self.scheme.press(np.array([0.0, 0.0, force(t)]))
+            command = self.controller.step(round(1e3 * t) * MS, state.q, state.dq)
+            arm = self.robot.state(state.q, state.dq)
+            n = arm.R_e[:, 2]
+            self.f.append(-state.wrench[2])
+            self.x.append(n @ (arm.p_e - self.start.p_d))
+            self.v.append(n @ arm.dp_e)
+            self.simulator.command_effort(command.effort)
+            for _ in range(self.each):
+                self.simulator.step()
+            self.ticks += 1
+        return self
+
+    def press(self, seconds, force=FORCE):
+        return self.run(seconds, lambda _: force)
+
+    @property
+    def settled(self):
+        """How long [s] after the contact the force is within 1 % for good, and its overshoot."""
+        f = np.array(self.f)
+        off = np.flatnonzero(abs(f - FORCE) > 0.01 * FORCE)
+        return (off[-1] + 1 - np.argmax(f > 0)) / self.rate, f.max() / FORCE - 1.0
+
+    def error(self, force, seconds):
+        """Return the largest error [N] of the last seconds."""
+        n = round(seconds * self.rate)
+        t = np.arange(self.ticks - n, self.ticks) / self.rate
+        return np.abs(np.array(self.f[-n:]) - [force(each) for each in t]).max()
+
+
+ARMS = [("ur5", 1000, K) for K in (1e3, 1e4, 1e5, 1e6)]
+ARMS += [("panda", 500, 1e4), ("kuka_iiwa", 200, 1e5), ("panda", 1000, 1e6), ("ur5", 200, 1e3)]
+
+
+@pytest.mark.parametrize(("name", "rate", "stiffness"), ARMS)
+def test_a_force_is_reached_on_what_is_soft_and_on_what_is_stiff(name, rate, stiffness):
+    arm = Pressing(name, rate, stiffness=stiffness, stiffest_contact=1e6, gap=0.0005).press(2.5)
+    time, overshoot = arm.settled
+    assert time < 1.0
+    assert overshoot < 0.3
+    touched = int(np.argmax(np.array(arm.f) > 0))
+    fastest = FORCE / math.sqrt(10.0 * 1e6)  # (FC5)
+    assert np.abs(arm.v[:touched]).max() < fastest + MEASURED
+    assert np.abs(arm.v).max() < SPEED + MEASURED * 1000 / rate
+    assert arm.scheme.force.stiffness[2] == pytest.approx(stiffness, rel=0.4)
+    assert arm.scheme.damping == 1.0
+
+
+@pytest.mark.parametrize(
+    ("force", "most"),
+    [
+        (lambda t: FORCE + 5.0 * math.sin(2 * math.pi * t), 0.3),
+        (lambda t: FORCE + 5.0 * max(0.0, min(2.0, t - 2.0)), 0.1),
+    ],
+    ids=["sine", "ramp"],
+)
+def test_a_force_that_changes_is_followed_and_is_no_oscillation(force, most):
+    arm = Pressing(stiffness=3e4).run(4.0, force)
+    assert arm.error(force, 2.0) < most
+    assert arm.scheme.damping == 1.0
+
+
+def test_on_a_slope_the_force_has_no_steady_error():
+    arm = Pressing(stiffness=1e5)
+    arm.press(1.0)
+    across = arm.start.R_d @ np.array([0.03, 0.0, 0.0])
+    tilted = DesiredFrame(arm.start.p_d + across, arm.start.R_d)
+    arm.controller.aim(tilted)
+    arm.press(2.0)
+    assert arm.error(lambda _: FORCE, 2.0) < 0.02 * FORCE
+
+
+def test_where_the_surface_ends_the_tool_goes_on_slowly_to_its_bound():
+    bound = 0.03
+    arm = Pressing(solid={"end": 1.0}, max_displacement_position=bound).press(5.0)
+    assert np.abs(arm.v).max() < SPEED + MEASURED
+    assert arm.x[-1] == pytest.approx(bound, rel=0.01)
+    assert abs(arm.v[-1]) < MEASURED
+    assert arm.scheme.is_at_its_end
+
+
+@pytest.mark.parametrize("end", ["stream", "halt", "fault"])
+def test_where_pressing_ends_the_arm_stays_where_it_is(end):
+    arm = Pressing(gap=0.02, max_contact_force=12.0).press(3.0)
+    x, controller = arm.x[-1], arm.controller
+    assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
+    if end == "stream":
+        controller.settle(ENDED)
+    elif end == "halt":
+        controller.halt()
+    else:
+        arm.simulator.set_external_wrench(np.array([0.0, 0.0, -4.0, 0.0, 0.0, 0.0]))
+        arm.run(0.01)
+        arm.simulator.set_external_wrench(None)
+    arm.run(1.0)
+    assert not arm.scheme.force.is_on
+    assert np.abs(np.array(arm.x[-1000:]) - x).max() < 2e-3
+    assert np.abs(arm.v[-900:]).max() < SPEED
+    assert controller.mode is (Mode.HOLDING if end == "stream" else Mode.STOPPED)
+    if end == "halt":  # nothing goes on by itself
+        controller.resume()
+        arm.run(0.5)
+        assert not arm.scheme.force.is_on
+        assert arm.x[-1] == pytest.approx(x, abs=2e-3)
+
+
+def test_while_no_wrench_is_measured_the_tool_rests_and_then_goes_on():
+    arm = Pressing().press(1.5)
+    x = arm.x[-1]
+    read = arm.scheme.sense
+    arm.scheme.sense = lambda _: read(None)
+    arm.press(0.5)
+    arm.scheme.sense = read
+    assert arm.x[-1] == pytest.approx(x, abs=1e-3)
+    arm.press(1.0)
+    assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
+
+
+def pressed(loop, stiffness, **parameters):
+    """Return a late arm that pressed along z of its tool for 6 s."""
+    arm = Admittance(*LOOPS[loop], n=START.R_d[:, 2], **parameters)
+    for _ in range(6000):
+        if arm.t > 0.05:
+            arm.scheme.press(np.array([0.0, 0.0, FORCE]))
+        arm.step(wall(stiffness))
+    return arm
+
+
+@pytest.mark.parametrize("loop", sorted(LOOPS.keys() - {"sensor 30 ms late"}))
+def test_a_servo_that_is_late_presses_too(loop):
+    arm = pressed(loop, 2e4)
+    assert arm.f[-1] == pytest.approx(-FORCE, rel=0.01)
+    assert arm.ripple < 0.1
+    assert not arm.found
+
+
+def test_more_damping_is_a_lower_bandwidth_of_the_force():
+    arm = pressed("sensor 30 ms late", 2e4)
+    assert arm.found[0][1] == 3.0
+    assert arm.ripple < 2.0
+
+
+def test_a_contact_that_oscillates_in_spite_of_it_stops_the_motion():
+    with pytest.raises(ContactError, match="oscillates"):
+        pressed("sensor 30 ms late", 1e5)
+
+
+def test_impossible_options_are_refused():
+    for wrong in (("w",), ("z", "z"), ("",)):
+        with pytest.raises(ConfigurationError, match="expected some of x, y, z"):
+            ForceOptions(wrong)
+    for name in ("bandwidth", "max_speed", "stiffest", "mass"):
+        with pytest.raises(ConfigurationError, match=name):
+            ForceOptions(**{name: math.nan})
