@@ -201,13 +201,6 @@ class ImpedanceParameters(
     force_bandwidth: float = parameter(
         5.0, "of the force that is exerted", unit="Hz", bounds=(0.1, 20.0), live=True
     )
-    stiffest_contact: float = parameter(
-        1e5,
-        "that is expected: on a stiffer one the force overshoots; the approach is slower for it",
-        unit="N/m",
-        bounds=(100.0, 1e8),
-        live=True,
-    )
     max_approach_speed: float = parameter(
         0.02,
         "with which target_wrench looks for a contact",
