@@ -286,7 +286,7 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
         (changed(equations="(28)"), "equations: expected a list"),
         (changed(criteria={"metric": "x"}), "criteria: expected a list"),
         (changed(criteria=[{"below": 1}]), "a criterion needs a metric"),
-        (criterion(metric="peak_speed"), "(did you mean 'peak_joint_speed'?); known: "),
+        (criterion(metric="peak_speed"), "(did you mean 'peak_tip_speed'?); known: "),
         (criterion(under=1), "unknown key of a criterion 'under'; known: above, below"),
         (criterion(variants=["third"]), "unknown variant in a criterion 'third'"),
         (criterion(ratio=["first"]), "ratio: expected two variants"),
