@@ -4,6 +4,7 @@ The properties run over the registry of representations.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -250,6 +251,22 @@ def test_other_springs_of_a_stretched_arm_come_without_a_jump(name):
     assert_close(half, after + math.exp(-1.0) * (before - after))
 
 
+@pytest.mark.parametrize(
+    ("name", "rate", "stiffness"),
+    [("ur5", 1000.0, 0.0), ("panda", 1000.0, 100.0), ("kuka_iiwa", 200.0, 4000.0)],
+)
+def test_an_arm_that_is_let_go_while_its_springs_change_keeps_to_its_speeds(name, rate, stiffness):
+    run = Blocked(name, rate, 3.0).go(3.0)
+    run.scheme.replace_law(
+        replace(run.parameters, K_p=(1000.0, stiffness, 1000.0)).law(),
+        run.scheme.dynamics,
+        run.scheme.limits,
+    )
+    run.go(3.0)
+    assert not run.controller.fault
+    assert (np.max(run.speeds, axis=0) < run.most).all()
+
+
 def test_what_the_arm_loses_is_what_the_dampers_take():
     scheme, plant, dt = control(law_with(ratio_p=0.3, ratio_o=0.3)), Plant(), 1e-4
     home = pose_of(UR5, HOME)
@@ -268,41 +285,61 @@ def test_what_the_arm_loses_is_what_the_dampers_take():
 # --- blocked -------------------------------------------------------------------------------
 
 
+class Blocked:
+    """An arm that goes 0.3 m along y, where a wall is that vanishes after a while.
+
+    Attributes:
+        speeds: [m/s], [rad/s] of the tip at each tick.
+        most: their limits.
+    """
+
+    def __init__(self, name, rate, seconds):
+        about_it, (robot, q) = load_robot(name), robot_named(name)
+        frames = {"base_frame": about_it.base_frame, "tip_frame": about_it.tip_frame}
+        self.parameters = from_mapping(ComplianceParameters, frames)
+        self.scheme = self.parameters.make_scheme(robot, self.parameters.limits(robot))
+        self.controller = Controller(self.scheme, ControllerOptions.of(self.parameters), q)
+        self.start = pose_of(robot, q)
+        self.end = self.start._replace(p_d=self.start.p_d + [0.0, 0.3, 0.0])
+        position = list(self.start.p_d + [0.0, 0.03, 0.0])
+        wall = {"shape": "plane", "position": position, "damping": 200.0, "end": seconds,
+                "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
+        given = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
+        self.controller.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
+        parameters = SimulatorParameters(control="torque", rate=rate, **given)
+        self.simulator = Simulator(about_it, parameters)
+        self.simulator.reset(q)
+        self.rate, self.k, self.speeds = rate, 0, []
+        limits = self.parameters.motion_limits()
+        self.most = np.array([limits.linear_speed, limits.angular_speed])
+
+    def go(self, seconds):
+        for _ in range(round(seconds * self.rate)):
+            self.k, state = self.k + 1, self.simulator.read()
+            command = self.controller.step(round(self.k * 1e9 / self.rate), state.q, state.dq)
+            self.simulator.command_effort(command.effort)
+            self.simulator.step()
+            arm = self.controller.guidance.tick_now.state
+            self.speeds.append([np.linalg.norm(arm.dp_e), np.linalg.norm(arm.omega_e)])
+        return self
+
+
 @pytest.mark.parametrize(
     ("name", "rate", "force"),
     [("ur5", 200.0, 50.0), ("panda", 200.0, 29.6), ("kuka_iiwa", 1000.0, 37.9)],
 )
 def test_a_blocked_arm_pushes_and_then_follows_without_a_stop_or_a_lunge(name, rate, force):
     """With K_p error_clip_position, or what a light arm can take back when it is let go."""
-    about_it, (robot, q) = load_robot(name), robot_named(name)
-    frames = {"base_frame": about_it.base_frame, "tip_frame": about_it.tip_frame}
-    parameters = from_mapping(ComplianceParameters, frames)
-    scheme = parameters.make_scheme(robot, parameters.limits(robot))
-    controller = Controller(scheme, ControllerOptions.of(parameters), q)
-    start = pose_of(robot, q)
-    end = start._replace(p_d=start.p_d + [0.0, 0.3, 0.0])
-    wall = {"shape": "plane", "position": list(start.p_d + [0.0, 0.03, 0.0]), "damping": 200.0,
-            "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
-    wall["end"] = 10.0
-    given = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
-    controller.follow(Trajectory([0.0, 3.0], [start, end]), None)
-    simulator = Simulator(about_it, SimulatorParameters(control="torque", rate=rate, **given))
-    simulator.reset(q)
-    period, limits, speeds = round(1e9 / rate), parameters.motion_limits(), []
-    for k in range(round(15.0 * rate)):
-        state = simulator.read()
-        simulator.command_effort(controller.step((k + 1) * period, state.q, state.dq).effort)
-        simulator.step()
-        tick = controller.guidance.tick_now
-        speeds.append([np.linalg.norm(tick.state.dp_e), np.linalg.norm(tick.state.omega_e)])
-        if k == round(10.0 * rate) - 1:
-            assert_close(effects_of(tick).f[1], force, 0.1)
-            assert tick.desired.p_d[1] - start.p_d[1] < 0.1  # it waits
-    simulator.close()
-    assert not controller.fault
-    assert_close(tick.state.p_e, end.p_d, FORCE_IN_CONTACT)
-    assert_close(turn_of(tick.state.R_e.T @ end.R_d), np.zeros(3), FORCE_IN_CONTACT)
-    assert (np.max(speeds, axis=0) < [limits.linear_speed, limits.angular_speed]).all()
+    run = Blocked(name, rate, 10.0).go(10.0)
+    tick = run.controller.guidance.tick_now
+    assert_close(effects_of(tick).f[1], force, 0.1)
+    assert tick.desired.p_d[1] - run.start.p_d[1] < 0.1  # it waits
+    run.go(5.0)
+    assert not run.controller.fault
+    tick = run.controller.guidance.tick_now
+    assert_close(tick.state.p_e, run.end.p_d, FORCE_IN_CONTACT)
+    assert_close(turn_of(tick.state.R_e.T @ run.end.R_d), np.zeros(3), FORCE_IN_CONTACT)
+    assert (np.max(run.speeds, axis=0) < run.most).all()
 
 
 # --- parameters ----------------------------------------------------------------------------

@@ -133,7 +133,7 @@ def test_a_force_that_changes_is_followed_and_is_no_oscillation(force, most):
     assert arm.scheme.damping == 1.0
 
 
-def test_on_a_slope_the_force_has_no_steady_error():
+def test_sliding_along_a_surface_leaves_the_force_as_it_is():
     arm = Pressing(stiffness=1e5)
     arm.press(1.0)
     across = arm.start.R_d @ np.array([0.03, 0.0, 0.0])

@@ -81,8 +81,9 @@ from eulerparams_control.robot.chain import (
     read_tip,
 )
 
-BLEND_TIME = 0.5
-"""Time constant [s] with which a stretched arm goes over to other springs."""
+BLEND_TIME = 0.005
+"""Time constant [s] with which a stretched arm goes over to other springs: what is left of those of
+before is no spring, and would push an arm that is let go.  The efforts have their rates besides."""
 
 # An axis that is softer is damped as if it had this stiffness [N/m], [Nm/rad].
 _LEAST_K_p, _LEAST_K_o = 10.0, 0.5
