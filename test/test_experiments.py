@@ -181,7 +181,7 @@ ONE_NODE = {"use_sim_time": True, "require_reference": True, "wait_for_subscribe
 
 WIDE = yaml.safe_load((ROOT / "config" / "clik_admittance.yaml").read_text())
 WIDE = WIDE["/**"]["ros__parameters"]
-PAIRED = {"wrench_pairing": "stamp", "target_wrench_pairing": "stamp"}
+PAIRED = {"wrench_pairing": "stamp"}
 ADMITTANCE = {
     "impedance_control": {**PAIRED, "command_type": "none"},
     "clik": {"reference_pairing": "stamp", **WIDE},

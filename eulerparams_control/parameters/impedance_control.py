@@ -40,7 +40,6 @@ class ImpedanceParameters(
     ResolvedParameters,
     scheme="impedance_control",
     inputs=("wrench",),
-    targets=("target_wrench",),
     outputs=("compliant_frame",),
 ):
     """Parameters of the node ``impedance_control``."""

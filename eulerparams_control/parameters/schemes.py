@@ -34,7 +34,6 @@ class SchemeInfo:
         parameters: the dataclass of its parameters.
         control: what the robot takes its commands for, ``POSITION`` or ``TORQUE``.
         inputs: topics that it takes besides joint_states and reference.
-        targets: further topics that lead the arm.
         outputs: topics on which it answers each state besides its command.
     """
 
@@ -42,7 +41,6 @@ class SchemeInfo:
     parameters: type[Any]
     control: str = TORQUE
     inputs: tuple[str, ...] = ()
-    targets: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

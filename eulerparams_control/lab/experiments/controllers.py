@@ -13,7 +13,7 @@ from eulerparams_control.parameters.schemes import COMMANDS, POSITION, SchemeInf
 from eulerparams_control.resources import config_folder
 
 _TURNED = {"max_jump_rotation": math.pi, "max_error_rotation": math.pi}
-_PAIRED = {"wrench_pairing": "stamp", "target_wrench_pairing": "stamp"}
+_PAIRED = {"wrench_pairing": "stamp"}
 
 # A compliant frame is followed as it is: see config/clik_admittance.yaml.
 _FILE = (config_folder() / "clik_admittance.yaml").read_text(encoding="utf-8")
@@ -63,7 +63,6 @@ class ControllerSetup:
         command: topic of what the robot is told.
         control: what the robot takes it for.
         inputs: topics that it takes besides joint_states and reference.
-        targets: further topics that lead the arm.
         records: further topics that it answers each state on.
     """
 
@@ -71,7 +70,6 @@ class ControllerSetup:
     command: str
     control: str
     inputs: tuple[str, ...] = ()
-    targets: tuple[str, ...] = ()
     records: tuple[str, ...] = ()
 
     @property
@@ -98,8 +96,7 @@ class ControllerSetup:
 def _controller(scheme: SchemeInfo) -> ControllerSetup:
     """Return the controller that is one scheme."""
     node = NodeSetup(scheme.name)
-    topics = scheme.inputs, scheme.targets, scheme.outputs
-    return ControllerSetup((node,), scheme.command, scheme.control, *topics)
+    return ControllerSetup((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
 
 
 CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
@@ -115,7 +112,6 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         COMMANDS[POSITION],
         POSITION,
         ("wrench",),
-        ("target_wrench",),
         ("compliant_frame",),
     )
 }

@@ -134,8 +134,7 @@ def _record(
     """Start the nodes of a variant, and end them when it has; return whether it diverged."""
     controller, diverged = CONTROLLERS[settings.controller], False
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
-    topics = [*controller.answers, *controller.targets]
-    topics += ["robot_description", "wrench", "joint_states", "reference"]
+    topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
     names = [RECORDER, *controller.executables, BRIDGE, "reference"]
     others: Mapping[str, Mapping[str, str]]
     others = {node.executable: node.remaps for node in controller.nodes}
