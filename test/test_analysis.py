@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rewritten, write_run
 
 from eulerparams_control.analysis import quantities
+from eulerparams_control.analysis.charts import axis, symmetric_axis
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
@@ -23,7 +24,6 @@ from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure, motion, quotient
 from eulerparams_control.analysis.quantities.base import metric
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
-from eulerparams_control.analysis.scale import axis, symmetric_axis
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic

@@ -27,7 +27,7 @@ from test_fuzz_bags import read_all
 
 from eulerparams_control.bags import Bag, BagWriter, recover
 from eulerparams_control.bags.format import Topic, qos_profile
-from eulerparams_control.bags.schema import message_definition
+from eulerparams_control.bags.writer import message_definition
 from eulerparams_control.errors import BagError
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

@@ -34,7 +34,7 @@ from eulerparams_control.analysis.main import main
 from eulerparams_control.bags import Bag, recover
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import load_yaml
-from eulerparams_control.bags.schema import message_definition
+from eulerparams_control.bags.writer import message_definition
 from eulerparams_control.errors import BagError
 from eulerparams_control.motion.frames import DesiredFrame
 

@@ -286,7 +286,7 @@ def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path, damage, 
         ("eulerparams_control/laws/orientation/euler_angles.py", True),
         ("eulerparams_control/laws/rotations.py", True),
         ("eulerparams_control/lab/maps/gain_map.py", False),
-        ("eulerparams_control/analysis/static_image.py", False),
+        ("eulerparams_control/analysis/static.py", False),
         ("eulerparams_control/lab/maps/main.py", False),
     ],
 )

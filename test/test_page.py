@@ -15,19 +15,18 @@ from plotly.offline import get_plotlyjs
 from synthetic_runs import URDF, recorded
 
 from eulerparams_control.analysis import charts, html
-from eulerparams_control.analysis.digest import Curve, Digest
+from eulerparams_control.analysis.digest import Approach, Curve, Digest
 from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.html import script, viewer
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.poles import Approach
 from eulerparams_control.analysis.quantities import (
     EFFORT,
     JOINT_SPEED,
     ORIENTATION_ERROR,
     VECTOR_QUANTITIES,
 )
+from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.quantities.errors import POSITION_ERROR
-from eulerparams_control.analysis.quantity import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.bags.format import BagFlaw, BagWarning

@@ -12,16 +12,16 @@ from synthetic_runs import URDF, recorded, write_run
 
 from eulerparams_control.analysis.decimation import packed, packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
-from eulerparams_control.analysis.drawn_robot import drawn_robot
-from eulerparams_control.analysis.html import as_json
-from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.meshes import (
+from eulerparams_control.analysis.drawn_robot import (
     Mesh,
+    drawn_robot,
     find_mesh,
     mesh_folders,
     read_meshes,
     simplified,
 )
+from eulerparams_control.analysis.html import as_json
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.replay import ARROW, replay
 from eulerparams_control.errors import RobotError
 from eulerparams_control.resources import config_names

@@ -21,11 +21,12 @@ from test_faulty_runs import efforts
 
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure
-from eulerparams_control.analysis.quantities.real_time import PERCENTILES, VECTORS
-from eulerparams_control.analysis.real_time import (
+from eulerparams_control.analysis.quantities.real_time import (
     OTHERS,
     PATIENCE,
+    PERCENTILES,
     USAGE,
+    VECTORS,
     ModeReport,
     Unanswered,
     reasons,

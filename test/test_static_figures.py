@@ -14,12 +14,17 @@ from synthetic_runs import write_run
 from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.loading import load
+from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.quantities.contact import VECTORS
 from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR, POSITION_ERROR
 from eulerparams_control.analysis.quantities.motion import JOINT_SPEED, JOINT_SPEEDS
-from eulerparams_control.analysis.quantity import Prediction
-from eulerparams_control.analysis.static import chart_figure, quantity_figure, svg, write_figures
-from eulerparams_control.analysis.static_image import plain
+from eulerparams_control.analysis.static import (
+    chart_figure,
+    plain,
+    quantity_figure,
+    svg,
+    write_figures,
+)
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 
 T = np.linspace(0.0, 1.99, 200)

@@ -16,7 +16,7 @@ import pybullet
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from eulerparams_control import analysis
-from eulerparams_control.analysis.meshes import find_mesh, mesh_folders
+from eulerparams_control.analysis.drawn_robot import find_mesh, mesh_folders
 from eulerparams_control.laws.rotations import Array
 
 WIDE, HIGH, HEAD, PLOT = 420, 330, 58, 116  # [pixels] of an arm, of the words above, of a plot

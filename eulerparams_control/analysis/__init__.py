@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.export_table import columns
+from eulerparams_control.analysis.export import columns
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import EVERYTHING, METRICS, measure
 from eulerparams_control.analysis.recording import Recording

@@ -1,21 +1,154 @@
 """The arms of a bag: their topics, parameters, robots."""
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from eulerparams_control.analysis.controllers import options_of, recorded
-from eulerparams_control.analysis.topics import namespaces, topics
+from eulerparams_control.analysis.topics import Queue
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
-from eulerparams_control.errors import BagError, ConfigurationError, EulerParamsError, RobotError
+from eulerparams_control.errors import (
+    BagError,
+    ConfigurationError,
+    EulerParamsError,
+    RobotError,
+    UnknownNameError,
+)
 from eulerparams_control.laws.orientation import EulerSequence, OrientationOptions
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.efforts import require_size
+from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.robot import Robot
+
+type Parameters = Mapping[str, Mapping[str, Any]]
+"""By node and name."""
+
+_ORIENTATION = ("euler_sequence", "quaternion_sign", "hysteresis", "quaternion_initial_sign")
+
+
+def recorded[P: ControlParameters](
+    parameters: Parameters, kind: type[P], needed: tuple[str, ...] = ()
+) -> P | None:
+    """Return what the first controller with parameters of a kind was told; None if none ran.
+
+    Names that it has not are those of another version, and are left out.
+
+    Args:
+        parameters: of the recorded nodes.
+        kind: of parameters.
+        needed: names that have no default here, where the controller has them.
+
+    Raises:
+        BagError: if they are impossible, or one that is needed was not recorded.
+    """
+    for node, values in parameters.items():
+        scheme = schemes().get(node.rsplit("/", 1)[-1])
+        if scheme is None or not issubclass(scheme.parameters, kind):
+            continue
+        known = fields_of(scheme.parameters)
+        if lacking := [name for name in needed if name in known and name not in values]:
+            raise BagError(f"the parameters of {node} lack {', '.join(lacking)}")
+        with parameters_to_blame(node):
+            return from_mapping(scheme.parameters, {n: values[n] for n in known if n in values})
+    return None
+
+
+@contextmanager
+def parameters_to_blame(node: str) -> Iterator[None]:
+    """Turn each ConfigurationError into a BagError that says whose parameters are impossible."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise BagError(f"the parameters of {node} are not valid: {error}") from error
+
+
+def options_of(parameters: Parameters) -> OrientationOptions:
+    """Return what the controller was told of its representation; the defaults if none ran.
+
+    Raises:
+        ConfigurationError: if that is impossible.
+    """
+    keys = {"orientation", "euler_sequence"}
+    node = next((values for values in parameters.values() if keys & values.keys()), {})
+    told = {name: node[name] for name in _ORIENTATION if name in node}
+    return from_mapping(ControlParameters, told).orientation_options()
+
+
+TYPES = {name: kind.type for name, kind in Queue.registry.items()}
+TYPES["robot_description"] = "std_msgs/msg/String"
+"""Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
+
+_SHARED = ("diagnostics", "robot_description")  # one may be for all arms
+_OF_A_NODE = "desired"  # below the name of a controller; of two it is not known which leads the arm
+
+
+def namespaces(bag: Bag, names: Mapping[str, str]) -> list[str]:
+    """Return the namespaces of the arms in a bag, "" for one that has none.
+
+    Args:
+        bag: the bag.
+        names: what a topic is called in this bag, by what it is called here.
+
+    Raises:
+        BagError: if no joint_states were recorded.
+    """
+    if "joint_states" in names:
+        return [""]
+    found = sorted(topic.rpartition("/")[0] for topic in _playing(bag, "joint_states"))
+    if not found:
+        raise BagError(
+            f"{bag.path}: no joint_states; found {', '.join(sorted(bag.topics)) or 'nothing'}; "
+            "if they have another name, give it with --topic joint_states:=/NAME"
+        )
+    return found
+
+
+def topics(bag: Bag, namespace: str, names: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics of an arm by what they are called here; without those not recorded.
+
+    Raises:
+        UnknownNameError: if ``names`` has a name that is none, or a topic that is not there.
+        BagError: if a topic that was named has another type.
+    """
+    chosen = {}
+    for name in TYPES:
+        there = _playing(bag, name)
+        own = [topic for topic in there if topic.rpartition("/")[0] == namespace]
+        if name == _OF_A_NODE:
+            below = [topic for topic in there if topic.rsplit("/", 2)[0] == namespace]
+            own = below if len(below) == 1 else []
+        if own:
+            chosen[name] = own[0]
+        elif len(there) == 1 and name != _OF_A_NODE and (name in _SHARED or not namespace):
+            chosen[name] = there[0]
+    for name, topic in names.items():
+        chosen[name] = _named(bag, name, topic)
+    return chosen
+
+
+def _playing(bag: Bag, name: str) -> list[str]:
+    """Return the topics whose last part and type are those of ``name``, and have messages."""
+    return [
+        topic
+        for topic, info in bag.topics.items()
+        if topic.rpartition("/")[2] == name and info.type == TYPES[name] and info.count
+    ]
+
+
+def _named(bag: Bag, name: str, topic: str) -> str:
+    if name not in TYPES:
+        raise UnknownNameError("topic", name, TYPES)
+    if topic not in bag.topics:
+        raise UnknownNameError("topic in the bag", topic, bag.topics)
+    found = bag.topics[topic].type
+    if found != TYPES[name]:
+        raise BagError(f"{bag.path}: {topic} is {found}; expected {TYPES[name]} for {name}")
+    return topic
+
 
 LASTING = ControlParameters.reference_timeout
 """[s] for which a streamed frame goes on."""

@@ -18,15 +18,97 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.poles import Approach, approach, merged, near_pole, near_singular
-from eulerparams_control.analysis.quantities import EVERYTHING
+from eulerparams_control.analysis.quantities import EVERYTHING, NUMBERS, TableNumber, get_metric
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
-from eulerparams_control.analysis.table_numbers import together, values
 from eulerparams_control.bags.format import BagWarning, in_words
+from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import Robot
+
+NEAR = math.radians(5)
+"""Angle [rad] to the pole below which a plot is shaded."""
+
+NEAR_SINGULAR = 0.05
+"""Smallest singular value of J below which a plot is shaded, if no controller says its own."""
+
+_MOST = 50  # most intervals that are shaded: a noisy run may have very many
+
+type Interval = tuple[float, float]
+"""From, to [s]."""
+
+
+class Approach(NamedTuple):
+    """Closest approach of a run to the pole of its Euler angles.
+
+    Attributes:
+        t: when [s].
+        distance: how close [rad].
+        sequence: of which Euler angles.
+    """
+
+    t: float
+    distance: float
+    sequence: str
+
+
+def approach(recording: Recording) -> Approach:
+    """Return the closest approach of a run."""
+    index = int(recording.pole_distance.argmin())
+    distance = float(recording.pole_distance[index])
+    return Approach(float(recording.leading.t[index]), distance, recording.sequence.name)
+
+
+def near_pole(recording: Recording) -> list[Interval]:
+    """Return the intervals [s] in which a run is near a pole of its Euler angles."""
+    return _intervals(recording.leading.t, recording.pole_distance < NEAR)
+
+
+def near_singular(recording: Recording) -> list[Interval]:
+    """Return the intervals [s] in which the arm is near a kinematic singularity.
+
+    Where the damped inverse of the controller damps: below its damping_eps.
+    """
+    eps = float(recording.parameter("damping_eps", NEAR_SINGULAR))
+    return _intervals(recording.leading.t, recording.leading.smallest_singular_value < eps)
+
+
+def merged(intervals: Iterable[Interval]) -> list[Interval]:
+    """Return the union of intervals, in order; at most some tens of them."""
+    found: list[Interval] = []
+    for start, end in sorted(intervals):
+        if found and start <= found[-1][1]:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        else:
+            found.append((start, end))
+    return found[:_MOST]
+
+
+def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[Interval]:
+    steps = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(int)))
+    return [(float(t[i]), float(t[j - 1])) for i, j in zip(steps[::2], steps[1::2], strict=True)]
+
+
+def values(recording: Recording) -> list[float | None]:
+    """Return the numbers of a run, None where it has none."""
+    return [_computed(row, recording) for row in NUMBERS]
+
+
+def together(parts: Sequence[Sequence[float | None]]) -> list[float | None]:
+    """Return the numbers of a run from those of its parts, in their order."""
+    columns = zip(*parts, strict=True)
+    return [row.together(column) for row, column in zip(NUMBERS, columns, strict=True)]
+
+
+def _computed(row: TableNumber, recording: Recording) -> float | None:
+    if row.needs and getattr(recording, row.needs) is None:
+        return None
+    try:
+        return get_metric(row.metric).compute(recording, **row.options)
+    except BagError:
+        return None
+
 
 BINS = 700
 """Of a curve: more than a screen has pixels for."""

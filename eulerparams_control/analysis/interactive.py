@@ -7,8 +7,8 @@ from typing import Any
 
 from eulerparams_control.analysis.charts import Chart
 from eulerparams_control.analysis.decimation import decimate, packed_reals
+from eulerparams_control.analysis.digest import Approach
 from eulerparams_control.analysis.labels import PREDICTION_DASHES, colour, line, number
-from eulerparams_control.analysis.poles import Approach
 
 _POINTS = 600_000  # of the whole page, which keeps them below 7 MB
 _MOST_BINS = 700  # of a line: more than a screen has pixels for

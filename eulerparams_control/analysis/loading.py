@@ -10,22 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
-from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.decode import Rows
+from eulerparams_control.analysis.compliant import CompliantMotion, SensorSeries
 from eulerparams_control.analysis.desired import DesiredFrames
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.queues import (
+from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.reports import Report, Reports
+from eulerparams_control.analysis.series import Departure, Efforts, Series, ShapedMotion
+from eulerparams_control.analysis.topics import (
     LATEST,
     Diagnostics,
     Queue,
+    Rows,
     SentReferences,
     no_references,
 )
-from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.series import Efforts, Series
-from eulerparams_control.analysis.shaping import Departure, ShapedMotion
-from eulerparams_control.analysis.wrenches import SensorSeries
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError

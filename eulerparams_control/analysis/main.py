@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from eulerparams_control.analysis.arm import Options
+from eulerparams_control.analysis.arm import Options, namespaces
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import FORMATS, Export, file_name
 from eulerparams_control.analysis.labels import labels
@@ -19,7 +19,6 @@ from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
-from eulerparams_control.analysis.topics import namespaces
 from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.command_line import make_console, say

@@ -10,7 +10,7 @@ from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.html import MISSING, write_html
 from eulerparams_control.analysis.interactive import figures
 from eulerparams_control.analysis.labels import PREDICTION_DASHES, labels
-from eulerparams_control.analysis.quantity import Prediction
+from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.replay import ARROW, replay
 from eulerparams_control.analysis.table import rows
 from eulerparams_control.analysis.verdict import Verdict

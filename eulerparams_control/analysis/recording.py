@@ -15,13 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.compliant import CompliantMotion, ImpedanceRun, impedance_run
-from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
+from eulerparams_control.analysis.arm import options_of, parameters_to_blame, recorded
+from eulerparams_control.analysis.compliant import (
+    CompliantMotion,
+    ImpedanceRun,
+    SensorSeries,
+    Wrenches,
+    at_the_tip,
+    impedance_run,
+)
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Report
-from eulerparams_control.analysis.series import Efforts, Series, comparable
-from eulerparams_control.analysis.shaping import ShapedMotion
-from eulerparams_control.analysis.wrenches import SensorSeries, Wrenches, at_the_tip
+from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion, comparable
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import (

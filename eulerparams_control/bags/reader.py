@@ -19,8 +19,7 @@ from eulerparams_control.bags.format import (
     load_yaml,
     read_metadata,
 )
-from eulerparams_control.bags.scan import Scan, read_attachment
-from eulerparams_control.bags.survey import survey
+from eulerparams_control.bags.scan import Scan, read_attachment, survey
 from eulerparams_control.errors import BagError, did_you_mean
 
 _DESCRIPTION = "robot_description"

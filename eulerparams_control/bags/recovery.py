@@ -19,8 +19,7 @@ from eulerparams_control.bags.format import (
     write_metadata,
 )
 from eulerparams_control.bags.reader import bag_files
-from eulerparams_control.bags.scan import Scan, read_attachment
-from eulerparams_control.bags.survey import Survey, survey, topic_of
+from eulerparams_control.bags.scan import Scan, Survey, read_attachment, survey, topic_of
 from eulerparams_control.bags.writer import McapFile
 from eulerparams_control.errors import BagError
 

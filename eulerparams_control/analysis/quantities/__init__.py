@@ -19,6 +19,7 @@ from typing import Any
 from eulerparams_control.analysis.quantities.base import (
     METRICS,
     Metric,
+    Quantity,
     TableNumber,
     get_metric,
     measure,
@@ -27,7 +28,6 @@ from eulerparams_control.analysis.quantities.base import (
 from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR
 from eulerparams_control.analysis.quantities.motion import EFFORT, JOINT_SPEED, POLE_DISTANCE
 from eulerparams_control.analysis.quantities.shaping import DASHED
-from eulerparams_control.analysis.quantity import Quantity
 
 __all__ = [
     "DASHED",

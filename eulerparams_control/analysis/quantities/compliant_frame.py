@@ -8,15 +8,16 @@ import math
 
 import numpy as np
 
+from eulerparams_control.analysis.arm import parameters_to_blame, recorded
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     ImpedanceRun,
     rotational_residual,
     translational_residual,
 )
-from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.quantities.base import (
     Axis,
+    Quantity,
     Samples,
     TableNumber,
     along,
@@ -27,11 +28,11 @@ from eulerparams_control.analysis.quantities.base import (
     metric,
     quotient,
     reduced,
+    vectors,
     within,
 )
 from eulerparams_control.analysis.quantities.contact import GROUP, lengths
 from eulerparams_control.analysis.quantities.stability import growth
-from eulerparams_control.analysis.quantity import Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters

@@ -14,6 +14,7 @@ import numpy as np
 
 from eulerparams_control.analysis.quantities.base import (
     Axis,
+    Quantity,
     Samples,
     TableNumber,
     along,
@@ -21,9 +22,9 @@ from eulerparams_control.analysis.quantities.base import (
     last,
     metric,
     reduced,
+    vectors,
     within,
 )
-from eulerparams_control.analysis.quantity import Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.rotations import Array

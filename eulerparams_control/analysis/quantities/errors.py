@@ -11,6 +11,7 @@ import numpy as np
 
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.quantities.base import (
+    Quantity,
     Samples,
     TableNumber,
     compared,
@@ -21,7 +22,6 @@ from eulerparams_control.analysis.quantities.base import (
     reduced,
     series_of,
 )
-from eulerparams_control.analysis.quantity import Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, UnknownNameError

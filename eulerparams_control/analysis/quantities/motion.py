@@ -6,7 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from eulerparams_control.analysis.quantities.base import (
+    JOINTS,
     Axis,
+    Quantity,
     Samples,
     TableNumber,
     along,
@@ -16,7 +18,6 @@ from eulerparams_control.analysis.quantities.base import (
     series_of,
     within,
 )
-from eulerparams_control.analysis.quantity import JOINTS, Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Efforts
 from eulerparams_control.errors import BagError, UnknownNameError

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.analysis.checks import beyond_limits, speed_of_limit
-from eulerparams_control.analysis.decode import joint_rows, stamps
 from eulerparams_control.analysis.quantities.base import metric
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.topics import joint_rows, stamps_of
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, InvalidMessageError
@@ -59,7 +59,7 @@ def wire(recording: Recording, name: str) -> Wire:
         except (InvalidMessageError, LookupError):  # a damaged schema has other fields
             broken += len(group.index)
             continue
-        parts.append([stamps(group), *values])
+        parts.append([stamps_of(group), *values])
         places.append(group.index)
     if not parts:
         raise BagError(f"{recording.path}: no message of {topic} is of this arm")

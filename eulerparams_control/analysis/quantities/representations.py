@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eulerparams_control.analysis.quantity import XYZ, Quantity, vectors
+from eulerparams_control.analysis.quantities.base import XYZ, Quantity, vectors
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array

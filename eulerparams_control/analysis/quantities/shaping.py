@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eulerparams_control.analysis.quantity import Quantity
+from eulerparams_control.analysis.quantities.base import Quantity
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.laws.rotations import Array
 

@@ -6,9 +6,8 @@ frame.
 
 import numpy as np
 
-from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
-from eulerparams_control.analysis.quantities.base import Samples, metric, quotient
-from eulerparams_control.analysis.quantity import Quantity
+from eulerparams_control.analysis.arm import parameters_to_blame, recorded
+from eulerparams_control.analysis.quantities.base import Quantity, Samples, metric, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, SingularityError
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector

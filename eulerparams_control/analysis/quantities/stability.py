@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from eulerparams_control.analysis.quantities.base import (
+    Quantity,
     Samples,
     TableNumber,
     known,
@@ -12,7 +13,6 @@ from eulerparams_control.analysis.quantities.base import (
     quotient,
 )
 from eulerparams_control.analysis.quantities.errors import orientation_error
-from eulerparams_control.analysis.quantity import Quantity
 from eulerparams_control.analysis.recording import LyapunovSeries, Recording
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array

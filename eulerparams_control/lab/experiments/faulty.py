@@ -27,7 +27,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.real_time import USAGE
+from eulerparams_control.analysis.quantities.real_time import USAGE
 from eulerparams_control.bags.recovery import recover
 from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import ConfigurationError, SimulationError

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.quantity import Prediction
+from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.predictions import Predicted
 from eulerparams_control.lab.faults import Fault

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.analysis.charts import picture
-from eulerparams_control.analysis.quantity import Prediction
+from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.lab.experiments.yaml_checks import (
     check_call,
     is_number,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.analysis.real_time import stamped
+from eulerparams_control.analysis.quantities.real_time import stamped
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.events import Event, ExitCode, events_of

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from eulerparams_control.analysis.real_time import PATIENCE, QUARTERS, WARM_UP
+from eulerparams_control.analysis.quantities.real_time import PATIENCE, QUARTERS, WARM_UP
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.display import Display

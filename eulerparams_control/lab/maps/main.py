@@ -16,7 +16,7 @@ import matplotlib as mpl
 from rich.console import Console
 
 from eulerparams_control.analysis.html import write_html
-from eulerparams_control.analysis.static_image import STYLE, image, svg, write
+from eulerparams_control.analysis.static import STYLE, image, svg, write
 from eulerparams_control.command_line import say, whole_number
 from eulerparams_control.lab.maps.base import Picture
 from eulerparams_control.lab.maps.definition import MapDefinition, load_map

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.analysis.real_time import USAGE
+from eulerparams_control.analysis.quantities.real_time import USAGE
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.lab.run.fingerprint import code_of_runs, digest
 from eulerparams_control.robot.catalogue import load_robot

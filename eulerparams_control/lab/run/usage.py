@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from eulerparams_control.analysis.real_time import BESIDE, NodeSample
+from eulerparams_control.analysis.quantities.real_time import BESIDE, NodeSample
 from eulerparams_control.lab.run.processes import Nodes
 
 _EVERY, _MEMORY_EVERY = 0.2, 1.0  # [s] between two samples; memory takes longer to look at
