@@ -16,9 +16,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from eulerparams_control.analysis.arm import Options
-from eulerparams_control.analysis.desired import NO_START, DesiredFrames, RecordedReferences
 from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.loading import blocks, load
+from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
+from eulerparams_control.analysis.topics import NO_START
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
@@ -86,7 +86,7 @@ def _references(
     frames = Frames.of([motion.frames[0] for motion in motions])
     found = {k: motion for k, motion in enumerate(motions) if isinstance(motion, Trajectory)}
     begin = np.array([NO_START if start is None else start for start in starts], dtype=int)
-    return RecordedReferences(np.array(sent), begin, frames, found)
+    return RecordedReferences(np.array(sent), begin, frames.take, found)
 
 
 def _frame(seed: int) -> DesiredFrame:
@@ -105,7 +105,7 @@ LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
 @pytest.mark.parametrize("starts", [(None,) * 7, LATER])
 @pytest.mark.parametrize("split", [0, 37, 61, 100])
 def test_references_are_followed_as_controllers_follow_them(split, starts):
-    """Set-points, trajectories at once and later, and set-points again; in one part and in two."""
+    """Set-points, trajectories at once and later, and set-points again; asked for in two parts."""
     lasting, period = 0.05, 10_000_000
     sent = [-5, 25_000_000, 25_000_001, 55_000_000, 300_000_000, 620_000_000, 640_000_000]
     motions: list[SetPoint | Trajectory] = [
@@ -125,15 +125,10 @@ def test_references_are_followed_as_controllers_follow_them(split, starts):
             motion = motion or Shaper(HELD)
             motion.follow(new, start)
         expected.append(motion.sample(tick) if motion else None)
-    desired, found, done = DesiredFrames(lasting, lambda stamp: HELD), [], 0
-    for part in (ticks[:split], ticks[split:]):
-        left = _references(sent[done:], motions[done:], starts[done:])
-        frames, finished = desired.follow(left, part, part)
-        found.append(frames)
-        done += finished
-    assert done == len(sent)
-    columns_found = zip(*(frames.columns for frames in found), strict=True)
-    both = Frames(*map(np.concatenate, columns_found))
+    references = _references(sent, motions, starts)
+    desired = DesiredFrames(references, ticks, ticks, lasting, lambda stamp: HELD)
+    found = [desired.at(part).columns for part in (ticks[:split], ticks[split:])]
+    both = Frames(*map(np.concatenate, zip(*found, strict=True)))
     for one, other in zip(both.columns, Frames.of(expected).columns, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)
 

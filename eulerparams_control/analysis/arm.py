@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from eulerparams_control.analysis.topics import Queue
+from eulerparams_control.analysis.topics import RecordedTopic
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import (
@@ -78,7 +78,7 @@ def options_of(parameters: Parameters) -> OrientationOptions:
     return from_mapping(ControlParameters, told).orientation_options()
 
 
-TYPES = {name: kind.type for name, kind in Queue.registry.items()}
+TYPES = {name: kind.type for name, kind in RecordedTopic.registry.items()}
 TYPES["robot_description"] = "std_msgs/msg/String"
 """Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 

@@ -1,7 +1,12 @@
-"""From a bag to recordings: all at once, or one part after the other in bounded memory."""
+"""From a bag to recordings: all at once, or one part after the other in bounded memory.
+
+Each topic is decoded once into columns on the disk; a part of a run has the rows of its time.
+"""
 
 import math
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,18 +16,18 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
 from eulerparams_control.analysis.compliant import CompliantMotion, SensorSeries
-from eulerparams_control.analysis.desired import DesiredFrames
-from eulerparams_control.analysis.frames import Frames
+from eulerparams_control.analysis.frames import Frames, moved
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
 from eulerparams_control.analysis.series import Departure, Efforts, Series, ShapedMotion
 from eulerparams_control.analysis.topics import (
     LATEST,
+    NO_START,
     Diagnostics,
-    Queue,
+    RecordedTopic,
     Rows,
     SentReferences,
-    no_references,
+    Stamps,
 )
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
@@ -31,16 +36,114 @@ from eulerparams_control.laws.compiled import sample
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.trajectories import Trajectory
 
 _ANSWERED = 500_000_000  # [ns] by which the answers to a state are in the bag
-_MOST = 10  # messages of all topics in a part, for each state that it was to have
+_MOST = 10  # messages of a topic in a part, for each state that it was to have
+_OFTEN = 10_000  # messages between two calls of progress
 
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
 
 
 Progress = Callable[[float], None]
-"""Is told the part of the bag that was read, 0 to 1."""
+"""Is told the part of the work that is done, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class RecordedReferences:
+    """K references in the order in which they were sent.
+
+    Attributes:
+        sent: (K,) [ns].
+        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
+        frames: returns the first frames of some, by their places; a set-point has no other.
+        trajectories: those that are no set-points, by place.
+    """
+
+    sent: Stamps
+    start: Stamps
+    frames: Callable[[NDArray[np.intp]], Frames] = field(repr=False)
+    trajectories: Mapping[int, Trajectory] = field(repr=False)
+
+
+class DesiredFrames:
+    """The desired frame at the stamps of a recording, from the references in it.
+
+    A reference counts from when the controller said that it began, else from the first tick that
+    was sent after it, as ``motion.Shaper`` does it in the controller.
+
+    Args:
+        references: all of the recording.
+        ticks, sent: (N,) [ns] of the ticks of the controller, increasing.
+        lasting: [s] for which a set-point goes on without a successor.
+        held: pose at a stamp, that the controller holds until the first reference begins.
+    """
+
+    def __init__(
+        self,
+        references: RecordedReferences,
+        ticks: Stamps,
+        sent: Stamps,
+        lasting: float,
+        held: Callable[[int], DesiredFrame],
+    ) -> None:
+        self._frames, self._lasting = references.frames, lasting
+        self._held_from = LATEST
+        N = len(ticks)
+        received = np.searchsorted(np.maximum.accumulate(sent), references.sent)  # tick: finds it
+        begins = np.maximum(received, np.searchsorted(ticks, references.start))
+        replaced = np.append(received[1:], N)  # by the next one, before it began
+        self._place = np.flatnonzero(begins < replaced)
+        self._begins = ticks[begins[self._place]]
+        starts = references.start[self._place]
+        self._starts = np.where(starts == NO_START, self._begins, starts)
+        if len(received) and received[0] < N:
+            self._held_from = int(ticks[received[0]])
+            self._held = Frames.of([held(self._held_from)])
+        self._trajectories: dict[int, Trajectory] = {}
+        for k, place in enumerate(self._place.tolist()):
+            if place in references.trajectories:
+                last = self._of(k - 1, self._begins[k : k + 1]).frame(0)
+                self._trajectories[k] = references.trajectories[place].from_frame(last)
+
+    @property
+    def knows_trajectories(self) -> bool:
+        """Whether any motion that began was one, no set-point."""
+        return bool(self._trajectories)
+
+    def at(self, stamps: Stamps) -> Frames:
+        """Return the frames at stamps (M,) [ns], increasing; none before the first is held."""
+        found = Frames.nowhere(len(stamps))
+        which = np.searchsorted(self._begins, stamps, side="right") - 1
+        which[stamps < self._held_from] = -2
+        apart = {-1, *self._trajectories} & set(np.unique(which).tolist())
+        for k in apart:
+            _put(found, which == k, self._of(k, stamps[which == k]))
+        streamed = (which >= 0) & ~np.isin(which, list(apart))
+        if streamed.any():
+            _put(found, streamed, self._streamed(which[streamed], stamps[streamed]))
+        return found
+
+    def _of(self, k: int, stamps: Stamps) -> Frames:
+        """Return the frames of the motion that began as number k; -1 is the pose that is held."""
+        if k < 0:
+            t = (stamps - self._held_from) / 1e9
+            return moved(self._held.take(np.zeros(len(t), dtype=np.intp)), t, self._lasting)
+        if k not in self._trajectories:
+            return self._streamed(np.full(len(stamps), k), stamps)
+        with np.errstate(over="ignore", invalid="ignore"):  # its rotation may be non-finite
+            return Frames(*self._trajectories[k].samples((stamps - self._starts[k]) / 1e9))
+
+    def _streamed(self, k: NDArray[np.intp], stamps: Stamps) -> Frames:
+        """Return the frames of set-points, by their numbers (M,)."""
+        dt = (stamps - self._starts[k]) / 1e9
+        return moved(self._frames(self._place[k]), dt, self._lasting)
+
+
+def _put(found: Frames, here: NDArray[np.bool_], frames: Frames) -> None:
+    for column, values in zip(found.columns, frames.columns, strict=True):
+        column[here] = values
 
 
 def blocks(
@@ -86,125 +189,179 @@ def load(
 
 
 class _Reader:
-    """One pass over the topics of an arm."""
+    """The topics of an arm, and the parts of its run."""
 
     def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
         self._bag, self._options, self._progress = bag, options, progress
         self._arm = arm = Arm(bag, options)
-        controller = arm.topics.get("desired", "").rpartition("/")[0]
-        self._reports = Reports(options.start, options.end, controller)
-        self._rates, self._departure = np.zeros((0, 4)), Departure()
-        there = arm.topics
-        self._sent = SentReferences(bag, arm) if SentReferences.name in there else None
-        self._said = Diagnostics(bag, arm, self._reports) if Diagnostics.name in there else None
-        self._queues = {
-            name: kind(bag, arm)
-            for name, kind in Queue.registry.items() if kind.is_timed and name in there
-        } | {queue.name: queue for queue in (self._sent, self._said) if queue}  # fmt: skip
-        self._desired = DesiredFrames(arm.lasting(), self._measured_pose)
-        self._end_of_part = -math.inf
-        self._jumped = False
-        self._latest: dict[str, int] = {}  # stamp of each topic
-        self._last_desired: tuple[NDArray[np.int64], Frames] | None = None
+        kinds = RecordedTopic.registry
+        self._topics = {name: kinds[name](bag, arm) for name in kinds if name in arm.topics}
+        self._states = self._topics["joint_states"]
+        self._departure = Departure()
         self._displacements: dict[str, Any] = {}
-        self._start: int | None = None
-        self._told: list[Report] = []  # what nodes said in this part
+        self._read()
+        self._start = self._states.stamp(0)
+        self._fill_reports()
+        self._desired = self._desired_frames()
+        self._check()
 
-    def blocks(self, size: int) -> Iterator[Recording]:
-        """Yield the parts of the run."""
-        by_topic = {self._arm.topics[name]: queue for name, queue in self._queues.items()}
-        states, ends = self._arm.topics["joint_states"], _Ends(size)
+    def _read(self) -> None:
+        """Read the bag once, up to where the clock jumps, or to the end that is asked for."""
+        by_topic = {self._arm.topics[name]: topic for name, topic in self._topics.items()}
         total = sum(self._bag.topics[topic].count for topic in by_topic)
-        given = False
+        end, states = math.inf, self._states
         for number, message in enumerate(self._bag.read_raw(by_topic)):
             if message.topic in by_topic:  # else its name is damaged
                 by_topic[message.topic].add(message)
-            if ends.see(message.log_time, message.topic == states):
-                self._progress(number / total)
-                for part in self._part(ends.count(), last=False):
-                    given = True
-                    yield part
-                if self._is_over():
+            if not number % _OFTEN:
+                self._progress(number / total / 2)
+                if len(states):
+                    end = states.stamp(0) + 1e9 * self._options.end + 2 * _ANSWERED
+                if states.latest > end:
                     break
-        for part in self._part(None, last=True):
-            given = True
-            yield part
-        if not given:
-            raise BagError(self._why_nothing())
-
-    def _why_nothing(self) -> str:
-        options = self._options
-        if self._start is None:
+        for topic in self._topics.values():
+            topic.decode()
+        until = LATEST if states.jumped is None else states.jumped
+        for topic in self._topics.values():
+            topic.settle(until)
+        if not len(states):
             joints = ", ".join(self._arm.robot.joints)
-            return f"{self._bag.path}: no valid message of joint_states with the joints {joints}"
-        return f"{self._bag.path}: no joint_states from {options.start:g} to {options.end:g} s"
+            raise BagError(
+                f"{self._bag.path}: no valid message of joint_states with the joints {joints}"
+            )
 
-    def _is_over(self) -> bool:
-        return self._end_of_part >= self._options.end or self._jumped
+    def _fill_reports(self) -> None:
+        """Take what the nodes said, and when a motion came later than it was sent to be."""
+        said, options = self._topics.get(Diagnostics.name), self._options
+        reports = said.reports if isinstance(said, Diagnostics) else Reports()
+        stamps, sent = self._states.times()
+        told = reports.told(sent, self._times(stamps), options.start, options.end)
+        self._told, self._rates, self._delayed = told
 
-    def _end_where_the_clock_jumps(self) -> None:
-        """Leave out what was sent after the stamps of joint_states jumped back."""
-        states = self._queues["joint_states"]
-        states.settle()
-        if (jumped := states.jumped) is None or self._jumped:
-            return
-        self._jumped = True
-        for queue in self._queues.values():
-            queue.drop_after(jumped)
-        self._reports.drop_after(jumped)
+    def _desired_frames(self) -> DesiredFrames:
+        """Return the desired frames; references begin at the ticks of the controller."""
+        commands = ("joint_reference", "joint_effort", "joint_states")
+        ticking = next(name for name in commands if name in self._topics)
+        said, sent = self._topics.get(Diagnostics.name), self._topics.get(SentReferences.name)
+        none = np.zeros(0, np.int64)
+        references = RecordedReferences(none, none, lambda _: Frames.nowhere(0), {})
+        if isinstance(sent, SentReferences) and len(sent):
+            start, times = sent.times()
+            for news, stamp in (said.began if isinstance(said, Diagnostics) else {}).items():
+                before = int(np.searchsorted(times, news, side="right"))
+                if before:
+                    start[before - 1] = stamp
+            places = enumerate(times.tolist())
+            found = {k: sent.trajectories[at] for k, at in places if at in sent.trajectories}
+            references = RecordedReferences(times, start, sent.frames, found)
+        lasting = self._arm.lasting()
+        return DesiredFrames(references, *self._topics[ticking].times(), lasting, self._pose)
 
-    def _part(self, count: int | None, last: bool) -> Iterator[Recording]:
-        """Yield the part with the next ``count`` states, None: with all; nothing if it is empty."""
-        states = self._queues["joint_states"]
-        stamp = LATEST if count is None else states.nth(count)
-        self._end_where_the_clock_jumps()
-        stamp, last = (LATEST, True) if self._jumped else (stamp, last)
-        measured = states.until(stamp)
-        if measured is None:
-            return
-        if self._start is None:
-            self._start = int(measured.stamp[0])
-        taken = {name: queue.until(stamp) for name, queue in self._given()}
-        found = {name: rows.stamp[-1] for name, rows in taken.items() if rows is not None}
-        self._latest |= {name: int(latest) for name, latest in found.items()}
-        self._measured = measured
+    def _pose(self, stamp: int) -> DesiredFrame:
+        """Return the pose of the tip that was measured at a stamp, or last before."""
+        place = max(0, self._states.after(stamp) - 1)
+        (q, _), n = self._states.rows(place, place + 1).values, self._arm.robot.n
+        state = self._arm.robot.state(q[0], np.zeros(n))
+        return DesiredFrame(state.p_e, state.R_e)
+
+    def _check(self) -> None:
+        """Warn if a topic ends before joint_states, or a trajectory may be late."""
+        last = self._states.stamp(len(self._states) - 1)
+        for name, topic in self._timed():
+            latest = topic.stamp(len(topic) - 1) if len(topic) else None
+            if latest is None and topic.latest >= 0:
+                text = f"{name} has no stamp within those of joint_states"
+                self._arm.warn(BagFlaw.INCOMPLETE, text)
+            if name == "desired":  # none while a fault lasts
+                continue
+            if latest is not None and latest < last - _ANSWERED:
+                end, of = self._times(np.array([latest, last]))
+                text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
+                self._arm.warn(BagFlaw.INCOMPLETE, text)
+        # where ~/desired was recorded, it is known by how much
+        is_late = self._delayed < math.inf and self._desired.knows_trajectories
+        if is_late and "desired" not in self._topics:
+            self._arm.warn(
+                BagFlaw.DELAY,
+                f"a motion that is slowed down or has to wait, first at {self._delayed:.3f}"
+                " s, is compared with what was sent: from then on errors may be too large",
+            )
+
+    def _timed(self) -> Iterator[tuple[str, RecordedTopic]]:
+        for name, topic in self._topics.items():
+            if topic.is_timed and topic is not self._states:
+                yield name, topic
+
+    def blocks(self, size: int) -> Iterator[Recording]:
+        """Yield the parts of the run."""
+        first, last, options, given = 0, -1, self._options, False
+        while last < len(self._states) - 1:
+            last = self._end(first, size)
+            begin, end = self._times(np.array([self._states.stamp(k) for k in (first, last)]))
+            if begin > options.end:
+                break
+            for part in self._part(first, last):
+                given = True
+                yield part
+            self._progress((1 + (last + 1) / len(self._states)) / 2)
+            if end >= options.end:
+                break
+            first = last
+        if not given:
+            end = f"{options.start:g} to {options.end:g} s"
+            raise BagError(f"{self._bag.path}: no joint_states from {end}")
+
+    def _end(self, first: int, size: int) -> int:
+        """Return with which state a part ends, that begins with another; they may be the same."""
+        end = len(self._states) - 1
+        if not size:
+            return end
+        last, stamp = first + size, self._states.stamp(first)
+        for _, topic in self._timed():
+            place = topic.after(stamp) + _MOST * size
+            if place < len(topic):
+                last = min(last, self._states.after(topic.stamp(place)) - 1)
+        return min(max(last, first + 1), end)
+
+    def _part(self, first: int, last: int) -> Iterator[Recording]:
+        """Yield the part from one state to another; nothing if it is not of the time asked for."""
+        is_last = last == len(self._states) - 1
+        begin, end = self._states.stamp(first), self._states.stamp(last)
+        measured = self._states.rows(first, last + 1)
+        taken: dict[str, Rows | None] = {}
+        for name, topic in self._timed():
+            at = max(0, topic.after(begin) - 1) if first else 0
+            behind = len(topic) if is_last else topic.after(end)
+            taken[name] = topic.rows(at, behind) if behind else None
         self._fill_velocities(measured, "joint_states")
         if commands := taken.get("joint_reference"):
             self._fill_velocities(commands, "joint_reference")
-        own, frames = self._desired_at(taken, measured)
-        t = self._times(measured.stamp)
-        self._end_of_part = float(t[-1])
-        if t[0] > self._options.end:
-            return
-        if last:
-            self._check_the_ends(measured)
-        self._told = self._reports.take(measured.sent, t, last)
-        self._rates = self._reports.take_rates(measured.sent, t, last)
-        self._warn_of_delay()
-        whole = self._recording(measured, taken, own, frames)
+        stamps = [found.stamp for found in (*taken.values(), measured) if found is not None]
+        own = np.unique(np.concatenate(stamps))
+        frames = self._desired.at(own)
+        if shaped := taken.get("desired"):  # those before were in the last part
+            taken["desired"] = shaped.take(shaped.stamp >= begin) if first else shaped
         inside = self._within(measured)
+        until = math.inf if is_last else float(self._times(measured.stamp[-1:])[0])
+        said = self._said(until if inside is not None else -math.inf)
+        before = self._displacements
+        whole = self._recording(measured, taken, own, frames, before, said)
         if inside is measured:
             yield whole
         elif inside is not None:
             taken = {name: self._within(found) for name, found in taken.items()}
             before = self._displacements_at(whole, self._options.start)
-            yield self._recording(inside, taken, own, frames, before)
-        if not last:
+            yield self._recording(inside, taken, own, frames, before, said)
+        if not is_last:
             self._displacements = self._displacements_at(whole, math.inf)
 
-    def _warn_of_delay(self) -> None:
-        """Say from when on a trajectory is later than it was sent to be; set-points are not.
-
-        Where ~/desired was recorded, it is known by how much.
-        """
-        if "desired" in self._arm.topics:
-            return
-        if self._reports.delayed < math.inf and self._desired.knows_trajectories:
-            self._arm.warn(
-                BagFlaw.DELAY,
-                f"a motion that is slowed down or has to wait, first at {self._reports.delayed:.3f}"
-                " s, is compared with what was sent: from then on errors may be too large",
-            )
+    def _said(self, end: float) -> tuple[list[Report], Array]:
+        """Return what was said up to an instant [s], and how time ran; forget it."""
+        n = bisect_right(self._told, end, key=lambda report: report.t)
+        told, self._told = self._told[:n], self._told[n:]
+        k = int(np.searchsorted(self._rates[:, 0], end, side="right"))
+        rates, self._rates = self._rates[:k], self._rates[k:]
+        return told, rates
 
     def _fill_velocities(self, found: Rows, name: str) -> None:
         """Take differences of the positions for velocities that are not there."""
@@ -218,73 +375,14 @@ class _Reader:
             text = f"{name} lacks velocities: differences of its positions are taken for them"
             self._arm.warn(BagFlaw.INCOMPLETE, text)
 
-    def _check_the_ends(self, measured: Rows) -> None:
-        """Warn if a topic ends before joint_states, or does not have its time."""
-        for name, queue in self._given():
-            latest = self._latest.get(name)
-            if latest is None and queue.has_any:
-                text = f"{name} has no stamp within those of joint_states"
-                self._arm.warn(BagFlaw.INCOMPLETE, text)
-            if name == "desired":  # none while a fault lasts
-                continue
-            if latest is not None and latest < measured.stamp[-1] - _ANSWERED:
-                end, of = self._times(np.array([latest, measured.stamp[-1]]))
-                text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
-                self._arm.warn(BagFlaw.INCOMPLETE, text)
-
-    def _given(self) -> Iterator[tuple[str, Queue]]:
-        for name, queue in self._queues.items():
-            if queue.is_timed and name != "joint_states":
-                yield name, queue
-
-    def _desired_at(
-        self, taken: dict[str, Rows | None], measured: Rows
-    ) -> tuple[NDArray[np.int64], Frames]:
-        """Return stamps at which the desired frame is known, and the frames.
-
-        RecordedReferences begin at the commands, the ticks of the controller, if there are some.
-        """
-        overlap = self._last_desired
-        commands = ("joint_reference", "joint_effort")
-        ticking = next((name for name in commands if name in self._queues), "")
-        ticks = taken.get(ticking) if ticking else measured
-        ticks = measured.take(np.zeros(0, dtype=int)) if ticks is None else ticks
-        rest = [found.stamp for found in (*taken.values(), measured) if found is not None]
-        at = np.unique(np.concatenate(rest))
-        if overlap is not None:
-            ticks = ticks.take(ticks.stamp > overlap[0][-1])
-            at = at[at > overlap[0][-1]]
-        began: dict[int, int] = {}
-        if self._said:
-            self._said.settle()
-            began = self._said.began
-        references = self._sent.all(began) if self._sent else no_references()
-        frames, done = self._desired.follow(references, ticks.stamp, ticks.sent, at)
-        if self._sent:
-            self._sent.forget(done)
-        own = at
-        if overlap is not None:
-            own = np.concatenate([overlap[0], own])
-            frames = Frames(
-                *map(np.concatenate, zip(overlap[1].columns, frames.columns, strict=True))
-            )
-        self._last_desired = own[-1:], frames.take(np.arange(len(own))[-1:])
-        return own, frames
-
-    def _measured_pose(self, stamp: int) -> DesiredFrame:
-        """Return the pose of the tip that was measured at a stamp, or last before."""
-        index = max(0, int(np.searchsorted(self._measured.stamp, stamp, side="right")) - 1)
-        q, dq = (values[index] for values in self._measured.values)
-        state = self._arm.robot.state(q, dq)
-        return DesiredFrame(state.p_e, state.R_e)
-
     def _recording(
         self,
         measured: Rows,
         taken: dict[str, Rows | None],
-        own: NDArray[np.int64],
+        own: Stamps,
         frames: Frames,
-        before: dict[str, Any] | None = None,
+        before: dict[str, Any],
+        said: tuple[list[Report], Array],
     ) -> Recording:
         def series(found: Rows | None) -> Series | None:
             if found is None:
@@ -303,7 +401,7 @@ class _Reader:
         if found := taken.get("compliant_frame"):
             there = frames.at(own, found.stamp)
             compliant = CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
-        shaped = self._shaped(self._within(taken.get("desired")), own, frames)
+        shaped = self._shaped(self._within(taken.get("desired")), own, frames, said[1])
         return Recording(
             self._bag.path,
             self._arm.robot,
@@ -316,21 +414,20 @@ class _Reader:
             compliant=compliant,
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
-            before=self._displacements if before is None else before,
+            before=before,
             options=self._arm.orientation,
-            began=self._start or 0,
-            reports=self._told,
+            began=self._start,
+            reports=said[0],
             shaped=shaped,
         )
 
     def _shaped(
-        self, found: Rows | None, own: NDArray[np.int64], frames: Frames
+        self, found: Rows | None, own: Stamps, frames: Frames, rates: Array
     ) -> ShapedMotion | None:
         if found is None:
             return None
-        found = found.take(found.stamp >= own[0])  # those before were in the last part
         made, asked = Frames(*found.values), frames.at(own, found.stamp)
-        shaped = ShapedMotion(self._times(found.stamp), asked, made, self._rates)
+        shaped = ShapedMotion(self._times(found.stamp), asked, made, rates)
         self._departure.take(shaped)
         return shaped
 
@@ -343,7 +440,7 @@ class _Reader:
         return found if inside.all() else found.take(inside) if inside.any() else None
 
     def _times(self, stamps: NDArray[np.int64]) -> Array:
-        return (stamps - (self._start or 0)) / 1e9
+        return (stamps - self._start) / 1e9
 
     def _displacements_at(self, recording: Recording, end: float) -> dict[str, Any]:
         """Return the last displacements before an instant [s]: the signs after it follow."""
@@ -358,47 +455,20 @@ class _Reader:
     def _warnings(self) -> tuple[BagWarning, ...]:
         """Return what is wrong with the bag, as far as it was read."""
         found = []
-        for name, queue in self._queues.items():
-            if queue.invalid:
-                found.append(f"{queue.invalid} messages of {name} are not valid and left out")
-            if queue.repeated:
-                found.append(f"{queue.repeated} messages of {name} have the stamp of another and "
+        for name, topic in self._topics.items():
+            if topic.invalid:
+                found.append(f"{topic.invalid} messages of {name} are not valid and left out")
+            if topic.repeated:
+                found.append(f"{topic.repeated} messages of {name} have the stamp of another and "
                              "are left out")  # fmt: skip
-        if self._jumped:
-            end = f"{self._end_of_part:.3f} s"
+        if self._states.jumped is not None:
+            last = self._states.stamp(len(self._states) - 1)
+            end = f"{self._times(np.array([last]))[0]:.3f} s"
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
         words = self._departure.words
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
         return *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
-
-
-class _Ends:
-    """When a part is complete: its states are there, and the answers to them.
-
-    Args:
-        size: states of a part; 0 is all.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._states = self._others = self._states_at = 0
-        self._at: int | None = None
-
-    def see(self, log_time: int, is_state: bool) -> bool:
-        """Count a message; return whether the part is complete."""
-        self._states += is_state
-        self._others += not is_state
-        full = self._states >= self._size or self._others >= _MOST * self._size
-        if self._size and self._at is None and full and self._states > 1:
-            self._at, self._states_at = log_time, self._states
-        return self._at is not None and log_time > self._at + _ANSWERED
-
-    def count(self) -> int:
-        """Return the states of the part that is complete, and begin the next."""
-        self._states -= self._states_at
-        self._others, self._at = 0, None
-        return self._states_at
 
 
 def read_urdf(path: str) -> str:

@@ -38,89 +38,80 @@ class Report(NamedTuple):
     remedy: str
 
 
-class Reports:
-    """Takes what nodes say, and gives what is new in each part of a run.
-
-    Args:
-        start, end: [s] of the run that is looked at.
-        controller: the node whose rates of time are kept; "" is none.
+class Told(NamedTuple):
+    """What was said in a run.
 
     Attributes:
+        reports: in their order.
+        rates: (K, 4) what the controller said: time [s], rate of time, slowest rate of its
+            trajectory, saturated ticks.
         delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
     """
 
-    def __init__(self, start: float = 0.0, end: float = math.inf, controller: str = "") -> None:
+    reports: list[Report]
+    rates: Array
+    delayed: float
+
+
+class Reports:
+    """Takes what nodes say, and keeps what is new.
+
+    Args:
+        controller: the node whose rates of time are kept; "" is none.
+    """
+
+    def __init__(self, controller: str = "") -> None:
         self._controller = controller.strip("/")
         self._rates: list[tuple[int, float, float, float]] = []
-        self._start, self._end = start if start > 0 else -math.inf, end
         self._said: dict[str, Report] = {}
         self._new: list[tuple[int, Report]] = []
-        self._before: dict[str, Report] = {}  # the last of each node before the start
-        self._until = self._waits = math.inf  # [ns]
-        self.delayed = math.inf
+        self._waits = math.inf  # [ns]
 
     def add(self, status: Any, sent: int) -> None:
         """Take a DiagnosticStatus that was sent at a time [ns]."""
         values = {value.key: value.value for value in status.values}
         told = status.name, status.message, values.get(REMEDY, "")
         node, message, remedy = map(_short, told)
-        if sent < self._until and _waits(values):
+        if _waits(values):
             self._waits = min(self._waits, sent)
         if self._controller and status.name.strip("/") == self._controller:
             with suppress(ValueError):
                 rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
                 self._rates.append((sent, *map(float, rates)))  # type: ignore[arg-type]
         report = Report(0.0, node, _level(status.level), message, remedy)
-        if message and self._said.get(node) != report and sent < self._until:
+        if message and self._said.get(node) != report:
             self._said[node] = report
             self._new.append((sent, report))
 
     def drop_after(self, sent: int) -> None:
-        """Forget what was sent at that time [ns] or later, also what is added yet."""
-        self._until = min(self._until, sent)
-        self._waits = self._waits if self._waits < self._until else math.inf
-        self._new = [one for one in self._new if one[0] < self._until]
-        self._rates = [one for one in self._rates if one[0] < self._until]
+        """Forget what was sent at that time [ns] or later."""
+        self._waits = self._waits if self._waits < sent else math.inf
+        self._new = [one for one in self._new if one[0] < sent]
+        self._rates = [one for one in self._rates if one[0] < sent]
 
-    def take_rates(self, sent: NDArray[np.int64], t: Array, last: bool) -> Array:
-        """Return what the controller said up to the last state of a part, and forget it.
-
-        Args:
-            sent, t, last: see :meth:`take`.
-
-        Returns:
-            (K, 4) time [s], rate of time, slowest rate of its trajectory, saturated ticks.
-        """
-        order = np.argsort(sent, kind="stable")
-        sent, t = sent[order], t[order]
-        now = sorted(one for one in self._rates if last or one[0] <= sent[-1])
-        self._rates = [] if last else [one for one in self._rates if one[0] > sent[-1]]
-        told = [(_time(at, sent, t), *rates) for at, *rates in now]
-        found = np.array(told, dtype=float).reshape(-1, 4)
-        return found[(found[:, 0] >= self._start) & (found[:, 0] <= self._end)]
-
-    def take(self, sent: NDArray[np.int64], t: Array, last: bool) -> list[Report]:
-        """Return what was said up to the last state of a part, in its order, and forget it.
-
-        What a node had said last before the start is told as well.
+    def told(self, sent: NDArray[np.int64], t: Array, start: float, end: float) -> Told:
+        """Return what was said, by the times of the run.
 
         Args:
-            sent: (N,) [ns] when the states of the part were sent.
+            sent: (N,) [ns] when the states were sent.
             t: (N,) [s] their times.
-            last: whether no part follows.
+            start, end: [s] of the run that is looked at; of a node that had said something before
+                the start the last is told, too.
         """
         order = np.argsort(sent, kind="stable")
         sent, t = sent[order], t[order]
-        now = [one for one in self._new if last or one[0] <= sent[-1]]
-        self._new = [] if last else [one for one in self._new if one[0] > sent[-1]]
-        told = sorted(report._replace(t=_time(at, sent, t)) for at, report in now)
-        if self.delayed == math.inf and self._waits <= sent[-1]:
-            self.delayed = _time(int(self._waits), sent, t)
-        self._before |= {report.node: report for report in told if report.t < self._start}
-        if t[-1] < self._start:
-            return []
-        earlier, self._before = sorted(self._before.values()), {}
-        return earlier + [report for report in told if self._start <= report.t <= self._end]
+        start = start if start > 0 else -math.inf
+        told = sorted(report._replace(t=_time(at, sent, t)) for at, report in self._new)
+        earlier = {report.node: report for report in told if report.t < start}
+        told = sorted(earlier.values()) + [one for one in told if start <= one.t <= end]
+        ran = [(_time(at, sent, t), *rates) for at, *rates in sorted(self._rates)]
+        rates = np.array(ran, dtype=float).reshape(-1, 4)
+        is_late = self._waits <= sent[-1]
+        return Told(
+            told,
+            rates[(rates[:, 0] >= start) & (rates[:, 0] <= end)],
+            _time(int(self._waits), sent, t) if is_late else math.inf,
+        )
 
 
 class Kept:

@@ -1,16 +1,18 @@
-"""From the columns of messages to rows of numbers, checked as the controllers check messages.
+"""The topics of an arm, decoded once into columns on the disk.
 
-What is not valid is left out and counted.
+A topic is a class here: its type, and the rows of numbers that its messages are.  What is not
+valid, as the controllers check messages, is left out and counted.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from tempfile import SpooledTemporaryFile
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.desired import NO_START, RecordedReferences, Stamps
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Reports
 from eulerparams_control.bags.columns import Group, columns
@@ -22,6 +24,23 @@ from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
+
+LATEST = int(np.iinfo(np.int64).max)
+"""A time [ns] that none exceeds."""
+
+NO_START = -1
+"""Start of a motion that begins at receipt."""
+
+_NOT_OF_ITS_TYPE = InvalidMessageError, LookupError  # a damaged schema has other fields
+
+_BATCH = 8192  # most messages that are decoded at once
+_BYTES = 64_000_000  # most bytes that are decoded at once
+_IN_MEMORY = 500_000  # [bytes] of a column; a longer one is on the disk
+_STRIDE = 4096  # rows between the stamps that are kept in memory to find others
+_BACK = 100_000_000  # [ns] largest step back of a stamp that is no jump: messages overtake
+
+type Stamps = NDArray[np.int64]
+type Columns = list[NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -43,41 +62,46 @@ class Rows:
         values = tuple(column[index] for column in self.values)
         return Rows(self.stamp[index], self.sent[index], values)
 
-    def by_stamp(self) -> tuple["Rows", int]:
-        """Return them by increasing stamp, the first of each; and how many others differ from it.
 
-        A robot that waits in lock-step sends a state again: that is no loss.
-        """
-        stamps, first, which = np.unique(self.stamp, return_index=True, return_inverse=True)
-        if len(stamps) == len(self.stamp):
-            return self.take(first), 0
-        pairs = ((column, column[first][which]) for column in self.values)
-        differs = [_differ(column, kept) for column, kept in pairs]
-        return self.take(first), int(np.any(differs, axis=0).sum())
+class Column:
+    """An array that grows by rows, on the disk once it is long."""
 
-    def in_order(self) -> "Rows":
-        """Return them in the order in which they were sent."""
-        return self.take(np.argsort(self.sent, kind="stable"))
+    def __init__(self, like: NDArray[Any]) -> None:
+        self._file = SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115 (it ends with the column)
+        self._dtype, self._shape = like.dtype, like.shape[1:]
+        self._size = like.dtype.itemsize * math.prod(self._shape)
+        self._count = 0
+
+    def __del__(self) -> None:
+        """Give the file back; it has no name."""
+        self._file.close()
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Add rows at the end."""
+        self._file.seek(self._count * self._size)
+        self._file.write(np.ascontiguousarray(rows).tobytes())
+        self._count += len(rows)
+
+    def rows(self, begin: int, end: int) -> NDArray[Any]:
+        """Return the rows from one to before another."""
+        self._file.seek(begin * self._size)
+        data = bytearray(self._file.read((end - begin) * self._size))
+        return np.frombuffer(data, self._dtype).reshape(end - begin, *self._shape)
+
+    def take(self, index: NDArray[np.intp]) -> NDArray[Any]:
+        """Return the rows (K,) of an index."""
+        first = int(index.min(initial=len(self)))
+        return self.rows(first, int(index.max(initial=first - 1)) + 1)[index - first]
 
 
 def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
     """Return in which rows (N,) two arrays differ; NaN is equal to NaN."""
-    n = len(one)
-    if one.dtype == object:
-        return np.asarray(one != other, dtype=bool).reshape(n)
     same = (one == other) | (np.isnan(one) & np.isnan(other))
-    differ: NDArray[np.bool_] = ~same.reshape(n, -1).all(axis=1)
+    differ: NDArray[np.bool_] = ~same.reshape(len(one), -1).all(axis=1)
     return differ
-
-
-def joined(parts: Sequence[Rows]) -> Rows:
-    """Return rows one after the other; at least one part."""
-    values = zip(*(part.values for part in parts), strict=True)
-    return Rows(
-        np.concatenate([part.stamp for part in parts]),
-        np.concatenate([part.sent for part in parts]),
-        tuple(map(np.concatenate, values)),
-    )
 
 
 def stamps_of(group: Group) -> Stamps:
@@ -109,13 +133,6 @@ def joint_rows(group: Group, joints: Sequence[str], fields: Sequence[str]) -> li
             raise InvalidMessageError(f"it has {len(names)} names but {values.shape[1]} of {name}")
         found.append(values[:, index])
     return found
-
-
-def wrench_rows(group: Group) -> list[NDArray[Any]]:
-    """Return force and moment (N, 6), and the names of their frames (N,)."""
-    paths = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
-    w = np.column_stack([group.numbers[path] for path in paths])
-    return [w, np.full(len(w), group.texts["header.frame_id"], dtype=object)]
 
 
 def is_set_point(group: Group) -> bool:
@@ -162,33 +179,12 @@ def frame_rows(group: Group, base_frame: str, tip_frame: str) -> list[Array]:
 
 def finite(values: Iterable[NDArray[Any]]) -> NDArray[np.bool_]:
     """Return whether all numbers of a row are finite (N,)."""
-    numbers = [v.reshape(len(v), -1) for v in values if v.dtype != object]
-    return np.all([np.isfinite(v).all(axis=1) for v in numbers], axis=0)
-
-
-def motion(message: Any, base_frame: str, tip_frame: str) -> tuple[int, Frames, Trajectory | None]:
-    """Return start, first frame and trajectory (None: a set-point) of a reference.
-
-    Raises:
-        InvalidMessageError: if it is none.
-    """
-    found, start = motion_from_ros(message, base_frame, tip_frame, 0.0)
-    first = Frames.of([found.frames[0]])
-    return start or NO_START, first, None if isinstance(found, SetPoint) else found
-
-
-LATEST = int(np.iinfo(np.int64).max)
-"""A stamp [ns] that none exceeds."""
-
-_NOT_OF_ITS_TYPE = InvalidMessageError, LookupError  # a damaged schema has other fields
-
-_BATCH = 8192  # most messages that are decoded at once
-_BYTES = 64_000_000  # most bytes that are decoded at once
-_BACK = 100_000_000  # [ns] largest step back of a stamp that is no jump: messages overtake
+    rows = (column.reshape(len(column), -1) for column in values)
+    return np.all([np.isfinite(row).all(axis=1) for row in rows], axis=0)
 
 
 class RecordedArm(Protocol):
-    """What a queue has to know of its arm."""
+    """What a topic has to know of its arm."""
 
     robot: Robot
     namespace: str
@@ -196,8 +192,8 @@ class RecordedArm(Protocol):
     topics: dict[str, str]
 
 
-class Queue:
-    """Messages of a topic that were read, decoded in batches, and not used yet.
+class RecordedTopic:
+    """Messages of a topic, decoded in batches.
 
     Args:
         bag: the bag.
@@ -210,9 +206,10 @@ class Queue:
         invalid: how many messages were not valid.
         repeated: how many had the stamp of another one, but not its values.
         jumped: when the message was sent [ns] at which the stamps jump back; None if they do not.
+        latest: largest stamp [ns] so far; -1 if there is none.
     """
 
-    registry: ClassVar[dict[str, type["Queue"]]] = {}
+    registry: ClassVar[dict[str, type["RecordedTopic"]]] = {}
     name: ClassVar[str] = ""
     type: ClassVar[str] = ""
     is_timed: ClassVar[bool] = True
@@ -220,113 +217,153 @@ class Queue:
     def __init_subclass__(cls) -> None:
         """Register a topic by its name."""
         if cls.name:
-            Queue.registry[cls.name] = cls
+            RecordedTopic.registry[cls.name] = cls
 
     def __init__(self, bag: Bag, arm: RecordedArm) -> None:
         self._bag, self._robot = bag, arm.robot
         self._topic = arm.topics[self.name]
         self._raw: list[RawMessage] = []
         self._bytes = 0
-        self._rows: list[Rows] = []
-        self._latest = -1
+        self._columns: list[Column] = []  # stamp, sent, and the values
+        self._is_ordered = True
+        self._landmarks = np.zeros(0, np.int64)
         self.invalid = self.repeated = 0
+        self.latest = -1
         self.jumped: int | None = None
 
-    def rows_of(self, group: Group) -> list[NDArray[Any]]:
+    def rows_of(self, group: Group) -> Columns:
         """Return the columns of messages of one layout; raises InvalidMessageError."""
         raise NotImplementedError
 
-    def is_valid(self, values: list[NDArray[Any]]) -> NDArray[np.bool_]:
+    def is_valid(self, values: Columns) -> NDArray[np.bool_]:
         """Return which rows (N,) are of numbers that can be used."""
         return finite(values)
 
-    def _groups(self, messages: list[RawMessage]) -> Iterator[Group]:
+    def groups(self, messages: Sequence[RawMessage]) -> Iterator[tuple[Group, Stamps]]:
+        """Yield messages of one layout each, and when [ns] they were sent."""
         schema = self._bag.schema(self._topic)
-        return columns(schema, [message.data for message in messages])
-
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
-        """Return rows of messages, and how many of them are valid."""
         sent = np.array([message.publish_time or message.log_time for message in messages])
-        found, valid = [], 0
-        for group in self._groups(messages):
+        for group in columns(schema, [message.data for message in messages]):
+            yield group, sent[group.index]
+
+    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
+        """Return stamp, sent and values of messages, and how many of them are valid."""
+        found = []
+        for group, sent in self.groups(messages):
             try:
-                values, stamps = self.rows_of(group), stamps_of(group)
+                values, stamp = self.rows_of(group), stamps_of(group)
             except _NOT_OF_ITS_TYPE:
                 continue
             good = self.is_valid(values)
-            rows = Rows(stamps, sent[group.index], tuple(values))
-            found.append(rows if good.all() else rows.take(good))
-            valid += int(good.sum())
-        return found, valid
+            found.append([column[good] for column in (stamp, sent, *values)])
+        return found, sum(len(stamp) for stamp, *_ in found)
 
     def add(self, message: RawMessage) -> None:
         """Take a message."""
         self._raw.append(message)
         self._bytes += len(message.data)
         if len(self._raw) >= _BATCH or self._bytes >= _BYTES:
-            self.settle()
+            self.decode()
 
-    def settle(self) -> None:
+    def decode(self) -> None:
         """Decode what was read."""
-        if not self._raw:
-            return
-        found, valid = self.parse(self._raw)
+        found, valid = self.parse(self._raw) if self._raw else ([], 0)
         self.invalid += len(self._raw) - valid
         self._raw, self._bytes = [], 0
-        if found:
-            new = joined(found).in_order()
-            self._rows.append(new)
-            self._watch(new)
+        if not found:
+            return
+        stamp, sent, *values = map(np.concatenate, zip(*found, strict=True))
+        order = np.argsort(sent, kind="stable")
+        self._append([column[order] for column in (stamp, sent, *values)])
 
-    def _watch(self, new: Rows) -> None:
-        """Note where the stamps jump back: the clock, or the simulator, restarted."""
-        before = np.maximum.accumulate(np.concatenate(([self._latest], new.stamp)))
-        back = np.flatnonzero(new.stamp < before[:-1] - _BACK)
+    def _append(self, new: Columns) -> None:
+        """Take rows in the order of sending; note where the clock, or the simulator, restarted."""
+        stamp, sent = new[:2]
+        self._columns = self._columns or list(map(Column, new))
+        for column, rows in zip(self._columns, new, strict=True):
+            column.append(rows)
+        before = np.maximum.accumulate(np.concatenate(([self.latest], stamp)))
+        back = np.flatnonzero(stamp < before[:-1] - _BACK)
         if self.jumped is None and len(back):
-            self.jumped = int(new.sent[back[0]])
-        self._latest = int(before[-1])
+            self.jumped = int(sent[back[0]])
+        self._is_ordered &= bool((stamp > before[:-1]).all())
+        self.latest = int(before[-1])
 
-    def drop_after(self, sent: int) -> None:
-        """Forget what was sent at that time [ns] or later."""
-        self.settle()
-        self._rows = [part.take(part.sent < sent) for part in self._rows]
+    def settle(self, until: int = LATEST) -> None:
+        """Put the rows in order, without those sent at a time [ns] or later."""
+        if not self._columns:
+            return
+        if not self._is_ordered or until < LATEST:
+            self._rewrite(self._order(until))
+        count = len(self._columns[0])
+        marks = (self._columns[0].rows(k, k + 1) for k in range(0, count, _STRIDE))
+        self._landmarks = np.concatenate([np.zeros(0, np.int64), *marks])
 
-    def until(self, stamp: int) -> Rows | None:
-        """Return the rows up to a stamp; the last of them is kept for the next part."""
-        self.settle()
-        if not self._rows:
-            return None
-        everything, repeated = joined(self._rows).by_stamp()
-        self.repeated += repeated
-        n = int(np.searchsorted(everything.stamp, stamp, side="right"))
-        self._rows = [everything.take(np.arange(max(n - 1, 0), len(everything.stamp)))]
-        return everything.take(np.arange(n)) if n else None
+    def _order(self, until: int) -> NDArray[np.intp]:
+        """Return the places of the rows in order: by stamp, the first of each; counts the others.
 
-    @property
-    def has_any(self) -> bool:
-        """Whether anything valid was read of the topic."""
-        return self._latest >= 0
+        A robot that waits in lock-step sends a state again: that is no loss.
+        """
+        stamp, sent = (column.rows(0, len(column)) for column in self._columns[:2])
+        kept = np.flatnonzero(sent < until)
+        _, first, which = np.unique(stamp[kept], return_index=True, return_inverse=True)
+        others = np.setdiff1d(np.arange(len(kept)), first)
+        for k in range(0, len(others), _STRIDE):
+            some = others[k : k + _STRIDE]
+            pairs = kept[some], kept[first[which[some]]]
+            differ = [_differ(*map(column.take, pairs)) for column in self._columns[2:]]
+            self.repeated += int(np.any(differ, axis=0).sum())
+        return kept[first]
 
-    def nth(self, count: int) -> int:
-        """Return the stamp of the row with that number, from 1, or of the last."""
-        self.settle()
-        stamps = np.unique(np.concatenate([np.zeros(0, np.int64), *(p.stamp for p in self._rows)]))
-        return int(stamps[min(count, len(stamps)) - 1]) if len(stamps) else LATEST
+    def _rewrite(self, order: NDArray[np.intp]) -> None:
+        for place, old in enumerate(self._columns):
+            self._columns[place] = new = Column(old.rows(0, 0))
+            for k in range(0, len(order), _STRIDE):
+                new.append(old.take(order[k : k + _STRIDE]))
+
+    def __len__(self) -> int:
+        return len(self._columns[0]) if self._columns else 0
+
+    def rows(self, begin: int = 0, end: int | None = None) -> Rows:
+        """Return the rows from one to before another; once they are settled."""
+        end = len(self) if end is None else end
+        stamp, sent, *values = (column.rows(begin, end) for column in self._columns)
+        return Rows(stamp, sent, tuple(values))
+
+    def times(self) -> tuple[Stamps, Stamps]:
+        """Return stamp and time of sending (N,) [ns] of all rows."""
+        if not self._columns:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        stamp, sent = (column.rows(0, len(self)) for column in self._columns[:2])
+        return stamp, sent
+
+    def stamp(self, place: int) -> int:
+        """Return the stamp [ns] of a row."""
+        return int(self._columns[0].rows(place, place + 1)[0])
+
+    def after(self, stamp: int) -> int:
+        """Return the place behind the last row up to a stamp [ns]."""
+        near = int(np.searchsorted(self._landmarks, stamp, side="right"))
+        if not near:
+            return 0
+        begin = (near - 1) * _STRIDE
+        stamps = self._columns[0].rows(begin, min(begin + _STRIDE, len(self)))
+        return begin + int(np.searchsorted(stamps, stamp, side="right"))
 
 
-class JointStates(Queue):
+class JointStates(RecordedTopic):
     """q and dq of the arm (N, n); velocities may be missing."""
 
     name = "joint_states"
     type = "sensor_msgs/msg/JointState"
     fields: ClassVar[tuple[str, ...]] = ("position", "velocity")
 
-    def rows_of(self, group: Group) -> list[NDArray[Any]]:
-        """See Queue."""
+    def rows_of(self, group: Group) -> Columns:
+        """See RecordedTopic."""
         return [*joint_rows(group, self._robot.joints, self.fields)]
 
-    def is_valid(self, values: list[NDArray[Any]]) -> NDArray[np.bool_]:
-        """See Queue."""
+    def is_valid(self, values: Columns) -> NDArray[np.bool_]:
+        """See RecordedTopic."""
         return finite(values[:1])
 
 
@@ -343,25 +380,38 @@ class JointEfforts(JointStates):
     fields = ("effort",)
 
 
-class WrenchQueue(Queue):
-    """Force and moment (N, 6), and the frames that they are in."""
+class SensedWrenches(RecordedTopic):
+    """Force and moment (N, 6), and the names of the frames that they are in."""
 
     name = "wrench"
     type = "geometry_msgs/msg/WrenchStamped"
 
-    def rows_of(self, group: Group) -> list[NDArray[Any]]:
-        """See Queue."""
-        return wrench_rows(group)
+    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
+        super().__init__(bag, arm)
+        self._frames: dict[str, int] = {}
+
+    def rows_of(self, group: Group) -> Columns:
+        """See RecordedTopic."""
+        paths = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
+        w = np.column_stack([group.numbers[path] for path in paths])
+        frame = self._frames.setdefault(group.texts["header.frame_id"], len(self._frames))
+        return [w, np.full(len(w), frame)]
+
+    def rows(self, begin: int = 0, end: int | None = None) -> Rows:
+        """See RecordedTopic."""
+        found = super().rows(begin, end)
+        w, frame = found.values
+        return Rows(found.stamp, found.sent, (w, np.array([*self._frames], dtype=object)[frame]))
 
 
-class ShapedFrames(Queue):
+class ShapedFrames(RecordedTopic):
     """The columns of :class:`Frames`."""
 
     name = "desired"
     type = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 
-    def rows_of(self, group: Group) -> list[NDArray[Any]]:
-        """See Queue."""
+    def rows_of(self, group: Group) -> Columns:
+        """See RecordedTopic."""
         return [*frame_rows(group, self._robot.base_frame, self._robot.tip_frame)]
 
 
@@ -372,94 +422,69 @@ class CompliantFrames(ShapedFrames):
 
 
 class SentReferences(ShapedFrames):
-    """Start and first frame of references, which are kept until they begin."""
+    """Start and first frame of references, in the order of sending.
+
+    Attributes:
+        trajectories: of those that are no set-points, by the time of sending [ns].
+    """
 
     name = "reference"
     is_timed = False
 
     def __init__(self, bag: Bag, arm: RecordedArm) -> None:
         super().__init__(bag, arm)
-        self._trajectories: dict[int, Trajectory] = {}  # by time of sending [ns]
-        self._pending: Rows | None = None
+        self.trajectories: dict[int, Trajectory] = {}
 
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
-        """Return start and first frame of references; their trajectories are kept aside."""
-        found, valid = [], 0
-        sent = np.array([message.publish_time or message.log_time for message in messages])
-        for group in self._groups(messages):
+    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
+        """Return start, time of sending and first frame of references."""
+        found: list[Columns] = []
+        for group, sent in self.groups(messages):
             try:
                 is_simple = is_set_point(group) and not _later(group).any()
                 values = self.rows_of(group) if is_simple else []
-                stamps = stamps_of(group)
+                stamp = stamps_of(group)
             except _NOT_OF_ITS_TYPE:
                 continue
             if is_simple:
-                good, starts = self.is_valid(values), np.where(stamps > 0, stamps, NO_START)
-                found.append(Rows(starts, sent[group.index], tuple(values)).take(good))
-                valid += int(good.sum())
+                good, starts = self.is_valid(values), np.where(stamp > 0, stamp, NO_START)
+                found.append([column[good] for column in (starts, sent, *values)])
                 continue
-            for index in group.index.tolist():
-                one = self._one(messages[index], int(sent[index]))
-                found += one
-                valid += len(one)
-        return found, valid
+            for index, at in zip(group.index.tolist(), sent.tolist(), strict=True):
+                found += self._one(messages[index], at)
+        return found, sum(len(starts) for starts, *_ in found)
 
-    def _one(self, message: RawMessage, sent: int) -> list[Rows]:
-        robot = self._robot
+    def _one(self, message: RawMessage, sent: int) -> list[Columns]:
+        robot, decode = self._robot, self._bag.decode
         try:
-            decoded = self._bag.decode(message)
-            start, frame, trajectory = motion(decoded, robot.base_frame, robot.tip_frame)
+            motion, start = motion_from_ros(decode(message), robot.base_frame, robot.tip_frame, 0.0)
         except (InvalidMessageError, BagError):
             return []  # the controller refused it too
-        if trajectory is not None:
-            self._trajectories[sent] = trajectory
-        return [Rows(np.array([start]), np.array([sent]), frame.columns)]
+        if not isinstance(motion, SetPoint):
+            self.trajectories[sent] = motion
+        times = np.array([start or NO_START]), np.array([sent])
+        return [[*times, *Frames.of([motion.frames[0]]).columns]]
 
-    def all(self, began: dict[int, int]) -> RecordedReferences:
-        """Return those that are not forgotten, in the order in which they were sent.
+    def settle(self, until: int = LATEST) -> None:
+        """See RecordedTopic."""
+        self._is_ordered = False
+        super().settle(until)
 
-        Args:
-            began: stamps [ns] at which the controller said that one began, by the time of sending
-                of the news; they are taken out.
-        """
-        self.settle()
-        parts = [*([] if self._pending is None else [self._pending]), *self._rows]
-        self._rows = []
-        if not parts:
-            return no_references()
-        self._pending = found = joined(parts).in_order()
-        for news, start in began.items():
-            before = int(np.searchsorted(found.sent, news, side="right"))
-            if before:
-                found.stamp[before - 1] = start
-        began.clear()
-        sent = enumerate(found.sent.tolist())
-        trajectories = {k: self._trajectories[at] for k, at in sent if at in self._trajectories}
-        return RecordedReferences(found.sent, found.stamp, Frames(*found.values), trajectories)
+    def _order(self, until: int) -> NDArray[np.intp]:
+        """Return the places of the rows in the order of sending."""
+        _, sent = self.times()
+        order = np.argsort(sent, kind="stable")
+        return order[sent[order] < until]
 
-    def forget(self, done: int) -> None:
-        """Leave out the first of them."""
-        if self._pending is None:
-            return
-        for sent in self._pending.sent[:done].tolist():
-            self._trajectories.pop(sent, None)
-        left = self._pending.take(np.arange(done, len(self._pending.sent)))
-        self._pending = left if len(left.sent) else None
+    def frames(self, index: NDArray[np.intp]) -> Frames:
+        """Return the first frames of some of them."""
+        return Frames(*(column.take(index) for column in self._columns[2:]))
 
 
-def no_references() -> RecordedReferences:
-    """Return those of a run without any."""
-    return RecordedReferences(np.zeros(0, np.int64), np.zeros(0, np.int64), Frames.nowhere(0), {})
-
-
-class Diagnostics(Queue):
-    """What the nodes say, which is given on, and when a controller said that a reference began.
-
-    Args:
-        bag, arm: see Queue.
-        reports: take what the nodes say.
+class Diagnostics(RecordedTopic):
+    """What the nodes say, and when a controller said that a reference began.
 
     Attributes:
+        reports: what the nodes said.
         began: stamps [ns] at which references began, by the time of sending of the news.
     """
 
@@ -467,13 +492,14 @@ class Diagnostics(Queue):
     type = "diagnostic_msgs/msg/DiagnosticArray"
     is_timed = False
 
-    def __init__(self, bag: Bag, arm: RecordedArm, reports: Reports) -> None:
+    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
         super().__init__(bag, arm)
-        self._namespace, self._others, self._reports = arm.namespace, arm.others, reports
+        self._namespace, self._others = arm.namespace, arm.others
+        self.reports = Reports(arm.topics.get(ShapedFrames.name, "").rpartition("/")[0])
         self.began: dict[int, int] = {}
         self._begins: set[str] = set()
 
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Rows], int]:
+    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
         """Keep what the nodes say; there are no rows."""
         valid = 0
         for message in messages:
@@ -488,7 +514,7 @@ class Diagnostics(Queue):
                 if of == self._namespace:
                     self._note(status, sent)
                 if not any(_is_of(other, of) for other in self._others):
-                    self._reports.add(status, sent)
+                    self.reports.add(status, sent)
         return [], valid
 
     def _note(self, status: Any, sent: int) -> None:
@@ -496,6 +522,11 @@ class Diagnostics(Queue):
             if value.key == BEGAN and value.value not in self._begins and _is_stamp(value.value):
                 self._begins.add(value.value)
                 self.began[sent] = int(value.value)
+
+    def settle(self, until: int = LATEST) -> None:
+        """Forget what was sent at a time [ns] or later."""
+        self.reports.drop_after(until)
+        self.began = {sent: stamp for sent, stamp in self.began.items() if sent < until}
 
 
 def _is_of(arm: str, namespace: str) -> bool:
