@@ -13,6 +13,9 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.orientation.relative_quaternion import (
+    RelativeQuaternionRepresentation,
+)
 
 # Those whose law is not the same seen from another base frame.
 DEPENDS_ON_THE_BASE = {"euler_angles"}
@@ -20,6 +23,12 @@ DEPENDS_ON_THE_BASE = {"euler_angles"}
 every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
 every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
 OF_ANGLES = ("euler_angles", "relative_euler_angles")
+# Those whose impedance is (59) with a moment of their own: they have V_3.
+OF_THE_QUATERNION = tuple(
+    name for name in ORIENTATIONS
+    if issubclass(OrientationRepresentation.registry[name], RelativeQuaternionRepresentation)
+)  # fmt: skip
+of_the_quaternion = pytest.mark.parametrize("name", OF_THE_QUATERNION)
 
 
 def make(name, sequence="XYZ", sign="hysteretic", initial=1) -> OrientationRepresentation:

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from representations import of_the_quaternion
 from samples import all_rotations, near_pole, poles
 from tolerances import assert_close
 
@@ -133,7 +134,7 @@ def test_displacements_in_a_row_follow_from_their_predecessors(name, options):
         assert (np.diff(np.sign(many.Q_de.eta)) != 0).sum() > 10
 
 
-@pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
+@of_the_quaternion
 def test_lyapunov_functions_of_many_are_those_of_each(name):
     orientation = representation(name)
     rng = np.random.default_rng(11)

@@ -15,7 +15,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from arms import assert_no_jump
-from representations import DEPENDS_ON_THE_BASE, every_representation, make
+from representations import (
+    DEPENDS_ON_THE_BASE,
+    OF_THE_QUATERNION,
+    every_representation,
+    make,
+    of_the_quaternion,
+)
 from samples import (
     K_STAR,
     T_of,
@@ -51,6 +57,7 @@ from tolerances import (
     UNBOUNDED,
     assert_close,
 )
+from tolerances import RELATIVE as ROUNDING
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds
@@ -63,7 +70,6 @@ from eulerparams_control.laws.compliant_frame import (
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, EulerSequence
 from eulerparams_control.laws.orientation.relative_quaternion import (
-    RelativeQuaternionRepresentation,
     RelativeTurn,
 )
 from eulerparams_control.laws.rotations import EulerParameters
@@ -79,13 +85,10 @@ RIGHT = math.pi / 2
 
 U_STAR = k_star_axes()
 STAR = (U_STAR * K_STAR) @ U_STAR.T  # K*
-# Those that have V_3.
-HAVE_V_3 = {"angle_axis", "euler_parameters", "rotation_vector"}
 
 three_axes = [s for s in SEQUENCES if s[0] != s[2]]
 proper = [s for s in SEQUENCES if s[0] == s[2]]
 RELATIVE = sorted(set(ORIENTATIONS) - DEPENDS_ON_THE_BASE)
-of_the_quaternion = pytest.mark.parametrize("name", sorted(HAVE_V_3))
 every_frame = pytest.mark.parametrize("frame", TRANSLATIONAL_FRAMES)
 
 
@@ -146,6 +149,8 @@ def turned(x):
 FUNCTIONS = {
     "angle_axis": (math.sin, math.cos, 0.5),
     "euler_parameters": (lambda x: math.sin(x / 2), lambda x: math.cos(x / 2) / 2, 2.0),
+    "modified_rodrigues": (lambda x: 4 * math.tan(x / 4), lambda x: math.cos(x / 4) ** -2, 0.5),
+    "rodrigues": (lambda x: 2 * math.tan(x / 2), lambda x: math.cos(x / 2) ** -2, 0.5),
     "rotation_vector": (lambda x: x, lambda x: 1.0, 0.5),
 }
 
@@ -249,7 +254,9 @@ def test_the_elastic_moment_is_that_of_its_function_of_the_angle(name, theta):
     for r, K, R_d in zip(axes, stiff, uniform(COUNT, 4), strict=True):
         own = law(name, Impedance(I, I, K))
         expected = printed_moment(name, theta, r, K)
-        assert_close(elastic_moment(own, R_d, rodrigues(theta, r)), expected, STIFFNESS)
+        # held() adds 1 Nm to what may be 5e6 Nm
+        atol = max(STIFFNESS, ROUNDING * np.abs(expected).max() ** 2)
+        assert_close(elastic_moment(own, R_d, rodrigues(theta, r)), expected, atol)
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
@@ -444,7 +451,7 @@ def test_V_3_is_kinetic_and_elastic_energy_and_its_rate_damping_and_contact_powe
     Z = Impedance(*positive_definite(3, 60))
     for r, x, mu in zip(unit_vectors(COUNT), vectors(COUNT), vectors(COUNT, 1), strict=True):
         found = make(name).lyapunov_3(rodrigues(1.1, r), x, Z, mu)
-        if name not in HAVE_V_3:
+        if name not in OF_THE_QUATERNION:
             assert found is None
             continue
         f, _, psi = FUNCTIONS[name]
@@ -706,8 +713,7 @@ def test_a_wrench_beyond_all_numbers_is_told_and_no_frame_follows(name, where):
 
 
 def test_the_registry_of_quaternions_is_what_the_tables_say():
-    kind = RelativeQuaternionRepresentation
-    assert {name for name in ORIENTATIONS if isinstance(make(name), kind)} == HAVE_V_3
+    assert set(OF_THE_QUATERNION) == set(FUNCTIONS)
     assert set(RESIDUALS) == set(ORIENTATIONS)
 
 
@@ -797,6 +803,8 @@ def test_bounds_that_are_lowered_bring_the_frame_back_without_a_jump():
         ("euler_parameters", (50.0, 60.0, 70.0), 50.0),  # K sin(theta)
         ("angle_axis", (50.0, 50.0, 50.0), 25.0),  # K sin(theta) cos(theta)
         ("rotation_vector", (10.0, 60.0, 70.0), 10.0 * math.pi),  # K theta
+        # K f f' with f = 4 tan(theta / 4), at 180 deg
+        ("modified_rodrigues", (5.0, 60.0, 70.0), 5.0 * 8.0),
         ("euler_angles", (10.0, 10.0, 10.0), math.inf),
     ],
 )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from arms import assert_no_jump
-from representations import every_representation, make
+from representations import every_representation, make, of_the_quaternion
 from samples import generator, positive_definite
 
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
@@ -71,7 +71,7 @@ def swung(name, frame, tank):
 
 
 @pytest.mark.parametrize("frame", ["base", "desired"])
-@pytest.mark.parametrize("name", ["euler_parameters", "angle_axis", "rotation_vector"])
+@of_the_quaternion
 def test_a_stiffness_that_swings_in_contact_gives_no_more_than_the_tank(name, frame):
     growth = swung(name, frame, TANK)
     assert growth.max() <= TANK

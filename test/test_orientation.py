@@ -65,10 +65,19 @@ RIGHT = math.pi / 2
 FIRST_ORDER_FACTOR = {"euler_parameters": 0.5}
 # Those whose error is zero at 180 deg too.
 VANISHES_AT_PI = {"angle_axis"}
+# f(theta) of those that pull along the axis of the error, (28), (40), by f(theta) r.
+ALONG = {
+    "euler_parameters": lambda theta: math.sin(theta / 2),
+    "modified_rodrigues": lambda theta: 4 * math.tan(theta / 4),
+    "rodrigues": lambda theta: 2 * math.tan(theta / 2),
+    "rotation_vector": lambda theta: theta,
+}
 # The angles of the error [rad] at which a law is singular wherever the frames are.
-SINGULAR_ERRORS = {"angle_axis": (RIGHT, math.pi), "rotation_vector": (math.pi,)}
+SINGULAR_ERRORS = {"angle_axis": (RIGHT, math.pi)} | {
+    name: (math.pi,) for name in ALONG if name != "euler_parameters"
+}
 # Those whose error follows from the mutual quaternion and its sign.
-HAS_A_SIGN = ("euler_parameters", "rotation_vector")
+HAS_A_SIGN = ("euler_parameters", "modified_rodrigues", "rotation_vector")
 
 
 def omega_of(law, R_d, R_e, omega_d=REST, k_Po=K, previous=None):
@@ -76,9 +85,8 @@ def omega_of(law, R_d, R_e, omega_d=REST, k_Po=K, previous=None):
 
 
 # --- the registry ----------------------------------------------------------------------------
-def test_the_five_representations_are_registered_and_found_by_name_with_their_options():
-    expected = "angle_axis euler_angles euler_parameters relative_euler_angles rotation_vector"
-    assert set(ORIENTATIONS) >= set(expected.split())
+def test_the_representations_are_registered_and_found_by_name_with_their_options():
+    assert set(ORIENTATIONS) == {*OF_ANGLES, "angle_axis", *ALONG}
     assert set(ORIENTATIONS) == set(OrientationRepresentation.registry)
     options = OrientationOptions(EulerSequence("ZYZ"), SignRule("shortest"))
     for name in ORIENTATIONS:
@@ -122,7 +130,7 @@ def test_only_sin_theta_r_vanishes_at_180_degrees(name):
     for half_turn, R_e in zip(half_turns(), uniform(len(half_turns())), strict=True):
         error = np.linalg.norm(make(name).displacement(R_e @ half_turn, R_e).error)
         assert (error < tol.ALGEBRAIC) == (name in VANISHES_AT_PI)
-        assert error < tol.ALGEBRAIC or error > 0.99
+        assert error < tol.ALGEBRAIC or error > 0.99 or (math.isnan(error) and name == "rodrigues")
 
 
 @every_representation
@@ -136,12 +144,13 @@ def test_a_small_error_is_undone_along_its_rotation_at_the_gain(name):
 # --- the error equation ----------------------------------------------------------------------
 def error_and_its_rate(name, x_de, R_e, k_Po):
     """Return the coordinates of the error and their stated rate along the law."""
-    if name == "euler_parameters":  # eq. (29) in (16), (17)
-        eta, eps = x_de.Q_de
-        rate = k_Po / 2 * np.array([eps @ eps, *(-eta * eps)])
+    if name in ALONG:  # eq. (29) in (16), (17)
+        e = R_e.T @ x_de.error
+        g = np.array([1.0, *(e / 2)]) / math.hypot(1.0, *(e / 2))  # of rodrigues
+        eta, eps = x_de.Q_de if name in HAS_A_SIGN else (g[0], g[1:])
+        rate = k_Po / 2 * np.array([eps @ e, *(-eta * e)])
         return np.array([eta, *eps]), rate
-    error = R_e.T @ x_de.error if name == "rotation_vector" else x_de.error
-    return error, -k_Po * error  # eq. (26)
+    return x_de.error, -k_Po * x_de.error  # eq. (26)
 
 
 def assert_error_equation(name, law, R_d, R_e, omega_d, previous=None, k_Po=K):
@@ -235,7 +244,7 @@ def test_the_distance_is_zero_at_a_singularity_and_infinite_if_there_is_none(nam
 @pytest.mark.parametrize("theta", [0.2, 1.0, 1.5, 1.6, 2.5, 3.0])
 def test_the_distance_is_the_angle_that_is_left(theta):
     for pair in pairs_apart(theta, 20):
-        for name, singular in (("angle_axis", RIGHT), ("rotation_vector", math.pi)):
+        for name, (singular, *_) in SINGULAR_ERRORS.items():
             expected = min(abs(theta - singular), math.pi - theta)
             distance = make(name).singularity_distance(*pair)
             assert distance == pytest.approx(expected, abs=tol.ALGEBRAIC)
@@ -257,10 +266,11 @@ def test_the_distance_of_euler_angles_is_the_smaller_of_both_frames(angle):
         assert distance == pytest.approx(angle, abs=tol.ALGEBRAIC)
 
 
-@pytest.mark.parametrize("name", ["angle_axis", "euler_angles"])
+@pytest.mark.parametrize("name", ["angle_axis", "euler_angles", "rodrigues"])
 @pytest.mark.parametrize("delta", [1e-2, 1e-3, 1e-5, 1e-6])
 def test_velocity_and_acceleration_grow_without_bound_towards_the_singularity(name, delta):
-    law, pair, omega = make(name), (about(1, RIGHT - delta), np.eye(3)), np.array([0.3, 0.5, 0.8])
+    law, omega = make(name), np.array([0.3, 0.5, 0.8])
+    pair = about(1, (math.pi if name == "rodrigues" else RIGHT) - delta), np.eye(3)
     assert np.linalg.norm(omega_of(law, *pair, omega)) > 0.1 / delta
     a_o = a_o_of(law, Motion(*pair, omega, omega, omega / 2))
     square = 2 if name == "euler_angles" else 1  # with which ddphi_d grows
@@ -280,6 +290,7 @@ def test_euler_parameters_ask_for_a_bounded_velocity_and_acceleration_everywhere
     [
         ("angle_axis", np.rint(about(2, RIGHT)), np.eye(3), "90 deg"),
         ("euler_angles", np.eye(3), about(1, 0.5), "ZYZ"),
+        ("rodrigues", half_turns()[0], np.eye(3), "180 deg"),
     ],
 )
 def test_exactly_at_a_singularity_a_law_is_refused_with_the_way_out(name, R_d, R_e, text):
@@ -342,13 +353,9 @@ def test_eps_de_is_the_vector_part_of_the_mutual_quaternion_in_the_base_frame():
 def test_the_errors_about_an_axis_have_their_closed_forms(theta):
     for r, R_e in zip(unit_vectors(20), uniform(20), strict=True):
         R_d = rodrigues(theta, r) @ R_e
-        for name, length in (
-            ("euler_parameters", math.sin(theta / 2)),
-            ("angle_axis", math.sin(theta)),
-            ("rotation_vector", theta),
-        ):
+        for name, f in {"angle_axis": math.sin, **ALONG}.items():
             error = make(name).displacement(R_d, R_e).error
-            tol.assert_close(error, length * r)
+            tol.assert_close(error, f(theta) * r, tol.ALGEBRAIC * (1 + f(theta) ** 2))
 
 
 # --- the resolved acceleration, eqs. (38)-(43) ---------------------------------------------
@@ -427,24 +434,21 @@ def error_of_angle_axis(m, domega_e, sequence):
     return axial(Q), axial(dQ), axial(ddQ)
 
 
-def error_of_euler_parameters(m, domega_e, sequence):
-    """Return eps_de, Delta omega_de and its derivative: the terms of eq. (41)."""
-    theta, r = angle_and_axis(m)
-    return math.sin(theta / 2) * r, m.omega_d - m.omega_e, m.domega_d - domega_e
+def error_along(f):
+    """Return the function f(theta) r, Delta omega_de and its derivative: the terms of eq. (41)."""
 
+    def error(m, domega_e, sequence):
+        theta, r = angle_and_axis(m)
+        return f(theta) * r, m.omega_d - m.omega_e, m.domega_d - domega_e
 
-def error_of_rotation_vector(m, domega_e, sequence):
-    """Return theta r, Delta omega_de and its derivative."""
-    theta, r = angle_and_axis(m)
-    return theta * r, m.omega_d - m.omega_e, m.domega_d - domega_e
+    return error
 
 
 ERRORS = {
     "angle_axis": error_of_angle_axis,
     "euler_angles": error_of_euler_angles,
-    "euler_parameters": error_of_euler_parameters,
     "relative_euler_angles": error_of_relative_euler_angles,
-    "rotation_vector": error_of_rotation_vector,
+    **{name: error_along(f) for name, f in ALONG.items()},
 }
 
 
@@ -499,7 +503,7 @@ def test_on_the_long_way_round_the_law_pulls_the_other_way(name):
     short, long = make(name), make(name, sign="continuous", initial=-1)
     for motion in moving(pairs_apart(1.0, 20)):
         x, dx, ddx = ERRORS[name](motion, a_o_of(long, motion), "XYZ")
-        turn_back = (2 * math.pi - 1.0) / 1.0 if name == "rotation_vector" else 1.0
+        turn_back = ALONG[name](2 * math.pi - 1.0) / ALONG[name](1.0)
         residual = ddx + K_VO * dx - K_PO * turn_back * x
         tol.assert_close(residual, 0, tol.ERROR_EQUATION)
         assert np.abs(a_o_of(long, motion) - a_o_of(short, motion)).max() > 1

@@ -1,10 +1,12 @@
 """The representations of the orientation displacement; importing this registers them."""
 
-from eulerparams_control.laws.orientation import (
+from eulerparams_control.laws.orientation import (  # noqa: F401  each registers itself
     angle_axis,
     euler_angles,
     euler_parameters,
+    modified_rodrigues,
     relative_euler_angles,
+    rodrigues,
     rotation_vector,
 )
 from eulerparams_control.laws.orientation.base import (
@@ -30,10 +32,5 @@ __all__ = [
     "OrientationOptions",
     "OrientationRepresentation",
     "SignRule",
-    "angle_axis",
-    "euler_angles",
-    "euler_parameters",
-    "relative_euler_angles",
     "representation",
-    "rotation_vector",
 ]
