@@ -60,6 +60,7 @@ def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) ->
         ([NAN, NAN, 1.0], False, ""),  # of another's joint there is one
         ([NAN, NAN, NAN], False, ""),
         ([NAN, NAN, NAN], True, "joint_states has no velocities, all are NaN; efforts need the"),
+        ([], True, "joint_states has no velocities; efforts need"),
         ([NAN, 0.1, 0.0], False, "joint_states has a non-finite velocity: {'a': nan"),
         ([0.1, NAN, 0.0], False, "joint_states has a non-finite velocity: {'a': 0.1"),
     ],
