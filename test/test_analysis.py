@@ -13,7 +13,6 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rewritten, write_run
 
-from eulerparams_control.analysis import quantities
 from eulerparams_control.analysis.charts import axis, symmetric_axis
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
@@ -21,8 +20,8 @@ from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import measure, motion, quotient
-from eulerparams_control.analysis.quantities.base import metric
+from eulerparams_control.analysis.quantities import measure, quotient
+from eulerparams_control.analysis.quantities.base import drawn, metric, row
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.bags import BagWriter
@@ -172,12 +171,13 @@ def test_an_infinite_number_counts_and_none_at_all_is_said(dynamic):
         measure("peak_effort", with_effort(math.nan))
 
 
-def test_no_two_numbers_have_one_name_or_one_place(monkeypatch):
+def test_no_two_numbers_have_one_name_or_one_place():
     with pytest.raises(ValueError, match="there is a metric peak_effort already"):
         metric("Nm", name="peak_effort")(math.sqrt)
-    monkeypatch.setattr(motion, "ROWS", {2: None})  # has another in errors
-    with pytest.raises(ValueError, match=r"motion: ROWS 2 is taken"):
-        quantities._by_place("ROWS")
+    with pytest.raises(ValueError, match=r"place 2 is that of .*orientation error, peak"):
+        row(2, "force, peak", "peak_force")
+    with pytest.raises(ValueError, match=r"place 1 is that of .*orientation_error"):
+        drawn(1, "Force", "|f| [N]", "The force.")(math.sqrt)
 
 
 def test_a_quotient_by_zero_is_infinite_or_nothing():

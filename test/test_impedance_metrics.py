@@ -25,9 +25,8 @@ from eulerparams_control.analysis.compliant import (
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.quantities import measure
+from eulerparams_control.analysis.quantities import BY_NAME, measure
 from eulerparams_control.analysis.quantities.contact import desired_rotations
-from eulerparams_control.analysis.quantities.springs import ELASTIC_ENERGY
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
@@ -576,7 +575,7 @@ def test_springs_take_their_energy_on_the_way_out_and_give_it_back(tmp_path, cli
     run = {"parameters": told, "node": "/compliance_control"}
     out = recorded(tmp_path / "out", there, **run)
     assert measure("spring_work", out) == pytest.approx(-1.0, abs=EXACT)
-    assert ELASTIC_ENERGY.samples(out)[1][-1] == pytest.approx(energy(0.4), rel=EXACT)
+    assert BY_NAME["elastic_energy"].samples(out)[1][-1] == pytest.approx(energy(0.4), rel=EXACT)
     half = recorded(tmp_path / "half", [*there, *back[:150]], **run)
     left, most = energy(back[149]), energy(0.4)
     expected = -left / (2 * most - left)

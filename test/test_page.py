@@ -19,14 +19,8 @@ from eulerparams_control.analysis.digest import Approach, Curve, Digest
 from eulerparams_control.analysis.headline import describe
 from eulerparams_control.analysis.html import script, viewer
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.quantities import (
-    EFFORT,
-    JOINT_SPEED,
-    ORIENTATION_ERROR,
-    VECTOR_QUANTITIES,
-)
+from eulerparams_control.analysis.quantities import BY_NAME
 from eulerparams_control.analysis.quantities.base import Prediction
-from eulerparams_control.analysis.quantities.errors import POSITION_ERROR
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.bags.format import BagFlaw, BagWarning
@@ -91,7 +85,7 @@ def panels_of(page: str) -> dict[str, list[dict[str, Any]]]:
 
 def titles_of(page: str) -> list[str]:
     """Return the titles of the plots, but for those of components."""
-    components = {quantity.title for quantity in VECTOR_QUANTITIES}
+    components = {quantity.title for quantity in BY_NAME.values() if quantity.is_vector}
     return [title for title in panels_of(page) if title not in components]
 
 
@@ -410,9 +404,9 @@ def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path):
 
 
 def test_quantities_with_a_group_have_a_section_and_a_link_to_it(tmp_path, monkeypatch):
-    grouped = replace(POSITION_ERROR, group="Errors & more")
-    monkeypatch.setattr(charts, "QUANTITIES", (ORIENTATION_ERROR, JOINT_SPEED, EFFORT, grouped))
-    monkeypatch.setattr(charts, "VECTOR_QUANTITIES", ())
+    grouped = replace(BY_NAME["position_error"], group="Errors & more")
+    plain = [BY_NAME[name] for name in ("orientation_error", "joint_speed", "effort")]
+    monkeypatch.setattr(charts, "EVERYTHING", (*plain, grouped, BY_NAME["joint_speeds"]))
     text = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "")
     links = dict(re.findall(r'<a href="#(section-\d)">(.*?)</a>', text))
     assert list(links.values()) == [

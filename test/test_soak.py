@@ -20,13 +20,11 @@ from synthetic_runs import URDF, write_run
 from test_faulty_runs import efforts
 
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import measure
+from eulerparams_control.analysis.quantities import BY_NAME, measure
 from eulerparams_control.analysis.quantities.real_time import (
     OTHERS,
     PATIENCE,
-    PERCENTILES,
     USAGE,
-    VECTORS,
     ModeReport,
     Unanswered,
     reasons,
@@ -39,6 +37,8 @@ from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.lab.experiments.runner import node_parameters
 from eulerparams_control.lab.experiments.soak import main, soak
 from eulerparams_control.lab.run.usage import usage_of, waited_of
+
+PLOTS = [BY_NAME[name] for name in ("round_trip_p50", "round_trip_p99", "memory", "processor")]
 
 # A guard against hanging: the short run takes about a minute.
 PATIENT = 300.0
@@ -202,7 +202,7 @@ def test_memory_that_grows_is_found_where_a_process_lived_long_enough(tmp_path):
 
 def test_what_is_drawn_is_what_was_measured(tmp_path):
     found = recording(tmp_path, grows=0.001)
-    curves = {quantity.name: quantity.of(found) for quantity in (*PERCENTILES, *VECTORS)}
+    curves = {quantity.name: quantity.of(found) for quantity in PLOTS}
     t, percentile = curves["round_trip_p99"]
     np.testing.assert_allclose(t, [14.95, 24.95, 34.95, 44.95], atol=0.1)
     np.testing.assert_allclose(percentile, 1.0, rtol=EXACT)
@@ -216,7 +216,7 @@ def test_a_run_that_is_not_in_real_time_has_no_such_numbers(tmp_path):
     found = load(write_run(tmp_path / "run", [0.0] * 3, [0.0] * 3))
     with pytest.raises(BagError, match=r"has no usage.csv: it is no experiment with real_time"):
         measure("round_trip", found)
-    assert {len(quantity.of(found)[0]) for quantity in (*PERCENTILES, *VECTORS)} == {0}
+    assert {len(quantity.of(found)[0]) for quantity in PLOTS} == {0}
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def test_a_short_soak_sees_all_nodes_their_round_trips_and_their_memory(tmp_path
     assert states > 100 * 25  # of 200 a second: a busy machine gives up some
     half, most, all_of_them = (measure("round_trip", found, percent=p) for p in (50, 99, 100))
     assert 0 < half <= most <= all_of_them
-    _, memory = VECTORS[0].of(found)
+    _, memory = BY_NAME["memory"].of(found)
     assert (np.nanmax(memory, axis=0) > 20).all()  # a node that has just started takes less
     told = (tmp_path / "logs/clik/clik.events").read_text()
     assert unknown or "following" in told  # a motion that no fault has ended

@@ -14,10 +14,8 @@ from synthetic_runs import write_run
 from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.digest import Curve, Digest
 from eulerparams_control.analysis.loading import load
+from eulerparams_control.analysis.quantities import BY_NAME
 from eulerparams_control.analysis.quantities.base import Prediction
-from eulerparams_control.analysis.quantities.contact import VECTORS
-from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR, POSITION_ERROR
-from eulerparams_control.analysis.quantities.motion import JOINT_SPEED, JOINT_SPEEDS
 from eulerparams_control.analysis.static import (
     chart_figure,
     plain,
@@ -26,6 +24,10 @@ from eulerparams_control.analysis.static import (
     write_figures,
 )
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+
+FORCE = BY_NAME["f"]
+ORIENTATION_ERROR, POSITION_ERROR = BY_NAME["orientation_error"], BY_NAME["position_error"]
+JOINT_SPEED, JOINT_SPEEDS = BY_NAME["joint_speed"], BY_NAME["joint_speeds"]
 
 T = np.linspace(0.0, 1.99, 200)
 
@@ -72,7 +74,7 @@ def test_the_curves_of_a_figure_are_those_of_the_digest(run):
 
 
 def test_a_vector_has_three_axes_of_the_same_scale_that_share_time(run):
-    figure = quantity_figure([run], VECTORS[0])
+    figure = quantity_figure([run], FORCE)
     lines = [axes.lines[0] for axes in figure.axes]
     now = [float(np.interp(1.0, line.get_xdata(), line.get_ydata())) for line in lines]
     assert now == pytest.approx([np.interp(1.0, *curve) for curve in run.curves["f"]])
@@ -91,14 +93,14 @@ def test_a_chart_without_names_has_no_legend(lines):
 
 
 def test_a_figure_is_the_same_text_each_time(run):
-    first, second = (svg(quantity_figure([run], VECTORS[0])) for _ in range(2))
+    first, second = (svg(quantity_figure([run], FORCE)) for _ in range(2))
     assert first == second
     assert "<script" not in first
     assert "<metadata" not in first
 
 
 def test_figures_in_one_page_share_no_ids_and_refer_to_their_own(run):
-    texts = [svg(quantity_figure([run], quantity)) for quantity in (VECTORS[0], ORIENTATION_ERROR)]
+    texts = [svg(quantity_figure([run], quantity)) for quantity in (FORCE, ORIENTATION_ERROR)]
     found = [re.findall(r'\bid="([^"]*)"', text) for text in texts]
     for ids, text in zip(found, texts, strict=True):
         assert len(ids) == len(set(ids))
@@ -122,10 +124,10 @@ def test_a_long_name_is_shortened_in_the_middle():
     assert plain("\ud800\n") == "\ufffd\ufffd"
 
 
-@pytest.mark.parametrize("quantity", [JOINT_SPEED, VECTORS[0], POSITION_ERROR])
+@pytest.mark.parametrize("quantity", [JOINT_SPEED, FORCE, POSITION_ERROR])
 @pytest.mark.parametrize("value", [1e25, 1e300, np.inf, np.nan, -1e300])
 def test_a_divergence_breaks_no_figure(run, quantity, value):
-    columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is VECTORS[0] else 1)
+    columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is FORCE else 1)
     wild = with_curve(run, quantity.name, *columns)
     figure = quantity_figure([run, wild], quantity)
     ElementTree.fromstring(svg(figure))
@@ -156,7 +158,7 @@ def test_what_theory_says_is_dashed_and_named(run):
     assert "by (28) $" in texts_of(figure)
     assert "another" not in texts_of(figure)
     of_two = Prediction("f", "(52)", T, np.stack([T, 2 * T], axis=1))  # of each its component
-    drawn = lines_of(quantity_figure([run], VECTORS[0], [of_two]))
+    drawn = lines_of(quantity_figure([run], FORCE, [of_two]))
     assert [len(lines) for lines in drawn] == [2, 2, 1]
     assert np.array_equal(drawn[1][1], 2 * T)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import columns
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import EVERYTHING, METRICS, measure
+from eulerparams_control.analysis.quantities import BY_NAME, METRICS, measure
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import UnknownNameError
 
@@ -30,7 +30,7 @@ def figure(runs: Sequence[Recording], quantity: str) -> "Figure":
 
     Args:
         runs: laid over each other.
-        quantity: its name, such as ``orientation_error``; see ``quantities.EVERYTHING``.
+        quantity: its name, such as ``orientation_error``; see ``quantities.BY_NAME``.
 
     Raises:
         UnknownNameError: if there is none of that name; lists those that exist.
@@ -38,7 +38,6 @@ def figure(runs: Sequence[Recording], quantity: str) -> "Figure":
     """
     from eulerparams_control.analysis.static import quantity_figure  # matplotlib takes a second
 
-    known = {each.name: each for each in EVERYTHING}
-    if quantity not in known:
-        raise UnknownNameError("quantity", quantity, known)
-    return quantity_figure(list(map(Digest.of, runs)), known[quantity])
+    if quantity not in BY_NAME:
+        raise UnknownNameError("quantity", quantity, BY_NAME)
+    return quantity_figure(list(map(Digest.of, runs)), BY_NAME[quantity])

@@ -1,6 +1,6 @@
 """Charts: lines, limits, shades and axes, of runs over time or over a parameter.
 
-    drawn = panel(ORIENTATION_ERROR, digests)
+    drawn = panel(picture("orientation_error"), digests)
     drawn.charts          # one, or one a component, or one a joint
 
 ``interactive`` draws a chart with plotly, ``static`` with matplotlib.
@@ -16,15 +16,8 @@ import numpy as np
 
 from eulerparams_control.analysis.digest import NEAR, Approach, Digest, Interval, merged
 from eulerparams_control.analysis.labels import labels, sequences
-from eulerparams_control.analysis.quantities import (
-    JOINT_QUANTITIES,
-    ORIENTATION_ERROR,
-    POLE_DISTANCE,
-    QUANTITIES,
-    VECTOR_QUANTITIES,
-)
+from eulerparams_control.analysis.quantities import BY_NAME, EVERYTHING
 from eulerparams_control.analysis.quantities.base import Prediction, Quantity
-from eulerparams_control.analysis.quantities.shaping import DASHED
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.laws.rotations import Array
 
@@ -289,7 +282,7 @@ class Panels(NamedTuple):
 
 def picture(name: str) -> Quantity:
     """Return the quantity of that name; raises UnknownNameError."""
-    names = {quantity.name: quantity for quantity in QUANTITIES}
+    names = {q.name: q for q in EVERYTHING if not q.components and not q.beside}
     if name not in names:
         raise UnknownNameError("picture", name, names)
     return names[name]
@@ -297,7 +290,7 @@ def picture(name: str) -> Quantity:
 
 def panels(
     digests: Sequence[Digest],
-    first: Quantity = ORIENTATION_ERROR,
+    first: Quantity = BY_NAME["orientation_error"],
     predictions: Sequence[Prediction] = (),
 ) -> Panels:
     """Return all quantities, ``first`` first; those without data, and zero vectors, left out.
@@ -305,8 +298,7 @@ def panels(
     Raises:
         UnknownNameError: if a prediction is of no quantity.
     """
-    quantities: list[Quantity] = [*dict.fromkeys((first, *QUANTITIES)), *VECTOR_QUANTITIES]
-    quantities += JOINT_QUANTITIES
+    quantities = dict.fromkeys((first, *(each for each in EVERYTHING if not each.beside)))
     names = {quantity.name: quantity for quantity in quantities}
     for prediction in predictions:
         if prediction.quantity not in names:
@@ -322,10 +314,10 @@ def panels(
 
 def _dashed(digests: Sequence[Digest]) -> Iterator[Prediction]:
     """Yield what is drawn dashed with another quantity, of each run."""
-    for name, quantity in DASHED.items():
+    for quantity in filter(lambda each: each.beside, EVERYTHING):
         for label, digest in zip(labels(digests), digests, strict=True):
             for curve in digest.curves.get(quantity.name, ()):
-                yield Prediction(name, label, curve.t, curve.y, quantity.title)
+                yield Prediction(quantity.beside, label, curve.t, curve.y, quantity.title)
 
 
 def _is_drawn(quantity: Quantity, digests: Sequence[Digest]) -> bool:
@@ -384,7 +376,7 @@ def panel(
             lines.append(Line(label, np.transpose([p.t, y]), "predicted", False, i))
         own = [x[k : k + 1] for x in limits] if quantity.is_of_joints else limits
         known = np.unique(np.concatenate([np.zeros(0), *own]))
-        lines += _closest(digests) if quantity is POLE_DISTANCE else []
+        lines += _closest(digests) if name == "pole_distance" else []
         at = tuple(known[np.isfinite(known)].tolist())
         charts.append(replace(shared, lines=tuple(lines), title=title, scale=scale, limits=at))
     return Panel(quantity, charts, theory)

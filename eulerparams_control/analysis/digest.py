@@ -91,14 +91,15 @@ def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[Interval]:
 
 
 def values(recording: Recording) -> list[float | None]:
-    """Return the numbers of a run, None where it has none."""
+    """Return the numbers of the table of a run, None where it has none."""
     return [_computed(row, recording) for row in NUMBERS]
 
 
 def together(parts: Sequence[Sequence[float | None]]) -> list[float | None]:
     """Return the numbers of a run from those of its parts, in their order."""
-    columns = zip(*parts, strict=True)
-    return [row.together(column) for row, column in zip(NUMBERS, columns, strict=True)]
+    columns = [[x for x in column if x is not None] for column in zip(*parts, strict=True)]
+    rows = zip(NUMBERS, columns, strict=True)
+    return [get_metric(row.metric).of_parts(known) if known else None for row, known in rows]
 
 
 def _computed(row: TableNumber, recording: Recording) -> float | None:

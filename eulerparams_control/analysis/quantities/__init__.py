@@ -1,8 +1,7 @@
 """All quantities of a run, and the numbers made of them; importing this registers them.
 
-A new one is a function, its reductions and its plot in a module here, found by being there:
-``PLACES`` maps a position on the page to plots, ``ROWS`` a position in the table to numbers.
-Options that many numbers have:
+A new one is a function in a module here, which is found by being there: ``drawn`` gives it a plot,
+``reduced`` makes metrics of it, ``row`` puts one into the table.  Options that many numbers have:
 
 ``of``  what it looks at: the ``command`` (joint_reference), the motion that was ``measured``
     (joint_states), or the ``leading`` of them, which is the default: the command if there
@@ -14,10 +13,11 @@ Options that many numbers have:
 
 import importlib
 import pkgutil
-from typing import Any
 
 from eulerparams_control.analysis.quantities.base import (
     METRICS,
+    PLOTS,
+    ROWS,
     Metric,
     Quantity,
     TableNumber,
@@ -25,22 +25,12 @@ from eulerparams_control.analysis.quantities.base import (
     measure,
     quotient,
 )
-from eulerparams_control.analysis.quantities.errors import ORIENTATION_ERROR
-from eulerparams_control.analysis.quantities.motion import EFFORT, JOINT_SPEED, POLE_DISTANCE
-from eulerparams_control.analysis.quantities.shaping import DASHED
 
 __all__ = [
-    "DASHED",
-    "EFFORT",
+    "BY_NAME",
     "EVERYTHING",
-    "JOINT_QUANTITIES",
-    "JOINT_SPEED",
     "METRICS",
     "NUMBERS",
-    "ORIENTATION_ERROR",
-    "POLE_DISTANCE",
-    "QUANTITIES",
-    "VECTOR_QUANTITIES",
     "Metric",
     "TableNumber",
     "get_metric",
@@ -48,28 +38,13 @@ __all__ = [
     "quotient",
 ]
 
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    importlib.import_module(_module.name)
 
-def _by_place(name: str) -> list[Any]:
-    """Return what the modules here have under a name, by its place."""
-    places: dict[float, Any] = {}
-    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
-        own = getattr(importlib.import_module(module.name), name, {})
-        if twice := places.keys() & own.keys():
-            raise ValueError(f"{module.name}: {name} {min(twice):g} is taken")
-        places |= own
-    return [places[place] for place in sorted(places)]
+EVERYTHING: tuple[Quantity, ...] = tuple(PLOTS[place] for place in sorted(PLOTS))
+"""In the order of the page."""
 
+BY_NAME = {quantity.name: quantity for quantity in EVERYTHING}
 
-EVERYTHING: tuple[Quantity, ...] = tuple(
-    each for some in _by_place("PLACES") for each in (some if isinstance(some, tuple) else (some,))
-)
-"""In the order of the page; the last are drawn dashed with another one."""
-
-QUANTITIES = tuple(q for q in EVERYTHING if not q.components and q not in DASHED.values())
-"""The first is the picture that matters, unless another is named."""
-
-VECTOR_QUANTITIES = tuple(q for q in EVERYTHING if q.is_vector)
-JOINT_QUANTITIES = tuple(q for q in EVERYTHING if q.is_of_joints)
-
-NUMBERS: tuple[TableNumber, ...] = tuple(_by_place("ROWS"))
+NUMBERS: tuple[TableNumber, ...] = tuple(ROWS[place] for place in sorted(ROWS))
 """Of the table, in its order."""

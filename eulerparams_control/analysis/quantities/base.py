@@ -1,9 +1,9 @@
 """Quantities and numbers of a run: the registry of metrics, and reductions of a quantity to one.
 
 A quantity is a function of a Recording, with options, that returns instants t (N,) [s] and values
-(N,) or (N, m); NaN where there is none.  What was not recorded raises BagError.  A page draws it,
-see :class:`Quantity`; :func:`reduced` makes numbers of it, on which an
-experiment can put a criterion.
+(N,) or (N, m); NaN where there is none.  What was not recorded raises BagError.  :func:`drawn`
+gives it a plot, :func:`reduced` makes numbers of it, on which an experiment can put a criterion,
+and :func:`row` puts one of them into the table.
 """
 
 import inspect
@@ -16,10 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.analysis.arm import recorded
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.robot.robot import Robot
 
 XYZ: tuple[str, ...] = ("x", "y", "z")
@@ -27,6 +29,12 @@ XYZ: tuple[str, ...] = ("x", "y", "z")
 
 JOINTS: tuple[str, ...] = ("each joint",)
 """In place of components: one for each joint of the arm."""
+
+type Axis = Sequence[float]
+"""Three numbers, of any length but 0; none at all means no axis."""
+
+type Samples = tuple[Array, Array]
+"""Instants (N,) [s] and values."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,7 @@ class Quantity:
         components: the names of the m components, or ``JOINTS``; () is one line.
         group: its heading in the page.
         logarithmic: whether the axis is logarithmic in any case.
+        beside: the name of the quantity with which it is drawn, dashed; "" if by itself.
     """
 
     name: str
@@ -53,11 +62,12 @@ class Quantity:
     caption: str
     unit: str
     floor: float
-    of: Callable[[Recording], tuple[Array, Array]]
+    of: Callable[..., Samples]
     limits: Callable[[Robot], Array] | None = None
     components: tuple[str, ...] = ()
     group: str = "Over time"
     logarithmic: bool = False
+    beside: str = ""
 
     @property
     def is_of_joints(self) -> bool:
@@ -69,22 +79,12 @@ class Quantity:
         """Whether its components are others."""
         return bool(self.components) and not self.is_of_joints
 
-    def samples(self, recording: Recording) -> tuple[Array, Array]:
+    def samples(self, recording: Recording) -> Samples:
         """Return instants (N,) [s] and values; both empty if it was not recorded."""
         try:
             return self.of(recording)
         except BagError:
             return np.zeros(0), np.zeros(0)
-
-
-type _Vector = tuple[str, str, str, str, str, float, Callable[[Recording], tuple[Array, Array]]]
-
-
-def vectors(
-    group: str, *given: _Vector, components: tuple[str, ...] = XYZ
-) -> tuple[Quantity, ...]:
-    """Return quantities with components, under one heading, of what is given from name to of."""
-    return tuple(Quantity(*each, components=components, group=group) for each in given)
 
 
 class Prediction(NamedTuple):
@@ -105,13 +105,6 @@ class Prediction(NamedTuple):
     name: str = "predicted"
 
 
-type Axis = Sequence[float]
-"""Three numbers, of any length but 0; none at all means no axis."""
-
-type Samples = tuple[Array, Array]
-"""Instants (N,) [s] and values."""
-
-
 class Metric(NamedTuple):
     """A number of a run.
 
@@ -120,49 +113,89 @@ class Metric(NamedTuple):
         unit: of the number; "" if it has none.
         description: in words.
         raw: whether it reads the bag itself, whatever part of the run is in memory.
+        of_parts: makes the number of a run from those of its parts.
     """
 
     compute: Callable[..., float]
     unit: str
     description: str
     raw: bool = False
+    of_parts: Callable[[list[float]], float] = max
 
 
 class TableNumber(NamedTuple):
     """A row of the table.
 
-    ``needs`` names the attribute of the recording that it needs, "" if none; ``of_parts`` makes the
-    number of a run from those of its parts.
+    ``needs`` names the attribute of the recording that it needs, "" if none.
     """
 
     title: str
     metric: str
-    options: Mapping[str, str] = MappingProxyType({})
     needs: str = ""
-    of_parts: Callable[[list[float]], float] = max
-
-    def together(self, values: Sequence[float | None]) -> float | None:
-        """Return the number of a run from those of its parts; None if none has it."""
-        known = [value for value in values if value is not None]
-        return self.of_parts(known) if known else None
+    options: Mapping[str, str] = MappingProxyType({})
 
 
-def last(values: list[float]) -> float:
-    """Return the number of the last part."""
-    return values[-1]
+PLOTS: dict[float, Quantity] = {}
+"""By their places on the page."""
 
+ROWS: dict[float, TableNumber] = {}
+"""By their places in the table."""
 
 METRICS: dict[str, Metric] = {}
 
 
+def _put[T](places: dict[float, T], place: float, what: T) -> None:
+    if place in places:
+        raise ValueError(f"{what}: place {place:g} is that of {places[place]}")
+    places[place] = what
+
+
+def drawn(
+    place: float,
+    title: str,
+    label: str,
+    caption: str,
+    unit: str = "",
+    floor: float = 0.0,
+    *,
+    name: str = "",
+    **look: Any,
+) -> Callable[[Callable[..., Samples]], Callable[..., Samples]]:
+    """Register a quantity to be drawn.
+
+    Args:
+        place: on the page.
+        title, label, caption, unit, floor: see :class:`Quantity`.
+        name: instead of that of the function.
+        look: the other fields of :class:`Quantity`.
+    """
+
+    def register(of: Callable[..., Samples]) -> Callable[..., Samples]:
+        called = name or of.__name__
+        _put(PLOTS, place, Quantity(called, title, label, caption, unit, floor, of, **look))
+        return of
+
+    return register
+
+
+def row(place: float, title: str, metric: str, needs: str = "", **options: str) -> None:
+    """Register a row of the table: see :class:`TableNumber`."""
+    _put(ROWS, place, TableNumber(title, metric, needs, options))
+
+
 def metric(
-    unit: str, raw: bool = False, *, name: str = "", text: str = ""
+    unit: str,
+    raw: bool = False,
+    *,
+    name: str = "",
+    text: str = "",
+    of_parts: Callable[[list[float]], float] = max,
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
     """Register a function as a metric; its name and its first doc line are those of the metric.
 
     Args:
         unit: of the number.
-        raw: see :class:`Metric`.
+        raw, of_parts: see :class:`Metric`.
         name, text: instead, of a function that has none.
     """
 
@@ -171,7 +204,7 @@ def metric(
         quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
         if (called := name or function.__name__) in METRICS:
             raise ValueError(f"there is a metric {called} already")
-        METRICS[called] = Metric(quiet(function), unit, description, raw)
+        METRICS[called] = Metric(quiet(function), unit, description, raw, of_parts)
         return function
 
     return register
@@ -217,10 +250,11 @@ def reduced(
 
     def register(samples: Callable[..., Samples]) -> Callable[..., Samples]:
         for take, name in named.items():
-            text, reduction = _REDUCTIONS[take]
+            text, reduction, of_parts = _REDUCTIONS[take]
             said = text.format(words)
             number = _number(samples, reduction, vectors)
-            metric(unit, name=name, text=said[0].upper() + said[1:])(number)
+            said = said[0].upper() + said[1:]
+            metric(unit, name=name, text=said, of_parts=of_parts)(number)
         return samples
 
     return register
@@ -271,11 +305,15 @@ def _scalars(y: Array, axis: Axis) -> Array:
     return along(y, axis) if y.ndim > 1 else y
 
 
-_REDUCTIONS: Mapping[str, tuple[str, Callable[..., float]]] = {
-    "peak": ("largest {}", _peak),
-    "least": ("smallest {}", _least),
-    "rms": ("root mean square of the {}", _rms),
-    "final": ("{} at the end", _final),
+def _last(parts: list[float]) -> float:
+    return parts[-1]
+
+
+_REDUCTIONS: Mapping[str, tuple[str, Callable[..., float], Callable[[list[float]], float]]] = {
+    "peak": ("largest {}", _peak, max),
+    "least": ("smallest {}", _least, min),
+    "rms": ("root mean square of the {}", _rms, max),
+    "final": ("{} at the end", _final, _last),
 }
 
 
@@ -299,9 +337,33 @@ def series_of(recording: Recording, of: str) -> Series:
         return recording.measured
     if of == "leading":
         return recording.leading
-    if recording.command is None:
-        raise BagError(f"{recording.path} has no joint_reference")
-    return recording.command
+    command: Series = needed(recording, "command")
+    return command
+
+
+_TOPICS = {
+    **{"command": "joint_reference", "effort": "joint_effort"},
+    **{"compliant": "compliant_frame", "impedance": "compliant_frame"},
+}
+
+
+def needed(recording: Recording, name: str) -> Any:
+    """Return an attribute of a recording; raises BagError that says why there is none."""
+    value = getattr(recording, name)
+    if value is None and name in _TOPICS:
+        raise BagError(f"{recording.path} has no {_TOPICS[name]}")
+    if value is None:
+        raise BagError(f"{recording.path}: {getattr(recording, f'why_no_{name}')}")
+    return value
+
+
+def told[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
+    """Return what the controller was told; raises BagError if none with such parameters ran."""
+    found = recorded(recording.parameters, kind)
+    if found is None:
+        name = kind.scheme.name
+        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
+    return found
 
 
 def within(t: Array, after: float, before: float) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.analysis.arm import parameters_to_blame, recorded
+from eulerparams_control.analysis.arm import parameters_to_blame
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     ImpedanceRun,
@@ -16,19 +16,20 @@ from eulerparams_control.analysis.compliant import (
     translational_residual,
 )
 from eulerparams_control.analysis.quantities.base import (
+    XYZ,
     Axis,
-    Quantity,
     Samples,
-    TableNumber,
     along,
     compared,
+    drawn,
     known,
-    last,
     mean_at_end,
     metric,
+    needed,
     quotient,
     reduced,
-    vectors,
+    row,
+    told,
     within,
 )
 from eulerparams_control.analysis.quantities.contact import GROUP, lengths
@@ -38,30 +39,35 @@ from eulerparams_control.errors import BagError
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 
-def _compliant(recording: Recording) -> CompliantMotion:
-    if recording.compliant is None:
-        raise BagError(f"{recording.path} has no compliant_frame")
-    return recording.compliant
-
-
+@drawn(
+    21.5, "Turn of the compliant frame, desired axes", "turn [deg]",
+    "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
+    "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
+    unit="deg", floor=1e-6, name="rho_cd_d", components=XYZ, group=GROUP,
+)  # fmt: skip
 @reduced("turn", "deg", "turn of the compliant frame", "peak", "final", vectors=True)
 def turn(recording: Recording) -> Samples:
     """Return the rotation vector (N, 3) [deg] of R_d' R_c."""
-    compliant = _compliant(recording)
+    compliant: CompliantMotion = needed(recording, "compliant")
     return compared(compliant.t, np.degrees(compliant.rho_cd_d))
 
 
+@drawn(
+    21, "Displacement of the compliant frame, desired axes", "displacement [mm]",
+    "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
+    unit="mm", floor=1e-6, name="p_cd_d", components=XYZ, group=GROUP,
+)  # fmt: skip
 @reduced("displacement", "mm", "displacement of the compliant frame", "peak", "final", vectors=True)
 def displacement(recording: Recording) -> Samples:
     """Return R_d' (p_c - p_d) (N, 3) [mm] at the tip."""
-    compliant = _compliant(recording)
+    compliant: CompliantMotion = needed(recording, "compliant")
     return compared(compliant.t, 1e3 * compliant.p_cd_d)
 
 
 @reduced("compliant_speed", "mm/s", "speed of the compliant frame", "final")
 def compliant_speed(recording: Recording) -> Samples:
     """Return the speed [mm/s] of the compliant frame."""
-    compliant = _compliant(recording)
+    compliant: CompliantMotion = needed(recording, "compliant")
     return compliant.t, 1e3 * compliant.speed
 
 
@@ -116,7 +122,7 @@ def escape_rate(recording: Recording, low: float, high: float) -> float:
     That of 180 deg less the turn of the compliant frame, where this first passes from ``low`` to
     ``high`` [deg]: about an axis of K_o the equilibrium Q3 (67) is unstable (70), (71).
     """
-    compliant = _compliant(recording)
+    compliant: CompliantMotion = needed(recording, "compliant")
     turn = np.degrees(np.linalg.norm(compliant.rho_cd_d, axis=1))
     known = np.isfinite(turn)
     try:
@@ -131,7 +137,7 @@ def guided_distance(recording: Recording, axis: Axis = (), before: float = math.
 
     With an axis, in the base frame, its component.
     """
-    compliant = _compliant(recording)
+    compliant: CompliantMotion = needed(recording, "compliant")
     p_c = compliant.p_c[within(compliant.t, 0.0, before)]
     return 1e3 * float(along(p_c[-1] - p_c[0], axis))
 
@@ -143,10 +149,10 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     Of f - (M_p ddx + D_p dx + K_p x) with the accelerations of the compliant frame
     that was recorded; without dead band and low-pass it is rounding.
     """
-    run, told = _impedance(recording), _told(recording)
-    with parameters_to_blame(told.scheme.name):
-        Z = told.translation()
-    left = translational_residual(run.motion, run.f, Z, told.translational_frame)
+    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    with parameters_to_blame(parameters.scheme.name):
+        Z = parameters.translation()
+    left = translational_residual(run.motion, run.f, Z, parameters.translational_frame)
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
@@ -158,65 +164,33 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     accelerations of the compliant frame that was recorded; without dead band and low-pass it is
     rounding, however the desired frame turns.
     """
-    run, told = _impedance(recording), _told(recording)
-    if told.orientation != "euler_parameters":
-        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {told.orientation}")
-    with parameters_to_blame(told.scheme.name):
-        left = rotational_residual(run.motion, run.mu, told.rotation())
+    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    if (used := parameters.orientation) != "euler_parameters":
+        raise BagError(f"{recording.path}: (59) is of euler_parameters, not {used}")
+    with parameters_to_blame(parameters.scheme.name):
+        left = rotational_residual(run.motion, run.mu, parameters.rotation())
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
 def _impedance(recording: Recording) -> ImpedanceRun:
     """Return what an impedance relates; raises BagError unless the wrench is known."""
-    run = recording.impedance
-    if run is None:
-        raise BagError(f"{recording.path} has no compliant_frame")
-    if recording.wrench is None:
-        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    run: ImpedanceRun = needed(recording, "impedance")
+    needed(recording, "wrench")
     return run
 
 
-def _told(recording: Recording) -> ImpedanceParameters:
-    told = recorded(recording.parameters, ImpedanceParameters)
-    if told is None:
-        name = ImpedanceParameters.scheme.name
-        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
-    return told
-
-
-DISPLACEMENT = Quantity(
-    "displacement",
-    "Displacement of the compliant frame",
-    "|p_c - p_d| [mm]",
+drawn(
+    4, "Displacement of the compliant frame", "|p_c - p_d| [mm]",
     "Distance between the compliant and the desired origin: what the contact force makes of the "
     "translational impedance (52).",
-    "mm",
-    1e-6,
-    lengths(displacement),
-)
-TURN = Quantity(
-    "turn",
-    "Turn of the compliant frame",
-    "angle of R_d' R_c [deg]",
+    unit="mm", floor=1e-6, name="displacement",
+)(lengths(displacement))  # fmt: skip
+drawn(
+    5, "Turn of the compliant frame", "angle of R_d' R_c [deg]",
     "Angle of the compliant frame relative to the desired one: what the contact moment makes of "
     "the rotational impedance (55), (59).",
-    "deg",
-    1e-6,
-    lengths(turn),
-)
-VECTORS = vectors(
-    GROUP,
-    ("p_cd_d", "Displacement of the compliant frame, desired axes", "displacement [mm]",
-     "R_d' (p_c - p_d): the compliant relative to the desired origin, in the desired frame.",
-     "mm", 1e-6, displacement),
-    ("rho_cd_d", "Turn of the compliant frame, desired axes", "turn [deg]",
-     "Rotation vector of R_d' R_c, axis times angle of the compliant relative to the desired "
-     "frame: with Euler parameters along the moment where that is along an axis of K_o (65).",
-     "deg", 1e-6, turn),
-)  # fmt: skip
+    unit="deg", floor=1e-6, name="turn",
+)(lengths(turn))  # fmt: skip
 
-PLACES = {4: DISPLACEMENT, 5: TURN, 21: VECTORS}
-ROWS = {
-    20: TableNumber("compliant frame, end", "final_displacement", of_parts=last),
-    21: TableNumber("compliant frame, end", "final_turn", of_parts=last),
-}
+row(20, "compliant frame, end", "final_displacement")
+row(21, "compliant frame, end", "final_turn")

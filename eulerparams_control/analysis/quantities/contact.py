@@ -9,20 +9,22 @@ They are what the environment exerts on the tool, at the origin of the tip.  Opt
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from eulerparams_control.analysis.compliant import Wrenches
 from eulerparams_control.analysis.quantities.base import (
+    XYZ,
     Axis,
-    Quantity,
     Samples,
-    TableNumber,
     along,
     compared,
-    last,
+    drawn,
     metric,
+    needed,
     reduced,
-    vectors,
+    row,
     within,
 )
 from eulerparams_control.analysis.recording import Recording
@@ -41,9 +43,7 @@ def desired_rotations(recording: Recording, t: Array) -> Array:
 
 def _wrench(recording: Recording, part: str, frame: str) -> Samples:
     """Return f or mu (N, 3) in the axes of a frame."""
-    wrench = recording.wrench
-    if wrench is None:
-        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    wrench: Wrenches = needed(recording, "wrench")
     if frame not in FRAMES:
         raise UnknownNameError("frame", frame, FRAMES)
     values: Array = getattr(wrench, part)
@@ -100,29 +100,23 @@ def lengths(of: Callable[[Recording], Samples]) -> Callable[[Recording], Samples
 
 
 GROUP = "Contact and compliance by component"
-_F, _MU = _felt(force), _felt(moment)
 _WRENCH = (
     "what the environment exerts on the tool at the origin of the tip, in base axes: f, mu of "
     "(52), (55), (59), from the sensor, without the weight of the tool that the controller knows"
 )
-
-FORCE = Quantity(
-    "force", "Contact force", "force |f| [N]", f"Force: {_WRENCH}.", "N", 1e-6, lengths(_F)
+_F, _MU = _felt(force), _felt(moment)
+_BOTH = (
+    ("force", "f", "Contact force", "Force", "N", _F),
+    ("moment", "mu", "Contact moment", "Moment", "Nm", _MU),
 )
-MOMENT = Quantity(
-    "moment", "Contact moment", "moment |mu| [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, lengths(_MU)
-)
+for _i, (_name, _symbol, _title, _word, _unit, _of) in enumerate(_BOTH):
+    _caption, _label = f"{_word}: {_WRENCH}.", f"{_word.lower()} |{_symbol}| [{_unit}]"
+    drawn(2 + _i, _title, _label, _caption, _unit, 1e-6, name=_name)(lengths(_of))
+    _look: dict[str, Any] = {"components": XYZ, "group": GROUP}
+    _title, _label = f"{_title}, base axes", f"{_symbol} [{_unit}]"
+    drawn(20 + _i / 10, _title, _label, _caption, _unit, 1e-6, name=_symbol, **_look)(_of)
 
-VECTORS = vectors(
-    GROUP,
-    ("f", "Contact force, base axes", "f [N]", f"Force: {_WRENCH}.", "N", 1e-6, _F),
-    ("mu", "Contact moment, base axes", "mu [Nm]", f"Moment: {_WRENCH}.", "Nm", 1e-6, _MU),
-)
-
-PLACES = {2: FORCE, 3: MOMENT, 20: VECTORS}
-ROWS = {
-    10: TableNumber("force, peak", "peak_force", needs="contact"),
-    11: TableNumber("force, end", "final_force", needs="contact", of_parts=last),
-    12: TableNumber("moment, peak", "peak_moment", needs="contact"),
-    13: TableNumber("moment, end", "final_moment", needs="contact", of_parts=last),
-}
+row(10, "force, peak", "peak_force", "contact")
+row(11, "force, end", "final_force", "contact")
+row(12, "moment, peak", "peak_moment", "contact")
+row(13, "moment, end", "final_moment", "contact")

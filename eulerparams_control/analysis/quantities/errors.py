@@ -5,21 +5,23 @@ compliant frame: what the motion loop of an impedance leaves.
 """
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
+from eulerparams_control.analysis.compliant import CompliantMotion
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.quantities.base import (
-    Quantity,
     Samples,
-    TableNumber,
     compared,
+    drawn,
     known,
-    last,
     metric,
+    needed,
     quotient,
     reduced,
+    row,
     series_of,
 )
 from eulerparams_control.analysis.recording import Recording
@@ -33,11 +35,17 @@ def _frames(recording: Recording, series: Series, against: str) -> Frames:
         return series.desired
     if against != "compliant":
         raise UnknownNameError("frame", against, ("desired", "compliant"))
-    if recording.compliant is None:
-        raise BagError(f"{recording.path} has no compliant_frame")
-    return recording.compliant.at(series.t)
+    compliant: CompliantMotion = needed(recording, "compliant")
+    return compliant.at(series.t)
 
 
+@drawn(
+    1, "Orientation error", "orientation error [deg]",
+    "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
+    "quaternion in (27), whatever representation the controller uses. In kinematic control that of "
+    "the command, joint_reference; that of the arm itself is below.",
+    unit="deg", floor=1e-6,
+)  # fmt: skip
 @reduced("orientation_error", "deg", "orientation error", "peak", "final", "rms")
 def orientation_error(
     recording: Recording, of: str = "leading", against: str = "desired"
@@ -49,6 +57,11 @@ def orientation_error(
     return compared(series.t, np.degrees(error))
 
 
+@drawn(
+    11, "Position error", "position error [mm]",
+    "Distance between the desired and the actual origin of the tip.",
+    unit="mm", floor=1e-6,
+)  # fmt: skip
 @reduced("position_error", "mm", "position error", "peak", "final")
 def position_error(recording: Recording, of: str = "leading", against: str = "desired") -> Samples:
     """Return the distance [mm] of the tip from the origin of a frame."""
@@ -58,6 +71,12 @@ def position_error(recording: Recording, of: str = "leading", against: str = "de
     return compared(series.t, 1e3 * error)
 
 
+@drawn(
+    14, "Servo", "command - measured [deg]",
+    "Largest angle of a joint between joint_reference and joint_states of the same stamp: how "
+    "well the robot does what it is told, with the noise of its sensors.",
+    unit="deg", floor=1e-6,
+)  # fmt: skip
 @reduced({"peak": "servo_lag"}, "deg", "angle of a joint between command and measurement")
 def servo_lag(recording: Recording) -> Samples:
     """Return the largest angle [deg] of a joint between command and measurement."""
@@ -90,106 +109,43 @@ def period_growth(recording: Recording, period: float, of: str = "leading") -> f
     return quotient(last, first)
 
 
-def _measured(of: "partial[Samples]", recording: Recording) -> Samples:
+def _measured(of: Callable[..., Samples], recording: Recording) -> Samples:
     """Return a measured error; without a command it is the error itself."""
     series_of(recording, "command")
-    return known(*of(recording), 0.0, math.inf)
+    return known(*of(recording, of="measured"), 0.0, math.inf)
 
 
-ORIENTATION_ERROR = Quantity(
-    "orientation_error",
-    "Orientation error",
-    "orientation error [deg]",
-    "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
-    "quaternion in (27), whatever representation the controller uses. In kinematic control that of "
-    "the command, joint_reference; that of the arm itself is below.",
-    "deg",
-    1e-6,
-    orientation_error,
-)
-POSITION_ERROR = Quantity(
-    "position_error",
-    "Position error",
-    "position error [mm]",
-    "Distance between the desired and the actual origin of the tip.",
-    "mm",
-    1e-6,
-    position_error,
-)
-MEASURED_ERRORS = (
-    Quantity(
-        "measured_orientation_error",
-        "Orientation error of the arm itself",
-        "orientation error [deg]",
-        "Angle between the desired frame and the tip as it was measured, joint_states.",
-        "deg",
-        1e-6,
-        partial(_measured, partial(orientation_error, of="measured")),
-    ),
-    Quantity(
-        "measured_position_error",
-        "Position error of the arm itself",
-        "position error [mm]",
-        "Distance between the desired and the measured origin of the tip, joint_states.",
-        "mm",
-        1e-6,
-        partial(_measured, partial(position_error, of="measured")),
-    ),
-)
-"""Beside those of the command, where there is one."""
+drawn(
+    13, "Orientation error of the arm itself", "orientation error [deg]",
+    "Angle between the desired frame and the tip as it was measured, joint_states.",
+    unit="deg", floor=1e-6, name="measured_orientation_error",
+)(partial(_measured, orientation_error))  # fmt: skip
+drawn(
+    13.5, "Position error of the arm itself", "position error [mm]",
+    "Distance between the desired and the measured origin of the tip, joint_states.",
+    unit="mm", floor=1e-6, name="measured_position_error",
+)(partial(_measured, position_error))  # fmt: skip
+drawn(
+    6, "Position error of the motion loop", "|p_c - p_e| [mm]",
+    "Distance between the compliant and the actual origin of the tip: what the inner motion "
+    "loop (49) of Fig. 3 leaves. The position error above is that to the desired frame.",
+    unit="mm", floor=1e-6, name="motion_loop_position",
+)(partial(position_error, against="compliant"))  # fmt: skip
+drawn(
+    6.5, "Orientation error of the motion loop", "angle of R_e' R_c [deg]",
+    "Angle between the compliant and the actual frame: what the inner motion loop (50), (51) "
+    "of Fig. 3 leaves. The orientation error above is that to the desired frame.",
+    unit="deg", floor=1e-6, name="motion_loop_orientation",
+)(partial(orientation_error, against="compliant"))  # fmt: skip
 
-MOTION_LOOP = (
-    Quantity(
-        "motion_loop_position",
-        "Position error of the motion loop",
-        "|p_c - p_e| [mm]",
-        "Distance between the compliant and the actual origin of the tip: what the inner motion "
-        "loop (49) of Fig. 3 leaves. The position error above is that to the desired frame.",
-        "mm",
-        1e-6,
-        partial(position_error, against="compliant"),
-    ),
-    Quantity(
-        "motion_loop_orientation",
-        "Orientation error of the motion loop",
-        "angle of R_e' R_c [deg]",
-        "Angle between the compliant and the actual frame: what the inner motion loop (50), (51) "
-        "of Fig. 3 leaves. The orientation error above is that to the desired frame.",
-        "deg",
-        1e-6,
-        partial(orientation_error, against="compliant"),
-    ),
-)
-
-SERVO_LAG = Quantity(
-    "servo_lag",
-    "Servo",
-    "command - measured [deg]",
-    "Largest angle of a joint between joint_reference and joint_states of the same stamp: how "
-    "well the robot does what it is told, with the noise of its sensors.",
-    "deg",
-    1e-6,
-    servo_lag,
-)
-
-PLACES = {
-    1: ORIENTATION_ERROR,
-    6: MOTION_LOOP,
-    11: POSITION_ERROR,
-    13: MEASURED_ERRORS,
-    14: SERVO_LAG,
-}
-_MEASURED, _COMPLIANT = {"of": "measured"}, {"against": "compliant"}
-ROWS = {
-    2: TableNumber("orientation error, peak", "peak_orientation_error"),
-    3: TableNumber("orientation error, end", "final_orientation_error", of_parts=last),
-    4: TableNumber("  measured, peak", "peak_orientation_error", _MEASURED, "command"),
-    5: TableNumber("  measured, end", "final_orientation_error", _MEASURED, "command", last),
-    6: TableNumber("position error, peak", "peak_position_error"),
-    7: TableNumber("position error, end", "final_position_error", of_parts=last),
-    8: TableNumber("  measured, peak", "peak_position_error", _MEASURED, "command"),
-    9: TableNumber("  measured, end", "final_position_error", _MEASURED, "command", last),
-    30: TableNumber("motion loop, peak", "peak_position_error", _COMPLIANT),
-    31: TableNumber("motion loop, peak", "peak_orientation_error", _COMPLIANT),
-    50: TableNumber("servo lag, largest", "servo_lag"),
-}
+row(2, "orientation error, peak", "peak_orientation_error")
+row(3, "orientation error, end", "final_orientation_error")
+row(4, "  measured, peak", "peak_orientation_error", "command", of="measured")
+row(5, "  measured, end", "final_orientation_error", "command", of="measured")
+row(6, "position error, peak", "peak_position_error")
+row(7, "position error, end", "final_position_error")
+row(8, "  measured, peak", "peak_position_error", "command", of="measured")
+row(9, "  measured, end", "final_position_error", "command", of="measured")
+row(30, "motion loop, peak", "peak_position_error", against="compliant")
+row(31, "motion loop, peak", "peak_orientation_error", against="compliant")
+row(50, "servo lag, largest", "servo_lag")

@@ -8,30 +8,24 @@ import numpy as np
 from eulerparams_control.analysis.quantities.base import (
     JOINTS,
     Axis,
-    Quantity,
     Samples,
-    TableNumber,
     along,
+    drawn,
     metric,
+    needed,
     quotient,
     reduced,
+    row,
     series_of,
     within,
 )
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.series import Efforts
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.robot.robot import Robot
 
 _ROUNDING = 1e-9  # relative tolerance of an effort that was cut to a limit
-
-
-def _effort(recording: Recording) -> Efforts:
-    if recording.effort is None:
-        raise BagError(f"{recording.path} has no joint_effort")
-    return recording.effort
 
 
 def _velocity_limits(robot: Robot) -> Array:
@@ -42,13 +36,25 @@ def _effort_limits(robot: Robot) -> Array:
     return robot.limits.effort
 
 
+@drawn(
+    8, "Effort", "largest |tau| [Nm]",
+    "Largest commanded effort of a joint: (33), with the acceleration that (38) or (40) asks for. "
+    "Dashed: effort limits of the URDF, where they are near.",
+    unit="Nm", floor=1e-3, limits=_effort_limits,
+)  # fmt: skip
 @reduced("effort", "Nm", "commanded effort of a joint", "peak")
 def effort(recording: Recording) -> Samples:
     """Return the largest commanded effort [Nm] of a joint."""
-    efforts = _effort(recording)
+    efforts = needed(recording, "effort")
     return efforts.t, efforts.largest
 
 
+@drawn(
+    7, "Joint speed", "largest |dq| [rad/s]",
+    "Speed of the fastest joint: what (23), (28) ask for in kinematic control, what (38), (40) "
+    "lead to in dynamic control. Dashed: velocity limits of the URDF, where they are near.",
+    unit="rad/s", floor=1e-3, limits=_velocity_limits,
+)  # fmt: skip
 @reduced("joint_speed", "rad/s", "joint speed", "peak")
 def joint_speed(recording: Recording, of: str = "leading") -> Samples:
     """Return the largest speed [rad/s] of a joint."""
@@ -90,6 +96,12 @@ def speed_of_limit(recording: Recording, of: str = "leading") -> Samples:
     return series.t, (np.abs(series.dq) / recording.robot.limits.velocity).max(axis=1)
 
 
+@drawn(
+    9, "Distance to the representation singularity", "angle to the pole of {sequence} [deg]",
+    "Angle of the tip to the nearest pole of the Euler angles, where T of (3) is singular and "
+    "(23), (38) have no solution. (28), (40) do not contain T.",
+    unit="deg",
+)  # fmt: skip
 @reduced({"least": "closest_approach"}, "deg", "angle to the pole of the Euler angles")
 def pole_distance(recording: Recording, sequence: str = "", of: str = "leading") -> Samples:
     """Return the angle [deg] to the pole of a sequence, that of the parameters unless named."""
@@ -100,6 +112,11 @@ def pole_distance(recording: Recording, sequence: str = "", of: str = "leading")
     return series.t, np.degrees(series.pole_distance(poles))
 
 
+@drawn(
+    10, "Distance to the kinematic singularities", "smallest singular value of J",
+    "Smallest singular value of the geometric Jacobian of (20), its rows of the position over a "
+    "length of the arm: 0 where the arm itself is singular, for every representation.",
+)  # fmt: skip
 @reduced({"least": "smallest_singular_value"}, "", "singular value of J on the way")
 def singular_value(recording: Recording, of: str = "leading") -> Samples:
     """Return the smallest singular value of J."""
@@ -107,13 +124,13 @@ def singular_value(recording: Recording, of: str = "leading") -> Samples:
     return series.t, series.smallest_singular_value
 
 
-@metric("s")
+@metric("s", of_parts=sum)
 def saturated_time(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
     """Time with a commanded effort at its limit.
 
     The limits are those of the URDF.  A command counts until the next one.
     """
-    effort = _effort(recording)
+    effort = needed(recording, "effort")
     at_limit = np.abs(effort.tau) >= (1 - _ROUNDING) * recording.robot.limits.effort
     lasting = np.diff(effort.t, append=effort.t[-1])
     return float(lasting[at_limit.any(axis=1) & within(effort.t, after, before)].sum())
@@ -160,97 +177,30 @@ def posture_cost(
         return float(difference @ difference) / 2
 
 
-def _joint_speeds(recording: Recording) -> Samples:
+@drawn(
+    30, "Speed of each joint", "|dq| [rad/s]",
+    "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near.",
+    unit="rad/s", floor=1e-3, limits=_velocity_limits, components=JOINTS, group="Each joint",
+)  # fmt: skip
+def joint_speeds(recording: Recording) -> Samples:
+    """Return the speed (N, n) [rad/s] of each joint."""
     return recording.leading.t, np.abs(recording.leading.dq)
 
 
-def _joint_efforts(recording: Recording) -> Samples:
-    efforts = _effort(recording)
+@drawn(
+    31, "Effort of each joint", "|tau| [Nm]",
+    "Commanded effort of each joint. Dashed: its effort limit in the URDF, where it is near.",
+    unit="Nm", floor=1e-3, limits=_effort_limits, components=JOINTS, group="Each joint",
+)  # fmt: skip
+def joint_efforts(recording: Recording) -> Samples:
+    """Return the commanded effort (N, n) [Nm] of each joint."""
+    efforts = needed(recording, "effort")
     return efforts.t, np.abs(efforts.tau)
 
 
-JOINT_SPEED = Quantity(
-    "joint_speed",
-    "Joint speed",
-    "largest |dq| [rad/s]",
-    "Speed of the fastest joint: what (23), (28) ask for in kinematic control, what (38), (40) "
-    "lead to in dynamic control. Dashed: velocity limits of the URDF, where they are near.",
-    "rad/s",
-    1e-3,
-    joint_speed,
-    _velocity_limits,
-)
-EFFORT = Quantity(
-    "effort",
-    "Effort",
-    "largest |tau| [Nm]",
-    "Largest commanded effort of a joint: (33), with the acceleration that (38) or (40) asks for. "
-    "Dashed: effort limits of the URDF, where they are near.",
-    "Nm",
-    1e-3,
-    effort,
-    _effort_limits,
-)
-POLE_DISTANCE = Quantity(
-    "pole_distance",
-    "Distance to the representation singularity",
-    "angle to the pole of {sequence} [deg]",
-    "Angle of the tip to the nearest pole of the Euler angles, where T of (3) is singular and "
-    "(23), (38) have no solution. (28), (40) do not contain T.",
-    "deg",
-    0.0,
-    pole_distance,
-)
-SINGULAR_VALUE = Quantity(
-    "singular_value",
-    "Distance to the kinematic singularities",
-    "smallest singular value of J",
-    "Smallest singular value of the geometric Jacobian of (20), its rows of the position over a "
-    "length of the arm: 0 where the arm itself is singular, for every representation.",
-    "",
-    0.0,
-    singular_value,
-)
-
-
-JOINT_SPEEDS = Quantity(
-    "joint_speeds",
-    "Speed of each joint",
-    "|dq| [rad/s]",
-    "Speed of each joint. Dashed: its velocity limit in the URDF, where it is near.",
-    "rad/s",
-    1e-3,
-    _joint_speeds,
-    _velocity_limits,
-    JOINTS,
-    "Each joint",
-)
-JOINT_EFFORTS = Quantity(
-    "joint_efforts",
-    "Effort of each joint",
-    "|tau| [Nm]",
-    "Commanded effort of each joint. Dashed: its effort limit in the URDF, where it is near.",
-    "Nm",
-    1e-3,
-    _joint_efforts,
-    _effort_limits,
-    JOINTS,
-    "Each joint",
-)
-
-PLACES = {
-    7: JOINT_SPEED,
-    8: EFFORT,
-    9: POLE_DISTANCE,
-    10: SINGULAR_VALUE,
-    30: JOINT_SPEEDS,
-    31: JOINT_EFFORTS,
-}
-ROWS = {
-    40: TableNumber("joint speed, peak", "peak_joint_speed"),
-    41: TableNumber("  measured, peak", "peak_joint_speed", {"of": "measured"}, "command"),
-    42: TableNumber("effort, peak", "peak_effort"),
-    43: TableNumber("time at an effort limit", "saturated_time", of_parts=sum),
-    44: TableNumber("closest to pole of", "closest_approach", of_parts=min),
-    45: TableNumber("smallest singular value of J", "smallest_singular_value", of_parts=min),
-}
+row(40, "joint speed, peak", "peak_joint_speed")
+row(41, "  measured, peak", "peak_joint_speed", "command", of="measured")
+row(42, "effort, peak", "peak_effort")
+row(43, "time at an effort limit", "saturated_time")
+row(44, "closest to pole of", "closest_approach")
+row(45, "smallest singular value of J", "smallest_singular_value")

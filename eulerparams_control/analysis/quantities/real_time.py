@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.quantities.base import Quantity, metric, quotient, vectors
+from eulerparams_control.analysis.quantities.base import Samples, drawn, metric, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.control.mode import Cause, Mode
@@ -403,29 +403,55 @@ def _inside(recording: Recording, t: Array, values: Array) -> tuple[Array, Array
     return t[some], values[some]
 
 
-def _round_trip(recording: Recording) -> tuple[Array, Array]:
+@drawn(
+    15, "Round trip", "joint_states to command [ms]",
+    "Time from the publication of joint_states to the receipt of the command of the same stamp, "
+    "of each state.",
+    unit="ms", floor=1e-3, name="round_trip", logarithmic=True,
+)  # fmt: skip
+def _round_trips(recording: Recording) -> Samples:
     if not is_in_real_time(recording):
         return _NOTHING
     run = real_time(recording)
     return _inside(recording, run.t, 1e3 * run.latency)
 
 
-def _percentile(percent: float, recording: Recording) -> tuple[Array, Array]:
+def _percentile(percent: float, recording: Recording) -> Samples:
     if not is_in_real_time(recording):
         return _NOTHING
     t, latency = real_time(recording).trend(percent)
     return _inside(recording, t, 1e3 * latency)
 
 
-def _memory(recording: Recording) -> tuple[Array, Array]:
+for _percent in (50, 99):
+    drawn(
+        16 + _percent / 1000, f"Round trip, p{_percent}", "joint_states to command [ms]",
+        f"{_percent} % of the round trips are shorter; of each minute, at most, after the warm-up.",
+        unit="ms", floor=1e-3, name=f"round_trip_p{_percent}", group=_GROUP,
+    )(partial(_percentile, _percent))  # fmt: skip
+
+
+@drawn(
+    25, "Memory of the nodes", "resident memory [MiB]",
+    "What each process has mapped and touched, its own and shared.",
+    unit="MiB", floor=1e-3, components=NODES, group=_GROUP,
+)  # fmt: skip
+def memory(recording: Recording) -> Samples:
+    """Return the memory (N, 4) [MiB] of the nodes."""
     return _used(recording, 0)
 
 
-def _processor(recording: Recording) -> tuple[Array, Array]:
+@drawn(
+    25.5, "Processor of the nodes", "of one core [%]",
+    "What each process takes of the time of one core.",
+    unit="%", floor=1e-3, components=NODES, group=_GROUP,
+)  # fmt: skip
+def processor(recording: Recording) -> Samples:
+    """Return the part (N, 4) [%] of a core that each node takes."""
     return _used(recording, 2)
 
 
-def _used(recording: Recording, column: int) -> tuple[Array, Array]:
+def _used(recording: Recording, column: int) -> Samples:
     """Return memory [MiB], or part of a core [%], of each node at the times of the controller."""
     if not is_in_real_time(recording):
         return _NOTHING
@@ -439,40 +465,3 @@ def _used(recording: Recording, column: int) -> tuple[Array, Array]:
             values = 100 * np.gradient(values, t)
         found.append(np.interp(at, t, values, np.nan, np.nan) if len(t) else at * np.nan)
     return _inside(recording, np.interp(at, run.sent, run.t), np.column_stack(found))
-
-
-ROUND_TRIP = Quantity(
-    "round_trip",
-    "Round trip",
-    "joint_states to command [ms]",
-    "Time from the publication of joint_states to the receipt of the command of the same stamp, "
-    "of each state.",
-    "ms",
-    1e-3,
-    _round_trip,
-    logarithmic=True,
-)
-PERCENTILES = tuple(
-    Quantity(
-        f"round_trip_p{percent}",
-        f"Round trip, p{percent}",
-        "joint_states to command [ms]",
-        f"{percent} % of the round trips are shorter; of each minute, at most, after the warm-up.",
-        "ms",
-        1e-3,
-        partial(_percentile, percent),
-        group=_GROUP,
-    )
-    for percent in (50, 99)
-)
-
-VECTORS = vectors(
-    _GROUP,
-    ("memory", "Memory of the nodes", "resident memory [MiB]",
-     "What each process has mapped and touched, its own and shared.", "MiB", 1e-3, _memory),
-    ("processor", "Processor of the nodes", "of one core [%]",
-     "What each process takes of the time of one core.", "%", 1e-3, _processor),
-    components=NODES,
-)  # fmt: skip
-
-PLACES = {15: ROUND_TRIP, 16: PERCENTILES, 25: VECTORS}

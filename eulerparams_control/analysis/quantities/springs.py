@@ -6,10 +6,16 @@ frame.
 
 import numpy as np
 
-from eulerparams_control.analysis.arm import parameters_to_blame, recorded
-from eulerparams_control.analysis.quantities.base import Quantity, Samples, metric, quotient
+from eulerparams_control.analysis.arm import parameters_to_blame
+from eulerparams_control.analysis.quantities.base import (
+    Samples,
+    drawn,
+    metric,
+    quotient,
+    told,
+)
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.errors import BagError, SingularityError
+from eulerparams_control.errors import SingularityError
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
@@ -17,12 +23,9 @@ from eulerparams_control.parameters.compliance_control import ComplianceParamete
 
 def _springs(recording: Recording) -> tuple[Array, Array]:
     """Return wrench (M, 6) and energy (M,) at the instants ``known``; NaN where is none."""
-    told = recorded(recording.parameters, ComplianceParameters)
-    if told is None:
-        name = ComplianceParameters.scheme.name
-        raise BagError(f"{recording.path}: no parameters of {name} were recorded")
-    with parameters_to_blame(told.scheme.name):
-        law = told.law()
+    parameters = told(recording, ComplianceParameters)
+    with parameters_to_blame(parameters.scheme.name):
+        law = parameters.law()
     series, known = recording.leading, recording.known
     w, energy = np.full((len(known), 6), np.nan), np.full(len(known), np.nan)
     for i, k in enumerate(known):
@@ -50,19 +53,12 @@ def spring_work(recording: Recording) -> float:
     return quotient(float(work.sum()), float(np.abs(work).sum()))
 
 
-def _elastic_energy(recording: Recording) -> Samples:
-    return recording.leading.t[recording.known], _springs(recording)[1]
-
-
-ELASTIC_ENERGY = Quantity(
-    "elastic_energy",
-    "Elastic energy",
-    "energy of the springs [J]",
+@drawn(
+    18, "Elastic energy", "energy of the springs [J]",
     "Energy of the springs of compliance control, of which force and moment, (60), (66), are minus "
     "the gradient.",
-    "J",
-    1e-9,
-    _elastic_energy,
-)
-
-PLACES = {18: ELASTIC_ENERGY}
+    unit="J", floor=1e-9,
+)  # fmt: skip
+def elastic_energy(recording: Recording) -> Samples:
+    """Return the energy [J] of the springs."""
+    return recording.leading.t[recording.known], _springs(recording)[1]

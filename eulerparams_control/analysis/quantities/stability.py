@@ -5,12 +5,13 @@ import math
 import numpy as np
 
 from eulerparams_control.analysis.quantities.base import (
-    Quantity,
     Samples,
-    TableNumber,
+    drawn,
     known,
     metric,
+    needed,
     quotient,
+    row,
 )
 from eulerparams_control.analysis.quantities.errors import orientation_error
 from eulerparams_control.analysis.recording import LyapunovSeries, Recording
@@ -18,16 +19,10 @@ from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
 
 
-def _lyapunov(recording: Recording) -> LyapunovSeries:
-    if recording.lyapunov is None:
-        raise BagError(f"{recording.path}: {recording.why_no_lyapunov}")
-    return recording.lyapunov
-
-
 @metric("")
 def lyapunov_start(recording: Recording) -> float:
     """V at the start."""
-    return float(_lyapunov(recording).V[0])
+    return float(needed(recording, "lyapunov").V[0])
 
 
 @metric("")
@@ -36,7 +31,7 @@ def lyapunov_increase(recording: Recording) -> float:
 
     0 if V never increases, as (31), (43) say.
     """
-    V = _lyapunov(recording).V
+    V = needed(recording, "lyapunov").V
     with np.errstate(invalid="ignore"):  # a run that diverged
         rise = float(np.nanmax(V - np.minimum.accumulate(V)))
     return quotient(rise, float(V[0]))
@@ -49,7 +44,7 @@ def energy_balance(recording: Recording) -> float:
     The integral of -dV of (31), (43) by the trapezoidal rule over V at the start minus V at
     the end: 1 if the closed loop is that of the paper.
     """
-    t, V, dV, _ = _lyapunov(recording)
+    t, V, dV, _ = needed(recording, "lyapunov")
     with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
         return quotient(float(np.trapezoid(-dV, t)), float(V[0] - V[-1]))
 
@@ -92,42 +87,31 @@ def divergence_time(recording: Recording) -> float:
     return math.inf if recording.diverged is None else recording.diverged
 
 
-def _value(recording: Recording) -> Samples:
-    found = _lyapunov(recording)
-    return found.t, found.V
-
-
-def _rates(recording: Recording) -> Samples:
-    found = _lyapunov(recording)
-    return found.t, np.column_stack([found.dV, found.dV_measured])
-
-
-LYAPUNOV = Quantity(
-    "lyapunov",
-    "Lyapunov function",
-    "V",
+@drawn(
+    12, "Lyapunov function", "V",
     "V_1 of (30) in kinematic control, V_2 of (42) in dynamic control, with the sign that the "
     "controller gave the mutual quaternion, V_3 of (68) of the impedance; of Euler parameters "
     "only. By (31), (43), (69) it never increases from an error on without a contact moment; what "
     "sampling, noise and limits leave of one while moving comes on top.",
-    "",
-    1e-16,
-    _value,
-    logarithmic=True,
-)
-RATES = Quantity(
-    "lyapunov_rate",
-    "Rate of the Lyapunov function",
-    "dV",
+    floor=1e-16, logarithmic=True,
+)  # fmt: skip
+def lyapunov(recording: Recording) -> Samples:
+    """Return V of the controller that ran."""
+    found: LyapunovSeries = needed(recording, "lyapunov")
+    return found.t, found.V
+
+
+@drawn(
+    23, "Rate of the Lyapunov function", "dV",
     "Derivative of V: by the paper, (31), (43) or (69), and as it was measured, by differences "
     "of V. They agree where the closed loop is that of the paper. V_1 has no unit, V_2 is in "
     "1/s^2, V_3 in J.",
-    "",
-    1e-9,
-    _rates,
-    components=("by the paper", "as measured"),
-    group="Lyapunov function",
-)
+    floor=1e-9, components=("by the paper", "as measured"), group="Lyapunov function",
+)  # fmt: skip
+def lyapunov_rate(recording: Recording) -> Samples:
+    """Return the derivative of V (N, 2), by the paper and as measured."""
+    found: LyapunovSeries = needed(recording, "lyapunov")
+    return found.t, np.column_stack([found.dV, found.dV_measured])
 
-PLACES = {12: LYAPUNOV, 23: RATES}
-ROWS = {1: TableNumber("diverged at", "divergence_time", needs="diverged")}
+
+row(1, "diverged at", "divergence_time", "diverged")
