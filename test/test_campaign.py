@@ -16,11 +16,10 @@ from ros_processes import HOME, MODEL, Process, environment
 from test_experiments import nodes_of
 
 from eulerparams_control.control.mode import Cause, Mode
-from eulerparams_control.lab.campaign import draws, schedule
+from eulerparams_control.lab.campaign import plan as draws
+from eulerparams_control.lab.campaign import schedule
 from eulerparams_control.lab.campaign.main import main
-from eulerparams_control.lab.campaign.operator import BEGINNING, User
 from eulerparams_control.lab.campaign.oracles import Oracle, judge
-from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, SMOOTH, faults_of, make_plan, shaken
 from eulerparams_control.lab.campaign.record import (
     ERROR,
@@ -35,8 +34,9 @@ from eulerparams_control.lab.campaign.record import (
     State,
     Truth,
 )
+from eulerparams_control.lab.campaign.report import SequenceOutcome, look
 from eulerparams_control.lab.campaign.schedule import plans
-from eulerparams_control.lab.campaign.streams import Sent, Stream
+from eulerparams_control.lab.campaign.user import BEGINNING, Sent, Stream, User
 from eulerparams_control.lab.faults import Fault
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -62,7 +62,7 @@ KILLED_SEED = {
 
 def calm(control: str) -> SequenceRecord:
     """Return what is seen of an arm that a controller holds at home, as well as can be."""
-    record = SequenceRecord(MODEL, MAX_EFFORT_RATE, STATE_TIMEOUT, 1 / RATE, quiet=1.0, end=END)
+    record = SequenceRecord(MODEL, MAX_EFFORT_RATE, STATE_TIMEOUT, 1 / RATE, END)
     record.events.append(SequenceEvent(0.0, STARTS))
     record.said += [Said(0.0, OK, "active"), Said(1.0, OK, "active")]
     holding = {"effort": WEIGHT} if control == "torque" else {"q": AT_HOME, "dq": ZERO}

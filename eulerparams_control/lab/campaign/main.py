@@ -13,13 +13,18 @@ from rich.table import Table
 from eulerparams_control.command_line import say, whole_number
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.campaign.oracles import Oracle
-from eulerparams_control.lab.campaign.outcome import SequenceOutcome, count_by_oracle, headline
-from eulerparams_control.lab.campaign.page import write_page, write_summary
 from eulerparams_control.lab.campaign.plan import (
     CONTROLLERS,
     FAULTY,
     KINDS,
     SequencePlan,
+)
+from eulerparams_control.lab.campaign.report import (
+    SequenceOutcome,
+    count_by_oracle,
+    headline,
+    write_page,
+    write_summary,
 )
 from eulerparams_control.lab.campaign.schedule import plans, run_all
 from eulerparams_control.lab.run.jobs import carry_out, progress

@@ -1,4 +1,10 @@
-"""Plan of a sequence, drawn from its seed and its controller alone."""
+"""Plan of a sequence: its robot, its user and its faults, drawn from its seed and controller alone.
+
+The robots differ as those of the field do: in rate, delay and lag, in what their drivers report,
+and in what they do when nothing comes.  A user sends whole motions, or pieces of one: poses with
+or without twists, chunks as learned policies send them, goals, twists; early, late, noisy, and
+stamped by another clock.
+"""
 
 import math
 from collections.abc import Sequence
@@ -7,15 +13,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.draws import (
-    MOTIONS,
-    WAY_POINTS,
-    RobotDraw,
-    StreamDraw,
-    draw_motion,
-    draw_robot,
-    draw_stream,
-)
 from eulerparams_control.lab.campaign.record import AskedLimits
 from eulerparams_control.lab.faults import FROM_ROBOT, ROBOT, TO_ROBOT, Fault, random_faults
 from eulerparams_control.laws.orientation import ORIENTATIONS
@@ -24,6 +21,9 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import POSITION, TORQUE, schemes
+from eulerparams_control.robot.catalogue import RobotDescription, load_robot
+from sim_bridge.drive_modes import DrivePolicy, OnSilence
+from sim_bridge.parameters import SimulatorParameters
 
 CONTROLLERS = tuple(schemes())
 
@@ -47,7 +47,7 @@ _HARDER, _GAIN = 2.0, 0.4
 _LAST_FARTHEST, _LAST_TURN = 0.08, 0.3
 
 _PUSH_FORCE, _PUSH_MOMENT = 20.0, 2.0  # [N], [Nm] at most, along each axis
-_NOISE = 20.0  # [N], [Nm]: four standard deviations of a fault
+_WRENCH_NOISE = 20.0  # [N], [Nm]: four standard deviations of a fault
 
 # What else of a controller decides how it acts on messages: the first of these parameters that it
 # has.  At the rate of the sequences a loop over the measured positions bears less gain than one
@@ -61,6 +61,153 @@ _SETTINGS: dict[str, tuple[dict[str, str | float], ...]] = {
     "wrench_pairing": ({"wrench_pairing": "latest"}, {"wrench_pairing": "stamp"}),
     "quaternion_sign": ({"quaternion_sign": "hysteretic"}, {"quaternion_sign": "shortest"}),
 }
+
+WAY_POINTS, STREAM, NOTHING = "way points", "stream", "nothing"
+CHUNKS, POSES, GOALS, TWISTS = "chunks", "target poses", "goals", "target twists"
+MOTIONS = (WAY_POINTS, STREAM, NOTHING)
+"""Motions of the arm in a sequence of faults."""
+
+SMOOTH_MOTIONS = (*MOTIONS, CHUNKS, POSES, GOALS, TWISTS)
+"""What it does in a sequence of smooth motions."""
+
+COMMAND_TIMEOUT = 0.1
+"""[s] without a command after which a robot brakes."""
+
+PROTECTIVE_SPEED = 1.5
+"""A joint this many times as fast as its limit makes the robot stop by itself."""
+
+_STEP_RATE = 1000.0  # [Hz] of the simulation, at least
+
+# [Hz], and how often: those that take long are rare.  The damping of efforts needs the higher ones.
+_RATES = {20.0: 0.2, 50.0: 0.2, 125.0: 0.25, 250.0: 0.2, 500.0: 0.1, 1000.0: 0.05}
+_EFFORT_RATES = {250.0: 0.6, 500.0: 0.3, 1000.0: 0.1}
+
+_LONGEST_LAG, _LONGEST_DELAY = 0.04, 0.01  # [s] of a position servo, of a network
+
+_SLOWEST, _FASTEST = 5.0, 200.0  # [Hz] of a stream
+_JITTER, _NOISE, _SKEW = 0.2, 1e-3, 0.05  # of a period, [m], [s] at most
+
+_CHUNK_RATES, _CHUNKS = (2.0, 10.0), (0.4, 1.6)  # [Hz], and [s] that each reaches ahead
+
+_MIXED = (0.2, 0.3, 0.05, 0.1, 0.15, 0.1, 0.1)  # of SMOOTH_MOTIONS
+
+
+@dataclass(frozen=True)
+class RobotDraw:
+    """A robot of its kind.
+
+    Attributes:
+        rate: of joint_states [Hz].
+        steps: of the simulation between two of them.
+        lag: of its position servo [s].
+        delay: commands until one acts.
+        turns: whether its last joint turns for ever, and is reported in (-pi, pi].
+        velocities: whether it reports any.
+        on_silence: what it does without commands.
+        acceleration: [rad/s^2] that position commands may ask for; 0: any.
+        takes_late: whether a command may take the place of a later one.
+    """
+
+    rate: float = 250.0
+    steps: int = 4
+    lag: float = 0.0
+    delay: int = 0
+    turns: bool = False
+    velocities: bool = True
+    on_silence: OnSilence = OnSilence.BRAKE
+    acceleration: float = 0.0
+    takes_late: bool = True
+
+    def simulator(self, control: str) -> SimulatorParameters:
+        """Return what is simulated."""
+        return SimulatorParameters(
+            rate=self.steps * self.rate,
+            control=control,
+            protective_speed=PROTECTIVE_SPEED,
+            servo_lag=self.lag,
+            wrap_continuous=self.turns,
+            velocities=self.velocities,
+        )
+
+    def policy(self) -> DrivePolicy:
+        """Return what it does about its commands; whether they cease is seen once a period."""
+        return DrivePolicy(
+            COMMAND_TIMEOUT - 0.5 / self.rate,
+            self.delay,
+            takes_late=self.takes_late,
+            on_silence=self.on_silence,
+            max_joint_acceleration=(self.acceleration,),
+        )
+
+    def description(self) -> RobotDescription:
+        """Return the arm."""
+        robot = load_robot("ur5")  # at home its last joint is 0.15 rad from half a turn
+        if not self.turns:
+            return robot
+        fixed, turning = (f'name="{robot.joints[-1]}" type="{kind}"' for kind in
+                          ("revolute", "continuous"))  # fmt: skip
+        return replace(robot, urdf=robot.urdf.replace(fixed, turning))
+
+
+@dataclass(frozen=True)
+class StreamDraw:
+    """How a motion is sent piece by piece.
+
+    Attributes:
+        rate: [Hz].
+        twists: whether poses come with twists.
+        jitter: part of a period by which one is early or late, at most.
+        noise: standard deviation of the positions [m], and of the turns [rad] five times that.
+        skew: [s] by which the clock of the stamps is ahead; None: they are 0.
+        ahead: [s] that each message tells of what comes; 0: one pose.
+    """
+
+    rate: float = 50.0
+    twists: bool = True
+    jitter: float = 0.0
+    noise: float = 0.0
+    skew: float | None = None
+    ahead: float = 0.0
+
+
+def draw_robot(random: np.random.Generator, control: str, acceleration: float) -> RobotDraw:
+    """Return a robot for a kind of control, whose limit of acceleration [rad/s^2] may be on."""
+    is_position = control == POSITION
+    rates = _RATES if is_position else _EFFORT_RATES
+    rate = float(random.choice(list(rates), p=list(rates.values())))
+    has_lag, turns, is_blind, holds, is_strict = random.uniform(size=5) < (0.5, 0.3, 0.3, 0.3, 0.7)
+    lag = float(random.uniform(0.005, _LONGEST_LAG)) * has_lag
+    return RobotDraw(
+        rate,
+        max(1, round(_STEP_RATE / rate)),
+        round(float(lag), 4) * is_position,
+        int(random.integers(0, 1 + math.floor(_LONGEST_DELAY * rate))) * is_position,
+        bool(turns),
+        not (is_blind and is_position),
+        OnSilence.HOLD_LAST if holds and is_position else OnSilence.BRAKE,
+        acceleration * bool(is_strict and is_position),
+        takes_late=False,
+    )
+
+
+def draw_stream(random: np.random.Generator, motion: str) -> StreamDraw:
+    """Return how the pieces of a motion are sent."""
+    rate = math.exp(random.uniform(math.log(_SLOWEST), math.log(_FASTEST)))
+    twists, is_exact, is_stamped = random.uniform(size=3) < (0.5, 0.3, 0.5)
+    jitter, noise = random.uniform(size=2) * (_JITTER, _NOISE)
+    skew = float(random.uniform(-_SKEW, _SKEW))
+    ahead = 0.0
+    if motion == CHUNKS:
+        rate, ahead = float(random.uniform(*_CHUNK_RATES)), float(random.uniform(*_CHUNKS))
+    return StreamDraw(
+        round(float(rate), 2),
+        bool(twists),
+        round(float(jitter), 3) * (not is_exact),
+        round(float(noise), 6) * (not is_exact),
+        round(skew, 4) if is_stamped else None,
+        round(ahead, 3),
+    )
+
 
 Pose = tuple[Array, Array]
 
@@ -119,7 +266,7 @@ class SequencePlan:
     def contact(self) -> tuple[float, float]:
         """[N], [Nm] that may be felt along each axis, with noise."""
         senses = _senses_wrench(self.controller)
-        return (_PUSH_FORCE + _NOISE, _PUSH_MOMENT + _NOISE) if senses else (0.0, 0.0)
+        return (_PUSH_FORCE + _WRENCH_NOISE, _PUSH_MOMENT + _WRENCH_NOISE) if senses else (0.0, 0.0)
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of the controller, besides its defaults and the frames."""
@@ -202,7 +349,7 @@ def make_plan(seed: int, controller: str, kind: str = FAULTY) -> SequencePlan:
 def _smooth(plan: SequencePlan) -> SequencePlan:
     """Return a sequence with a robot and a user of its own."""
     random = plan.random(3)
-    motion = draw_motion(random)
+    motion = str(random.choice(SMOOTH_MOTIONS, p=_MIXED))
     plan = replace(plan, kind=SMOOTH, motion=motion)
     hardest = _HARDER * max(plan.asked.joint_acceleration) if plan.asked else 0.0
     robot = draw_robot(random, plan.control, hardest if math.isfinite(hardest) else 0.0)

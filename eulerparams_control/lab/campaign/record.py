@@ -17,13 +17,14 @@ from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.robot.robot import Robot
 
 Values = tuple[float, ...]
+Span = tuple[float, float]
+"""From when to when [s]."""
 
 OK, WARN, ERROR = range(3)
 """Levels of what a node says of itself."""
 
 STARTS, KILLED = "the controller starts", "the controller is killed"
 STOPS = "the robot makes a protective stop"
-UNLOCKED = "the robot is unlocked"
 """Events."""
 
 
@@ -76,7 +77,7 @@ class Truth(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What the controller said of itself: its level and its words, its mode and why."""
+    """Status of the controller: its level and its words, its mode and why."""
 
     t: float
     level: int
@@ -118,15 +119,13 @@ class SequenceRecord:
         max_effort_rate: [Nm/s].
         state_timeout: [s] after which a controller has to be silent.
         period: [s] of joint_states.
-        quiet: [s] from when on no fault acts.
         end: [s] of the sequence.
         commands, states, truth, said, events: in the order of their times.
         contact: [N], [Nm] that may be felt along each axis.
-        shaken: (from, to) [s] in which a fault moves the arm, or what is measured of it.
-        disturbed: (from, to) [s] in which it is moved although nothing is measured.
+        shaken: when a fault moves the arm, or what is measured of it.
+        disturbed: when it is moved although nothing is measured.
         tip_error: [m], [deg] between the tip at the end and where it was sent at last.
         crash: how the controller ended that was not to end; "" if it did not.
-        refused: how many commands the robot had to refuse.
         asked: what commands may ask for at most; None where that is not judged.
     """
 
@@ -134,7 +133,6 @@ class SequenceRecord:
     max_effort_rate: float
     state_timeout: float
     period: float
-    quiet: float = 0.0
     end: float = 0.0
     commands: list[Command] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
@@ -142,11 +140,10 @@ class SequenceRecord:
     said: list[Said] = field(default_factory=list)
     events: list[SequenceEvent] = field(default_factory=list)
     contact: tuple[float, float] = (0.0, 0.0)
-    shaken: list[tuple[float, float]] = field(default_factory=list)
-    disturbed: list[tuple[float, float]] = field(default_factory=list)
+    shaken: list[Span] = field(default_factory=list)
+    disturbed: list[Span] = field(default_factory=list)
     tip_error: tuple[float, float] = (0.0, 0.0)
     crash: str = ""
-    refused: int = 0
     asked: AskedLimits | None = None
 
     @property
@@ -159,7 +156,7 @@ class SequenceRecord:
         """Limits of the URDF."""
         return self.model.limits
 
-    def lives(self) -> list[tuple[float, float]]:
+    def lives(self) -> list[Span]:
         """Return from when to when [s] the controller was there."""
         starts = [event.t for event in self.events if event.what == STARTS]
         ends = [event.t for event in self.events if event.what == KILLED]

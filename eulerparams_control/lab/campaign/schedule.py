@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 
 from eulerparams_control.errors import text_of
-from eulerparams_control.lab.campaign.outcome import SequenceOutcome, look
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, FAULTY, SequencePlan, make_plan
+from eulerparams_control.lab.campaign.report import SequenceOutcome, look
 from eulerparams_control.lab.run.domains import Domain
 from eulerparams_control.lab.run.jobs import Processes, results
 

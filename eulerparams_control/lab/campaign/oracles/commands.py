@@ -12,12 +12,11 @@ import numpy as np
 
 from eulerparams_control.analysis.checks import beyond_limits
 from eulerparams_control.control.mode import Cause
-from eulerparams_control.lab.campaign.draws import COMMAND_TIMEOUT
-from eulerparams_control.lab.campaign.oracles.base import Found, oracle
+from eulerparams_control.lab.campaign.oracles import Found, oracle, worst_of
+from eulerparams_control.lab.campaign.plan import COMMAND_TIMEOUT
 from eulerparams_control.lab.campaign.record import Command, SequenceRecord
 
-# Part of a step that is rounding.
-_STEP_ROUNDING = 1e-6
+_STEP_ROUNDING = 1e-6  # of a step
 
 
 @oracle("survives", "no message ends the controller, or leads to an internal error")
@@ -53,11 +52,8 @@ def within_limits(record: SequenceRecord) -> Found:
 
 
 def _why_beyond(command: Command, record: SequenceRecord) -> str:
-    for what, values in (
-        ("position", command.q),
-        ("velocity", command.dq),
-        ("effort", command.effort),
-    ):
+    fields = {"position": command.q, "velocity": command.dq, "effort": command.effort}
+    for what, values in fields.items():
         if len(values) != len(record.joints):
             continue  # another oracle says so where there are some
         out, low, high = beyond_limits(what, np.array(values), record.limits)
@@ -84,47 +80,45 @@ def _first_of(
 )
 def no_jump(record: SequenceRecord) -> Found:
     """Return the largest jump of each kind."""
-    worst: dict[str, tuple[float, float, str]] = {}
-    first: Command | None = None  # of those that are the same
-    previous: Command | None = None
+    return worst_of(step for pair in _pairs(record) for step in _steps(record, *pair))
+
+
+def _pairs(record: SequenceRecord) -> Iterator[tuple[Command, Command]]:
+    """Yield the first of commands that are the same, and the one that follows them."""
+    first = previous = None
     for command in record.commands:
-        if first is None or previous is None or not follows(record, previous, command):
+        if first is None or previous is None or not follows(previous, command):
             first = command
         elif command[2:] != previous[2:]:
-            _compare(record, first, command, worst)
+            yield first, command
             first = command
         previous = command
-    return [(t, text) for _, t, text in worst.values()]
 
 
-def _compare(
-    record: SequenceRecord,
-    before: Command,
-    after: Command,
-    worst: dict[str, tuple[float, float, str]],
-) -> None:
-    dt = max(after.t - before.t, record.period)
-    n = len(record.joints)
+def _steps(
+    record: SequenceRecord, before: Command, after: Command
+) -> Iterator[tuple[str, float, float, str]]:
+    """Yield the largest change of efforts and of positions, over what is allowed."""
+    time, n = after.t - before.t, len(record.joints)
+    deviation = record.limits.deviation
     for what, old, new, rate in (
         ("effort", before.effort, after.effort, np.full(n, record.max_effort_rate)),
         ("position", before.q, after.q, record.limits.velocity),
     ):
         if len(old) != n or len(new) != n or not np.isfinite((*old, *new)).all():
             continue  # others say so
-        step = np.abs(np.subtract(new, old))
-        if what == "position":
-            step = record.limits.deviation(np.array(new), np.array(old))
-        excess = step / (rate * dt)
-        i = int(np.argmax(excess))
-        if excess[i] > max(1 + _STEP_ROUNDING, worst[what][0] if what in worst else 0.0):
-            text = (
-                f"{what} of {record.joints[i]} changes by {step[i]:.4g} within "
-                f"{1e3 * (after.t - before.t):.3g} ms; allowed is {rate[i] * dt:.4g}"
-            )
-            worst[what] = float(excess[i]), after.t, text
+        old_values, new_values = np.array(old), np.array(new)
+        turns = what == "position"
+        step = deviation(new_values, old_values) if turns else np.abs(new_values - old_values)
+        allowed = rate * max(time, record.period)
+        i = int(np.argmax(step / allowed))
+        text = (
+            f"{what} of {record.joints[i]} changes by {step[i]:.4g} within {1e3 * time:.3g} ms; "
+            f"allowed is {allowed[i]:.4g}"
+        )
+        yield what, float(step[i] / allowed[i]) / (1 + _STEP_ROUNDING), after.t, text
 
 
-def follows(record: SequenceRecord, before: Command, after: Command) -> bool:
+def follows(before: Command, after: Command) -> bool:
     """Whether a command acts while the one before still does."""
-    silence = after.t - before.t
-    return before.life == after.life and silence <= COMMAND_TIMEOUT
+    return before.life == after.life and after.t - before.t <= COMMAND_TIMEOUT

@@ -4,7 +4,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from eulerparams_control.lab.campaign.oracles.base import Found, oracle
+from eulerparams_control.lab.campaign.oracles import Found, oracle
 from eulerparams_control.lab.campaign.record import ERROR, OK, Command, SequenceRecord, State
 
 # A position, or speed, of a first command that is the measured one, or zero [rad], [rad/s].
@@ -37,26 +37,27 @@ def silent(record: SequenceRecord) -> Found:
 )
 def calm_start(record: SequenceRecord) -> Found:
     """Yield the first commands after a start or a silence that are not calm."""
-    by_stamp = _by_stamp(record)
     before: Command | None = None
     for command in record.commands:
         gap = record.state_timeout + record.period
-        is_first = before is None or before.life != command.life
-        if is_first or (before is not None and command.t - before.t > gap):
-            text = _why_not_calm(record, command, _answered(by_stamp, command))
-            if text:
-                yield command.t, text
+        is_first = before is None or before.life != command.life or command.t - before.t > gap
+        if is_first and (text := _why_not_calm(record, command)):
+            yield command.t, text
         before = command
 
 
-def _why_not_calm(record: SequenceRecord, command: Command, state: State | None) -> str:
-    if state is None:
+def _why_not_calm(record: SequenceRecord, command: Command) -> str:
+    # clocks that jump give a stamp to several states
+    answered = [
+        s for s in record.states if s.is_valid and s.stamp == command.stamp and s.t <= command.t
+    ]
+    if not answered:
         return f"it answers no state: its stamp is {command.stamp:.3f} s"
     if len(command.effort) == len(record.joints):
-        return _why_effort_not_calm(record, command, state)
+        return _why_effort_not_calm(record, command, answered[-1])
     if len(command.q) != len(record.joints):
         return ""  # another oracle says so
-    off = record.limits.deviation(np.array(command.q), np.array(state.q))
+    off = record.limits.deviation(np.array(command.q), np.array(answered[-1].q))
     if off.max() > _SAME:
         return f"the position is {off.max():.4g} rad from the measured one"
     speed = np.abs(command.dq).max()
@@ -75,21 +76,6 @@ def _why_effort_not_calm(record: SequenceRecord, command: Command, state: State)
     return f"the effort of {record.joints[i]} is {off[i]:.4g} Nm from gravity compensation"
 
 
-def _by_stamp(record: SequenceRecord) -> dict[float, list[State]]:
-    """Return the valid states of each stamp, in the order in which they came."""
-    found: dict[float, list[State]] = {}
-    for state in record.states:
-        if state.is_valid:
-            found.setdefault(state.stamp, []).append(state)
-    return found
-
-
-def _answered(by_stamp: dict[float, list[State]], command: Command) -> State | None:
-    """Return the state that a command answers: clocks that jump give a stamp to several."""
-    found = [s for s in by_stamp.get(command.stamp, []) if s.t <= command.t]
-    return found[-1] if found else None
-
-
 @oracle("says so", f"without valid joint_states for {_SAYS} s, /diagnostics says an error")
 def says_silence(record: SequenceRecord) -> Found:
     """Yield the silences of which it says nothing."""
@@ -97,6 +83,7 @@ def says_silence(record: SequenceRecord) -> Found:
         times = [s.t for s in record.states if s.is_valid and start <= s.t <= end]
         for before, after in zip(times, [*times[1:], end], strict=False):
             t = before + _SAYS
-            level = next((said.level for said in reversed(record.said) if said.t <= t), OK)
-            if after > t and level != ERROR:
-                yield t, f"{_SAYS} s without states, and it says no error"
+            if after > t:
+                level = next((said.level for said in reversed(record.said) if said.t <= t), OK)
+                if level != ERROR:
+                    yield t, f"{_SAYS} s without states, and it says no error"

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.control.mode import Cause
-from eulerparams_control.lab.campaign.oracles.base import Found, oracle
+from eulerparams_control.lab.campaign.oracles import Found, oracle, worst_of
 from eulerparams_control.lab.campaign.oracles.commands import follows
 from eulerparams_control.lab.campaign.oracles.standstill import without
-from eulerparams_control.lab.campaign.record import Command, SequenceRecord, Values
+from eulerparams_control.lab.campaign.record import Command, SequenceRecord, Span, Values
 from eulerparams_control.laws.rotations import Array, log
 from sim_bridge.acceleration import BRIDGED, CommandAcceleration
 
@@ -32,9 +32,6 @@ _STEP, _SPEED_STEP = 0.1, 0.002
 # The same of an arm that is driven by efforts, whose law corrects what goes wrong; and how long [s]
 # it is given to do so after a start, and any law after a push or a fault that shakes the arm.
 _TRUE_SPEED, _TRUE_ACCELERATION, _SETTLING = 1.1, 1.3, 0.5
-
-Worst = tuple[float, float, str]
-"""By how much a limit is exceeded, when [s], and in words."""
 
 
 class TipSample(NamedTuple):
@@ -112,7 +109,7 @@ def arm_smooth(record: SequenceRecord) -> Found:
     return _worst(record, paths, (_TRUE_SPEED, _TRUE_ACCELERATION, np.inf))
 
 
-def _undisturbed(record: SequenceRecord, start: float, end: float) -> list[tuple[float, float]]:
+def _undisturbed(record: SequenceRecord, start: float, end: float) -> list[Span]:
     """Return the parts of a span [s] in which all that the robot says and hears is as it is."""
     return without(start, end, [(a, b + _SETTLING) for a, b in record.shaken])
 
@@ -121,7 +118,7 @@ def _stretches(record: SequenceRecord, commands: Iterable[Command]) -> Iterator[
     """Yield those of some commands that follow on each other, at least one."""
     stretch: list[Command] = []
     for command in commands:
-        if stretch and not follows(record, stretch[-1], command):
+        if stretch and not follows(stretch[-1], command):
             yield stretch
             stretch = []
         stretch.append(command)
@@ -167,13 +164,13 @@ def _worst(
         "linear jerk": jerk * asked.linear_jerk + linear_step,
         "angular jerk": jerk * asked.angular_jerk + angular_step,
     }
-    worst: dict[str, Worst] = {}
-    for t, norms in (each for path in paths for each in _changes(record, path)):
-        for norm, (what, limit) in zip(norms, limits.items(), strict=False):
-            if norm > limit and norm / limit > worst.get(what, (1.0,))[0]:
-                text = f"the {what} of the tip is {norm:.4g}; allowed is {limit:.4g}"
-                worst[what] = norm / limit, t, text
-    return [(t, text) for _, t, text in worst.values()]
+    return worst_of(
+        (what, norm / limit, t, f"the {what} of the tip is {norm:.4g}; allowed is {limit:.4g}")
+        for path in paths
+        for t, norms in _changes(record, path)
+        for norm, (what, limit) in zip(norms, limits.items(), strict=False)
+        if norm > limit
+    )
 
 
 def _changes(record: SequenceRecord, path: list[TipSample]) -> Iterator[tuple[float, list[float]]]:

@@ -1,12 +1,12 @@
 """The arm itself: at rest while it is held, never running away, at its goal in the end."""
 
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from eulerparams_control.analysis.checks import speed_of_limit
-from eulerparams_control.lab.campaign.oracles.base import Found, oracle
-from eulerparams_control.lab.campaign.record import ERROR, SequenceRecord
+from eulerparams_control.lab.campaign.oracles import Found, oracle
+from eulerparams_control.lab.campaign.record import ERROR, SequenceRecord, Span
 
 # [s] that the arm is given to come to rest: held, and braked without commands.
 _SETTLING, _BRAKING = 0.5, 0.25
@@ -61,19 +61,13 @@ def no_runaway(record: SequenceRecord) -> Found:
         yield record.truth[k].t, text
 
 
-Span = tuple[float, float]
-
-
 def _holding(record: SequenceRecord) -> list[Span]:
     """Return from when to when it says that it holds still."""
-    spans, since = [], None
-    for said in record.said:
-        if said.is_holding and since is None:
-            since = said.t
-        elif not said.is_holding and since is not None:
-            spans.append((since, said.t))
-            since = None
-    return [*spans, (since, record.end)] if since is not None else spans
+    runs = groupby(record.said, key=lambda said: said.is_holding)
+    starts = [(is_holding, next(said).t) for is_holding, said in runs]
+    ends = [*(t for _, t in starts[1:]), record.end]
+    pairs = zip(starts, ends, strict=True)
+    return [(start, end) for (is_holding, start), end in pairs if is_holding]
 
 
 def _without_states(record: SequenceRecord) -> list[Span]:

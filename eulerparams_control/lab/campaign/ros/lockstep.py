@@ -12,23 +12,26 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import set_steady
-from eulerparams_control.lab.campaign.operator import BEGINNING, User
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
     KILLED,
     STARTS,
     STOPS,
-    UNLOCKED,
+    Command,
+    Said,
     SequenceEvent,
     SequenceRecord,
+    State,
     Truth,
 )
 from eulerparams_control.lab.campaign.ros.in_process_dds import (
@@ -42,26 +45,41 @@ from eulerparams_control.lab.campaign.ros.in_process_dds import (
     take,
     until,
 )
-from eulerparams_control.lab.campaign.ros.messages import (
-    INPUTS,
-    command_of,
-    message_of,
-    said_of,
-    state_of,
+from eulerparams_control.lab.campaign.user import (
+    BEGINNING,
+    REFERENCE,
+    TARGET_POSE,
+    TARGET_TWIST,
+    Sent,
+    User,
 )
-from eulerparams_control.lab.campaign.streams import REFERENCE
 from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
-from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
+from eulerparams_control.messages.keys import CAUSE, MODE
+from eulerparams_control.messages.to_ros import (
+    error_to_ros,
+    motion_to_ros,
+    pose_to_ros,
+    stamp_to_ros,
+    wrench_to_ros,
+)
 from eulerparams_control.parameters.schemes import COMMANDS, schemes
+from eulerparams_control.robot.catalogue import RobotDescription
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.control_node import ControlNode, node_class
+from eulerparams_control.ros.control_node import node_class
 from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
 from sim_bridge.command_source import UNNUMBERED
-from sim_bridge.drive import IN_STOP, REJECTED, Drive
 from sim_bridge.drive import STOPS as PROTECTIVE_STOPS
+from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DriveCause, DriveMode
 from sim_bridge.simulator import Simulator
+
+INPUTS = {
+    REFERENCE: MultiDOFJointTrajectory,
+    TARGET_POSE: PoseStamped,
+    TARGET_TWIST: TwistStamped,
+}
+"""Topics by which an arm is led, and their types."""
 
 # The clock of the robot shows this [ns] when the sequence begins, so that it can be set back.
 _BEGINNING = 1_000_000_000_000
@@ -117,49 +135,54 @@ class _Sequence:
         self.arm = Drive(self._simulator, plan.robot.policy())
         self.faults = FaultStream(faults, plan.seed)
         self.user = User(plan, model, faults, self.arm.state.q)
-        self.record = SequenceRecord(model, plan.max_effort_rate, plan.state_timeout, 1 / self.rate)
-        self.record.asked = plan.asked
-        self.record.quiet = self.user.quiet
-        self.record.contact = plan.contact
         released = self.user.quiet if plan.push else None
-        self.record.shaken = shaken(faults, BEGINNING, released)
-        self.record.disturbed = shaken(faults, BEGINNING, released, TO_ROBOT)
+        self.record = SequenceRecord(
+            model,
+            plan.max_effort_rate,
+            plan.state_timeout,
+            1 / self.rate,
+            asked=plan.asked,
+            contact=plan.contact,
+            shaken=shaken(faults, BEGINNING, released),
+            disturbed=shaken(faults, BEGINNING, released, TO_ROBOT),
+        )
         self._reader = JointStateReader(model.joints)
         self._kills = [fault for fault in faults if isinstance(fault, Kill)]
         self._seconds = [fault for fault in faults if isinstance(fault, SecondPublisher)]
-        self._life = 0
-        self._is_unlocked = False
+        self._life, self._is_unlocked = 0, False
         self.node: Any = None
         self._own: list[Node] = []
-        self._second: tuple[Node, Publisher] | None = None
+        self._second: Node | None = None
         self._last_reference: Any = None
         self._taken: dict[str, int] = {}
+
+    def _note(self, what: str) -> None:
+        self.record.events.append(SequenceEvent(self.t, what))
 
     # --- the nodes ---------------------------------------------------------------------
 
     def _make_nodes(self) -> None:
         robot, leader = _plain_node("robot"), _plain_node("reference")
         self._own = [robot, leader]
-        create = robot.create_publisher
+        create, listen = robot.create_publisher, robot.create_subscription
         self._description = create(String, "robot_description", QOS_LATCHED)
         self._description.publish(String(data=self.robot.urdf))
         self._topic = command = COMMANDS[self.plan.control]
-        self._commands = robot.create_subscription(JointState, command, _never, 100)
-        self._diagnostics = robot.create_subscription(DiagnosticArray, "/diagnostics", _never, 100)
+        self._commands = listen(JointState, command, _never, 100)
+        self._diagnostics = listen(DiagnosticArray, "/diagnostics", _never, 100)
         self._publishers = {
             "joint_states": create(JointState, "joint_states", QOS_STREAM),
             "wrench": create(WrenchStamped, "wrench", QOS_STREAM),
-            **{
-                topic: leader.create_publisher(kind, topic, QOS_STREAM)
-                for topic, kind in INPUTS.items()
-            },
+        } | {
+            topic: leader.create_publisher(kind, topic, QOS_STREAM)
+            for topic, kind in INPUTS.items()
         }
         self._start()
 
     def _start(self) -> None:
         """Start the controller."""
         self._life += 1
-        self.record.events.append(SequenceEvent(self.t, STARTS))
+        self._note(STARTS)
         self.node = _counted(self.plan.controller)()
         for subscription in (self._commands, self._diagnostics):
             drain(subscription)
@@ -172,8 +195,8 @@ class _Sequence:
         self._see_publishers()
 
     def _kill(self) -> None:
-        """Let the controller be no more, without a last word."""
-        self.record.events.append(SequenceEvent(self.t, KILLED))
+        """Kill the controller, without a last word."""
+        self._note(KILLED)
         self.node.destroy_node()
         self.node = None
         for subscription in (self._commands, self._diagnostics):
@@ -182,25 +205,22 @@ class _Sequence:
 
     def _see_publishers(self) -> None:
         """Wait until the controller sees as many publishers of a reference as there are."""
-        there = 1 + (self._second is not None)
-        node: ControlNode | None = self.node
+        node, there = self.node, 1 + (self._second is not None)
         if node is not None:
             until(lambda: node.count_publishers("/reference") == there, "the publishers there are")
 
-    def _come(self) -> None:
-        """Let a second publisher of references come."""
-        node = _plain_node("intruder")
-        self._second = node, node.create_publisher(INPUTS[REFERENCE], REFERENCE, QOS_STREAM)
-        self._see_publishers()
-        self.record.events.append(SequenceEvent(self.t, "a second publisher of references comes"))
-
-    def _go(self) -> None:
-        """Let the second publisher go."""
-        assert self._second is not None
-        self._second[0].destroy_node()
-        self._second = None
-        self._see_publishers()
-        self.record.events.append(SequenceEvent(self.t, "the second publisher goes"))
+    def _come_and_go(self, wanted: bool) -> None:
+        """Let a second publisher of references come, or go."""
+        if self._second is None and wanted:
+            self._second = _plain_node("intruder")
+            self._intruder = self._second.create_publisher(INPUTS[REFERENCE], REFERENCE, QOS_STREAM)
+            self._see_publishers()
+            self._note("a second publisher of references comes")
+        elif self._second is not None and not wanted:
+            self._second.destroy_node()
+            self._second = None
+            self._see_publishers()
+            self._note("the second publisher goes")
 
     # --- time --------------------------------------------------------------------------
 
@@ -215,16 +235,14 @@ class _Sequence:
                 self._do_to_nodes()
                 self._tick(step)
             except Crash as crash:
-                self.record.crash = str(crash)
-                self.record.end = self.t
+                self.record.crash, self.record.end = str(crash), self.t
                 return
             stops = self.arm.values[PROTECTIVE_STOPS]
             for _ in range(self.plan.robot.steps):
                 self.arm.step(self.t)
             if self.arm.values[PROTECTIVE_STOPS] != stops:
-                self.record.events.append(SequenceEvent(self.t, STOPS))
+                self._note(STOPS)
             self._unlock()
-        self.record.refused = sum(int(self.arm.values[name]) for name in (REJECTED, IN_STOP))
         self.record.end = self.t
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 
@@ -234,23 +252,19 @@ class _Sequence:
         is_locked = status.mode is DriveMode.STOPPING and status.cause is DriveCause.ACCELERATION
         if not self._is_unlocked and is_locked and self.t >= self.user.quiet:
             self._is_unlocked = True
-            self.record.events.append(SequenceEvent(self.t, UNLOCKED))
+            self._note("the robot is unlocked")
             self._kill()
             self.arm.unlock(self.t)
             self._start()
 
     def _do_to_nodes(self) -> None:
         t = self.t - BEGINNING
-        for kill in self._kills:
-            if self.node is not None and kill.at <= t < kill.end:
-                self._kill()
-        if self.node is None and not any(kill.at <= t < kill.end for kill in self._kills):
+        is_dead = any(kill.at <= t < kill.end for kill in self._kills)
+        if self.node is not None and is_dead:
+            self._kill()
+        if self.node is None and not is_dead:
             self._start()
-        wanted = any(second.is_active(t) for second in self._seconds)
-        if wanted and self._second is None:
-            self._come()
-        if self._second is not None and not wanted:
-            self._go()
+        self._come_and_go(any(second.is_active(t) for second in self._seconds))
 
     def _tick(self, step: int) -> None:
         state, stamp = self.arm.state, stamp_to_ros(_BEGINNING + round(step * 1e9 / self.rate))
@@ -269,13 +283,13 @@ class _Sequence:
         msg.position, msg.velocity = state.q.tolist(), state.dq.tolist()
         msg.effort = state.tau.tolist()
         self._send("joint_states", msg)
-        self._watch(step)
+        self._call_timers(step)
 
     @property
     def _fault_time(self) -> float:
         return max(0.0, self.t - BEGINNING)
 
-    def _watch(self, step: int) -> None:
+    def _call_timers(self, step: int) -> None:
         """Do what the timers of the controller would."""
         if self.node is None:
             return
@@ -289,21 +303,20 @@ class _Sequence:
 
     def _lead(self) -> None:
         """Send what the user sends now, and the second publisher."""
-        q = self.arm.state.q
-        for sent in self.user.motions(self.t, q):
-            msg = message_of(sent, self.robot, _BEGINNING)
+        for sent in self.user.motions(self.t, self.arm.state.q):
+            msg = message_of(sent, self.robot)
             if sent.note:
-                self.record.events.append(SequenceEvent(self.t, sent.note))
+                self._note(sent.note)
             if sent.topic == REFERENCE:
                 self._last_reference = msg
             self._send(sent.topic, msg)
         if self._second is None or self._last_reference is None:
             return
+        t = self.t - BEGINNING
         for second in self._seconds:
             period = max(1, round(self.rate / second.rate))
-            t = self.t - BEGINNING
             if second.is_active(t) and round((t - second.at) * self.rate) % period == 0:
-                deliver(self._second[1], second.message(self._last_reference), self.node)
+                deliver(self._intruder, second.message(self._last_reference), self.node)
                 self._hear()
 
     def _send(self, topic: str, msg: Any) -> None:
@@ -322,27 +335,25 @@ class _Sequence:
 
     def _hear(self) -> None:
         """Take what the controller has published since."""
-        if self.node is None:
-            return
-        for _ in range(self._new("/diagnostics")):
-            self.record.said.append(said_of(self.t, take(self._diagnostics)[0].status[0]))
-        for _ in range(self._new(f"/{self._topic}")):
-            msg = take(self._commands)[0]
+        for msg in self._new(self._diagnostics):
+            self.record.said.append(said_of(self.t, msg.status[0]))
+        for msg in self._new(self._commands):
             self.record.commands.append(command_of(self.t, self._life, msg))
             for found in self.faults.on_message(self._fault_time, self._topic, msg):
                 self.arm.command(found, UNNUMBERED, self.t)
 
-    def _new(self, topic: str) -> int:
-        sent = self.node.sent[topic]
-        new = sent - self._taken.get(topic, 0)
-        self._taken[topic] = sent
-        return int(new)
+    def _new(self, subscription: Subscription) -> list[Any]:
+        """Return the messages of the controller that were not taken before."""
+        if self.node is None:
+            return []
+        topic = subscription.topic_name
+        before, self._taken[topic] = self._taken.get(topic, 0), self.node.sent[topic]
+        return [take(subscription)[0] for _ in range(self._taken[topic] - before)]
 
     def close(self) -> None:
         """End all nodes and the arm."""
         self.arm.close()
-        nodes = [self.node, self._second[0] if self._second else None, *self._own]
-        for node in nodes:
+        for node in (self.node, self._second, *self._own):
             if node is not None:
                 node.destroy_node()
 
@@ -358,3 +369,40 @@ def _plain_node(name: str) -> Node:
 
 def _never(_msg: Any) -> None:
     """Messages are taken by hand."""
+
+
+def message_of(sent: Sent, robot: RobotDescription) -> Any:
+    """Return what a user sends as a message."""
+    ns = 0 if sent.stamp is None else _BEGINNING + round(sent.stamp * 1e9)
+    stamp, base = stamp_to_ros(max(0, ns)), robot.base_frame
+    frame = sent.motion.frames[0]
+    if sent.topic == TARGET_POSE:
+        return pose_to_ros(frame.p_d, frame.R_d, stamp, base)
+    if sent.topic == TARGET_TWIST:
+        return error_to_ros(frame.dp_d, frame.omega_d, stamp, base)
+    msg = motion_to_ros(sent.motion, base, robot.tip_frame)
+    msg.header.stamp = stamp
+    return msg
+
+
+def command_of(t: float, life: int, msg: Any) -> Command:
+    """Return a command published at t [s]."""
+    values = (tuple(map(float, part)) for part in (msg.position, msg.velocity, msg.effort))
+    return Command(t, life, ns_from_ros(msg.header.stamp) / 1e9, tuple(msg.name), *values)
+
+
+def state_of(t: float, msg: Any, reader: JointStateReader) -> State:
+    """Return the joint_states delivered at t [s]; without values where they cannot be read."""
+    stamp = ns_from_ros(msg.header.stamp) / 1e9
+    try:
+        _, q, dq = reader.from_ros(msg)
+    except InvalidMessageError:
+        return State(t, stamp, (), ())
+    return State(t, stamp, tuple(q.tolist()), tuple(dq.tolist()))
+
+
+def said_of(t: float, status: Any) -> Said:
+    """Return what a status says that was published at t [s]."""
+    values = {pair.key: pair.value for pair in status.values}
+    level = int.from_bytes(status.level, "little")
+    return Said(t, level, status.message, values.get(MODE, ""), values.get(CAUSE, ""))
