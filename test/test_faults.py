@@ -3,6 +3,7 @@
 import copy
 import math
 import re
+import types
 from types import SimpleNamespace
 from typing import Any
 
@@ -372,8 +373,8 @@ def test_a_fault_that_means_nothing_is_refused_with_the_reason(content, words):
 
 
 def test_a_kind_that_changes_no_message_is_refused_where_it_is_defined():
-    with pytest.raises(TypeError, match="Idle changes no message: it needs a change or a stage"):
-        type("Idle", (MessageFault,), {"name": "idle"})
+    with pytest.raises(TypeError, match="Idle changes no message: it needs a change"):
+        types.new_class("Idle", (MessageFault,), {"name": "idle"})
     assert "idle" not in Fault.registry
 
 

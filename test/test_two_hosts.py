@@ -117,7 +117,7 @@ def test_the_modes_are_those_of_the_robot():
         ([*ROBOT, moves(13.0, FULL_SPEED + 0.01)], [], {"no joint is faster than its limit"}),
         ([*without(BRAKES), BRAKES | {"t": 10.6}], [], {"the robot says that it brakes"}),
         (ROBOT, [status(11.0, "clik", "following", "", 0)], {"and says nothing better meanwhile"}),
-        (without(AGAIN), [], {"mended: the arm moves again"}),
+        (without(AGAIN), [], {"restored: the arm moves again"}),
     ],
 )
 def test_the_judge_finds_what_is_wrong_with_a_cut(robot, controller, texts):

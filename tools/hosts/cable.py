@@ -15,6 +15,7 @@ import select
 import struct
 import sys
 import time
+from contextlib import suppress
 
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 _LARGEST = 65536  # [bytes] of a packet
@@ -31,58 +32,33 @@ def tap(pid: int, device: str) -> int:
     return end
 
 
-class Cable:
-    """What happens to packets on their way.
-
-    Args:
-        ends: the two devices.
-    """
-
-    def __init__(self, ends: tuple[int, int]) -> None:
-        self._other = {ends[0]: ends[1], ends[1]: ends[0]}
-        self._under_way: list[tuple[float, int, int, bytes]] = []
-        self._order = itertools.count()
-        self._chance = random.Random(0)
-        self.loss = self.delay = self.jitter = 0.0
-
-    def take(self, end: int) -> None:
-        """Take all packets that have come to an end."""
-        while True:
-            try:
-                packet = os.read(end, _LARGEST)
-            except OSError:  # there is none, or the device is down
+def carry(ends: tuple[int, int]) -> None:
+    """Carry packets between two devices until stdin is closed."""
+    other, order, chance = (
+        dict(zip(ends, reversed(ends), strict=True)),
+        itertools.count(),
+        random.Random(0),
+    )
+    under_way: list[tuple[float, int, int, bytes]] = []
+    loss = delay = jitter = 0.0
+    while True:
+        wait = max(0.0, under_way[0][0] - time.monotonic()) if under_way else None
+        ready, _, _ = select.select([*ends, sys.stdin], [], [], wait)
+        for end in set(ready) & set(ends):
+            with suppress(OSError):  # there is no more, or the device is down
+                while True:
+                    packet = os.read(end, _LARGEST)
+                    if chance.random() >= loss:
+                        due = time.monotonic() + delay + jitter * (2 * chance.random() - 1)
+                        heapq.heappush(under_way, (due, next(order), other[end], packet))
+        if sys.stdin in ready:
+            if not (line := sys.stdin.readline()):
                 return
-            if self._chance.random() >= self.loss:
-                late = self.delay + self.jitter * (2 * self._chance.random() - 1)
-                item = time.monotonic() + late, next(self._order), self._other[end], packet
-                heapq.heappush(self._under_way, item)
-
-    def give(self) -> float | None:
-        """Give on what is due; return in what time [s] something else is, None if nothing is."""
-        while self._under_way:
-            left = self._under_way[0][0] - time.monotonic()
-            if left > 0:
-                return left
-            _, _, end, packet = heapq.heappop(self._under_way)
-            try:
+            loss, delay, jitter = map(float, line.split())
+        while under_way and under_way[0][0] <= time.monotonic():
+            _, _, end, packet = heapq.heappop(under_way)
+            with suppress(OSError):  # the device is down: the packet is lost
                 os.write(end, packet)
-            except OSError:  # the device is down: the packet is lost
-                continue
-        return None
-
-    def run(self) -> None:
-        """Carry packets until stdin is closed."""
-        ends = list(self._other)
-        while True:
-            ready, _, _ = select.select([*ends, sys.stdin], [], [], self.give())
-            for end in ends:
-                if end in ready:
-                    self.take(end)
-            if sys.stdin in ready:
-                line = sys.stdin.readline()
-                if not line:
-                    return
-                self.loss, self.delay, self.jitter = map(float, line.split())
 
 
 def main() -> int:
@@ -94,7 +70,7 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 1
     print("ready", flush=True)
-    Cable((first, second)).run()
+    carry((first, second))
     return 0
 
 

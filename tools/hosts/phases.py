@@ -20,7 +20,7 @@ OBEYING, BRAKED, SILENCE = "obeying", ("braked", "stopping", "contested"), "sile
 """Modes of the robot and a cause: of ``sim_bridge.drive``, which would load PyBullet."""
 
 MOVES, STANDS = 1e-3, 1e-5
-"""Fastest joint, of its speed limit: above the first the arm moves, below the second it stands."""
+"""Fastest joint, of its limit: above the first the arm moves, below the second it is at rest."""
 
 FULL_SPEED = 1.001
 """Speed of a joint by its limit, which commands may ask for: the servo leaves 1e-4."""
@@ -38,6 +38,7 @@ RECOVERS = 5.0
 """[s] within which the motion is to resume: the middleware asks for what was lost every 3 s."""
 
 _ERROR = 2  # level of a status
+_LATE = "joint_states rejected"  # a counter of the controller
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,12 @@ def says(
     who: str, mode: str | None = None, cause: str | None = None
 ) -> Callable[[dict[str, Any]], bool]:
     """Return whether a line is a status of a node, in a mode, for a cause; None is any."""
-    return lambda line: line["who"] == who and all(
-        wanted in (None, line["values"].get(key)) for key, wanted in ((MODE, mode), (CAUSE, cause))
+    return lambda line: (
+        line["who"] == who
+        and all(
+            wanted in (None, line["values"].get(key))
+            for key, wanted in ((MODE, mode), (CAUSE, cause))
+        )
     )
 
 
@@ -117,6 +122,18 @@ class Phase:
     end: float
     judged: float
 
+    def within(self, text: str, after: float | None, bound: float) -> Verdict:
+        """Return the verdict on what has to happen after a time [s] at most; None: never."""
+        measured = "never" if after is None else f"after {after:.3f} s"
+        met = after is not None and after <= bound
+        return Verdict(self.name, text, measured, f"within {bound:.2f} s", met)
+
+    def fastest(self, text: str, lines: Sequence[dict[str, Any]], bound: float) -> Verdict:
+        """Return the verdict on the fastest joint in joint_states, of its limit; none are bad."""
+        value = max((line["speed"] for line in lines), default=bound + 1)
+        measured = f"{value:.2g} (fastest joint, of its limit)"
+        return Verdict(self.name, text, measured, f"< {bound:g}", value < bound)
+
 
 class Judge:
     """Judges what was heard on both hosts.
@@ -131,51 +148,48 @@ class Judge:
 
     def cut(self, phase: Phase) -> Iterator[Verdict]:
         """Judge the link that was cut: the robot brakes, both say why, the motion resumes."""
-        robot, begin, end = self._robot, phase.begin, phase.end
+        robot, begin, end, within = self._robot, phase.begin, phase.end, phase.within
         brakes = robot.first(begin, end, "who", says(BRIDGE, cause=SILENCE))
-        yield _within(phase, "the robot says that it brakes", brakes, COMMAND_TIMEOUT + SCHEDULING)
-        stands = robot.first(begin, end, "speed", lambda line: line["speed"] < STANDS)
-        yield _within(phase, "all its joints stand", stands, COMMAND_TIMEOUT + 2 * SCHEDULING)
+        yield within("the robot says that it brakes", brakes, COMMAND_TIMEOUT + SCHEDULING)
+        at_rest = robot.first(begin, end, "speed", lambda line: line["speed"] < STANDS)
+        rest = COMMAND_TIMEOUT + 2 * SCHEDULING
+        yield within("all its joints are at rest", at_rest, rest)
         told = self._controller.first(begin, end, "who", says(self._name, cause=Cause.NO_STATES))
-        yield _within(phase, "the controller says why", told, STATE_TIMEOUT + SCHEDULING)
-        late = robot.between(begin + COMMAND_TIMEOUT + 2 * SCHEDULING, end, "speed")
-        yield self._insists(phase, told)
-        yield _is(phase, "and stay there", max((line["speed"] for line in late), default=1.0),
-                  "fastest joint, of its limit", STANDS)  # fmt: skip
-        yield from self._resumes(phase)
-
-    def _insists(self, phase: Phase, told: float | None) -> Verdict:
-        """Judge that the controller says nothing better while the robot is not heard."""
-        since = phase.begin + (told or 0.0)
-        said = self._controller.between(since, phase.end, "who")
+        yield within("the controller says why", told, STATE_TIMEOUT + SCHEDULING)
+        said = self._controller.between(begin + (told or 0.0), end, "who")
         better = [s["says"] for s in said if s["who"] == self._name and s["level"] < _ERROR]
         text, met = "and says nothing better meanwhile", told is not None and not better
         measured = f"{len(better)} times" + (f": {better[0]}" if better else "")
-        return Verdict(phase.name, text, measured, "0 times", met)
+        yield Verdict(phase.name, text, measured, "0 times", met)
+        late = robot.between(begin + rest, end, "speed")
+        yield phase.fastest("and stay there", late, STANDS)
+        yield from self._resumes(phase)
 
     def _resumes(self, phase: Phase) -> Iterator[Verdict]:
         robot, end, judged = self._robot, phase.end, phase.judged
         obeys = robot.first(end, judged, "who", says(BRIDGE, OBEYING))
-        yield _within(phase, "mended: the robot obeys again", obeys, RECOVERS)
+        yield phase.within("restored: the robot obeys again", obeys, RECOVERS)
         back = end + (obeys or 0.0)
         heard = self._controller.first(back, judged, "who", says(self._name, Mode.FOLLOWING, ""))
         follows = None if obeys is None or heard is None else obeys + heard
-        yield _within(phase, "mended: the set-points are followed again", follows, RECOVERS)
-        moves = robot.first(end, judged, "speed", lambda line: line["speed"] > MOVES)
-        yield _within(phase, "mended: the arm moves again", moves, RECOVERS)
+        yield phase.within("restored: the set-points are followed again", follows, RECOVERS)
+        yield phase.within("restored: the arm moves again", self._moves(phase), RECOVERS)
         yield self._fastest(phase)
 
     def impaired(self, phase: Phase) -> Iterator[Verdict]:
         """Judge a bad link: nothing runs away, whoever does not obey has braked, it recovers."""
         yield self._fastest(phase)
         yield self._gaps(phase)
-        yield self._goes_on(phase)
+        yield phase.within("a good link again: the arm moves", self._moves(phase), RECOVERS)
+
+    def _moves(self, phase: Phase) -> float | None:
+        """Return how long after the link was good again the arm moved."""
+        end, judged = phase.end, phase.judged
+        return self._robot.first(end, judged, "speed", lambda line: line["speed"] > MOVES)
 
     def _fastest(self, phase: Phase) -> Verdict:
-        speeds = [line["speed"] for line in self._robot.between(phase.begin, phase.judged, "speed")]
-        text = "no joint is faster than its limit"
-        fastest = max(speeds, default=FULL_SPEED + 1)
-        return _is(phase, text, fastest, "fastest joint, of its limit", FULL_SPEED)
+        states = self._robot.between(phase.begin, phase.judged, "speed")
+        return phase.fastest("no joint is faster than its limit", states, FULL_SPEED)
 
     def _gaps(self, phase: Phase) -> Verdict:
         """Judge that in each long gap of the commands the robot was braked.
@@ -194,59 +208,32 @@ class Judge:
     def _was_braked(self, begin: float, end: float) -> bool:
         """Whether the robot said that it brakes, or had said so last before."""
         said = [s for s in self._robot.between(0, end, "who") if s["who"] == BRIDGE]
-        return any(is_braked(s) for s in [s for s in said if s["t"] >= begin] + said[-1:])
-
-    def _goes_on(self, phase: Phase) -> Verdict:
-        moves = self._robot.first(
-            phase.end, phase.judged, "speed", lambda line: line["speed"] > MOVES
-        )
-        return _within(phase, "a good link again: the arm moves", moves, RECOVERS)
+        return any(map(is_braked, [*(s for s in said if s["t"] >= begin), *said[-1:]]))
 
     def numbers(self, phase: Phase) -> dict[str, float]:
         """Return the figures of a phase."""
-        seconds = phase.end - phase.begin
-        states = self._robot.between(phase.begin, phase.end, "speed")
-        times = [line["t"] for line in self._robot.between(phase.begin, phase.end, "command")]
-        edges = [phase.begin, *times, phase.end]
-        sent = {line["stamp"]: line["t"] for line in self._robot.between(0, phase.end, "speed")}
-        answers = self._robot.between(phase.begin, phase.end, "command")
-        trips = sorted(a["t"] - sent[a["command"]] for a in answers if a["command"] in sent)
-        braked = self._robot.between(phase.begin, phase.end, "who")
-        said = self._controller.between(phase.begin, phase.judged, "who")
+        begin, end, seconds = phase.begin, phase.end, phase.end - phase.begin
+        states, answers, told = (
+            self._robot.between(begin, end, key) for key in ("speed", "command", "who")
+        )
+        edges = [begin, *(line["t"] for line in answers), end]
+        sent = {line["stamp"]: line["t"] for line in self._robot.between(0, end, "speed")}
+        trips = [a["t"] - sent[a["command"]] for a in answers if a["command"] in sent]
+        braked = [is_braked(line) for line in told if line["who"] == BRIDGE]
+        said = self._controller.between(begin, phase.judged, "who")
+        late = [int(s["values"].get(_LATE, 0)) for s in said if s["who"] == self._name]
         return {
             "seconds": seconds,
             "states_per_s": len(states) / seconds,
-            "commands_per_s": len(times) / seconds,
+            "commands_per_s": len(answers) / seconds,
             "longest_gap_of_commands_s": max(b - a for a, b in pairwise(edges)),
-            "round_trip_p50_ms": 1e3 * _percentile(trips, 0.5),
-            "round_trip_p99_ms": 1e3 * _percentile(trips, 0.99),
-            "brakes": _changes(braked),
-            "refused_as_late": _counted(said, self._name, "joint_states rejected"),
+            "round_trip_p50_ms": 1e3 * _percentile(trips, 50),
+            "round_trip_p99_ms": 1e3 * _percentile(trips, 99),
+            "brakes": sum(now and not before for before, now in pairwise([False, *braked])),
+            "refused_as_late": late[-1] - late[0] if late else 0,
             "fastest_joint_of_limit": max((line["speed"] for line in states), default=0.0),
         }
 
 
-def _changes(lines: Sequence[dict[str, Any]]) -> int:
-    """Return how often the robot braked."""
-    heard = [is_braked(line) for line in lines if line["who"] == BRIDGE]
-    return sum(now and not before for before, now in zip([False, *heard], heard, strict=False))
-
-
-def _counted(lines: Sequence[dict[str, Any]], who: str, counter: str) -> int:
-    """Return by how much a counter of a node grew."""
-    counts = [int(line["values"].get(counter, 0)) for line in lines if line["who"] == who]
-    return counts[-1] - counts[0] if counts else 0
-
-
-def _percentile(ordered: Sequence[float], part: float) -> float:
-    return ordered[min(int(part * len(ordered)), len(ordered) - 1)] if ordered else float("nan")
-
-
-def _within(phase: Phase, text: str, after: float | None, bound: float) -> Verdict:
-    measured = "never" if after is None else f"after {after:.3f} s"
-    met = after is not None and after <= bound
-    return Verdict(phase.name, text, measured, f"within {bound:.2f} s", met)
-
-
-def _is(phase: Phase, text: str, value: float, what: str, bound: float) -> Verdict:
-    return Verdict(phase.name, text, f"{value:.2g} ({what})", f"< {bound:g}", value < bound)
+def _percentile(values: Sequence[float], percent: float) -> float:
+    return float(np.percentile(values, percent, method="lower")) if values else float("nan")

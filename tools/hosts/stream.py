@@ -1,6 +1,6 @@
 """Streams the set-points of a slow circle, one point each with its twist, at 50 Hz.
 
-It runs on the controller's host.  The circle begins where the arm stands at home.
+It runs on the controller's host.  The circle begins where the arm is at home.
 """
 
 import sys
@@ -21,27 +21,21 @@ PERIOD, TURNS = 3.0, 60.0  # [s] of a turn, and how many: longer than the run
 RADIUS = 0.02  # [m]: set-points on it are never farther than max_jump_position from each other
 
 
-def circle() -> tuple[Trajectory, str, str]:
-    """Return the circle from the home of the arm, and the names of its frames."""
+def main() -> int:
+    """Stream until the end of the circle."""
     arm = load_robot("ur5")
     robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame)
     home = robot.state(np.array(arm.home), np.zeros(len(arm.home)))
     path = Circle(RADIUS, np.array([1.0, 0.0, 0.0]), PERIOD, TURNS).trajectory(home.p_e, home.R_e)
-    return path, arm.base_frame, arm.tip_frame
-
-
-def main() -> int:
-    """Stream until the end of the circle."""
     rclpy.init()
     node = rclpy.create_node("set_points", start_parameter_services=False)
     publisher = node.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
-    path, base_frame, tip_frame = circle()
     while not publisher.get_subscription_count():
         time.sleep(0.02)
     begin = time.monotonic()
     while (t := time.monotonic() - begin) < path.duration:
         point = Trajectory([0.0], [path.sample(t)])
-        publisher.publish(motion_to_ros(point, base_frame, tip_frame))
+        publisher.publish(motion_to_ros(point, arm.base_frame, arm.tip_frame))
         time.sleep(1 / RATE)
     return 0
 

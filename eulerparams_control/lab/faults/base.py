@@ -25,8 +25,13 @@ _INF = float("inf")
 
 
 def setting(
-    text: str, *, low: float = -_INF, high: float = _INF, choices: tuple[str, ...] = (),
-    drawn: "Callable[[Draw, str], Any] | None" = None, **default: Any,
+    text: str,
+    *,
+    low: float = -_INF,
+    high: float = _INF,
+    choices: tuple[str, ...] = (),
+    drawn: "Callable[[Draw, str], Any] | None" = None,
+    **default: Any,
 ) -> Any:
     """Return a field of a fault: a number from ``low`` to ``high``, or a word of ``choices``.
 
@@ -92,9 +97,11 @@ class Fault:
     at: float = setting("when it begins [s]", low=0.0, high=1e6)
     duration: float = setting("for how long [s]; .inf is to the end", low=0.0)
 
-    def __init_subclass__(cls) -> None:
-        """Register a kind of fault by its name."""
-        if cls.name:
+    def __init_subclass__(cls, **about: Any) -> None:
+        """Register a kind of fault, ``about`` being its class attributes."""
+        for key, value in about.items():
+            setattr(cls, key, value)
+        if about:
             Fault.registry[cls.name] = cls
 
     def __post_init__(self) -> None:
@@ -159,74 +166,38 @@ def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
     }
 
 
-class Stage:
-    """Applies a fault to the messages of one topic.
-
-    Args:
-        fault: the fault.
-        random: the random numbers of this stage alone.
-    """
-
-    def __init__(self, fault: "MessageFault", random: np.random.Generator) -> None:
-        self.fault: Any = fault
-        self.random = random
-
-    def take(self, t: float, msg: Any) -> list[Any]:
-        """Return what comes out at t [s], as ``msg`` goes in; ``msg`` is its own to change.
-
-        What was due at t has come out before.
-        """
-        return self.change(msg) if self.fault.is_active(t) and self._is_hit() else [msg]
-
-    def change(self, msg: Any) -> list[Any]:
-        """Return what comes out for a message that is hit."""
-        out: list[Any] = self.fault.change(msg, self.random)
-        return out
-
-    def _is_hit(self) -> bool:
-        """Return whether the fault hits this message."""
-        probability: float = self.fault.probability
-        return probability >= 1 or float(self.random.random()) < probability
-
-    def due(self, t: float) -> list[Any]:
-        """Return what was held back, and comes out now, at t [s]."""
-        return []
-
-    @property
-    def next_due(self) -> float:
-        """When the next message that is held back comes out [s]; infinite if there is none."""
-        return _INF
-
-
 @dataclass(frozen=True, kw_only=True)
 class MessageFault(Fault):
     """A fault on the messages of a topic.
 
     Attributes:
-        stage: what keeps what it has to remember.
+        keeps_order: whether what it does not hit waits behind what it holds.
         probability: with which it hits a message.
     """
 
-    stage: ClassVar[type[Stage]] = Stage
+    keeps_order: ClassVar[bool] = False
 
     probability: float = setting("of a message to be hit", low=0.0, high=1.0, default=1.0)
 
-    def __init_subclass__(cls) -> None:
-        """Register a kind, which has a ``change`` or a ``stage`` of its own."""
-        if cls.name and cls.change is MessageFault.change and cls.stage is Stage:
-            raise TypeError(f"{cls.__name__} changes no message: it needs a change or a stage")
-        super().__init_subclass__()
+    def __init_subclass__(cls, **about: Any) -> None:
+        """Register a kind, which has a ``change`` of its own."""
+        if about and cls.change is MessageFault.change:
+            raise TypeError(f"{cls.__name__} changes no message: it needs a change")
+        super().__init_subclass__(**about)
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
-        """Return what comes out for a message that is hit, if it remembers nothing."""
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
+        """Return what comes out at t [s] for a message that is hit.
+
+        Args:
+            msg: its own to change.
+            stage: random numbers, and what it has to remember on this topic: a ``stream.Stage``.
+            t: now.
+        """
         raise NotImplementedError
 
-
-@dataclass(frozen=True, kw_only=True)
-class RobotFault(MessageFault):
-    """A fault that can also be on all topics that come from the robot, together."""
-
-    topics: ClassVar[tuple[str, ...]] = (*TOPICS, ROBOT)
+    def release(self, messages: list[Any], stage: Any) -> list[Any]:
+        """Return messages that were held as they come out."""
+        return messages
 
 
 def parse_faults(where: str, content: Any) -> tuple[Fault, ...]:

@@ -116,16 +116,14 @@ class InjectorParameters:
             fault = parse_fault(yaml.safe_load(text))
             if isinstance(fault, Kill):
                 raise ConfigurationError("nodes are killed by the experiment that has started them")
-            topics = FROM_ROBOT if fault.topic == ROBOT else (fault.topic,)
-            for topic in topics:
-                if topic not in self.topics and fault.topic != ROBOT:
-                    raise UnknownNameError("topic among the parameter 'topics'", topic, self.topics)
-            if not any(topic in self.topics for topic in topics):
-                raise ConfigurationError(f"none of {', '.join(topics)} is among 'topics'")
-        except yaml.YAMLError as error:
-            raise ConfigurationError(f"parameter 'faults': {text!r}: no YAML: {error}") from error
-        except ConfigurationError as error:
-            raise ConfigurationError(f"parameter 'faults': {text!r}: {error}") from error
+            if fault.topic not in (*self.topics, ROBOT):
+                names = self.topics
+                raise UnknownNameError("topic among the parameter 'topics'", fault.topic, names)
+            if fault.topic == ROBOT and not set(FROM_ROBOT) & set(self.topics):
+                raise ConfigurationError(f"none of {', '.join(FROM_ROBOT)} is among 'topics'")
+        except (yaml.YAMLError, ConfigurationError) as error:
+            what = "no YAML: " if isinstance(error, yaml.YAMLError) else ""
+            raise ConfigurationError(f"parameter 'faults': {text!r}: {what}{error}") from error
         return fault
 
 

@@ -2,7 +2,6 @@
 
 import copy
 import math
-from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -12,11 +11,10 @@ from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.faults.base import (
     FROM_ROBOT,
     ROBOT,
+    TOPICS,
     Draw,
     Fault,
     MessageFault,
-    RobotFault,
-    Stage,
     setting,
 )
 from eulerparams_control.lab.faults.fields import numbers, put_stamp, stamp_ns
@@ -47,82 +45,50 @@ def _sometimes() -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drop(MessageFault):
+class Drop(MessageFault, name="drop", shakes=True):
     """Messages are lost."""
-
-    name: ClassVar[str] = "drop"
-    shakes: ClassVar[bool] = True
 
     probability: float = _sometimes()
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
         return []
 
 
 @dataclass(frozen=True, kw_only=True)
-class Duplicate(MessageFault):
+class Duplicate(MessageFault, name="duplicate"):
     """Messages come again, at once after the first.
 
     Attributes:
         copies: how many more of each.
     """
 
-    name: ClassVar[str] = "duplicate"
-
     copies: int = setting(
         "more of each message", low=1, high=100, default=1,
         drawn=lambda draw, _: int(draw.random.integers(1, 4)),
     )  # fmt: skip
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
         return [msg, *(copy.deepcopy(msg) for _ in range(self.copies))]
 
 
-class _Queue(Stage):
-    """What went in first comes out first, and nothing overtakes."""
-
-    def __init__(self, fault: Any, random: np.random.Generator) -> None:
-        super().__init__(fault, random)
-        self._held: deque[tuple[float, Any]] = deque()
-
-    def take(self, t: float, msg: Any) -> list[Any]:
-        is_late = self.fault.is_active(t) and self._is_hit()
-        free = t + self.fault.by if is_late else t
-        if self._held:
-            free = max(free, self._held[-1][0])
-        if free <= t:
-            return [msg]
-        self._held.append((free, msg))
-        return []
-
-    def due(self, t: float) -> list[Any]:
-        out = []
-        while self._held and self._held[0][0] <= t:
-            out.append(self._held.popleft()[1])
-        return out
-
-    @property
-    def next_due(self) -> float:
-        return self._held[0][0] if self._held else math.inf
-
-
 @dataclass(frozen=True, kw_only=True)
-class Delay(MessageFault):
+class Delay(MessageFault, name="delay", shakes=True, keeps_order=True):
     """Messages come late, in their order: at the end those that are held come in a burst.
 
     Attributes:
         by: how late [s].
     """
 
-    name: ClassVar[str] = "delay"
-    shakes: ClassVar[bool] = True
-    stage: ClassVar[type[Stage]] = _Queue
-
     by: float = setting(
         "how late [s]", low=0.0, high=60.0, drawn=lambda draw, _: draw.number(0.005, 0.3)
     )
+
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
+        """See MessageFault."""
+        held: list[Any] = stage.hold(t + self.by, msg, t)
+        return held
 
     @property
     def end(self) -> float:
@@ -130,54 +96,35 @@ class Delay(MessageFault):
         return self.at + self.duration + self.by
 
 
-class _Mix(Stage):
-    """Holds messages until there are ``depth``, and gives them in an order that is not theirs."""
-
-    def __init__(self, fault: Any, random: np.random.Generator) -> None:
-        super().__init__(fault, random)
-        self._held: list[Any] = []
-
-    def change(self, msg: Any) -> list[Any]:
-        self._held.append(msg)
-        return self._all() if len(self._held) == self.fault.depth else []
-
-    def due(self, t: float) -> list[Any]:
-        return self._all() if t >= self.next_due else []
-
-    def _all(self) -> list[Any]:
-        """Return what is held, turned by at least one place."""
-        held, self._held = self._held, []
-        if len(held) < 2:
-            return held
-        first = 1 + int(self.random.integers(len(held) - 1))
-        rest = [k for k in range(len(held)) if k != first]
-        return [held[k] for k in (first, *self.random.permutation(rest))]
-
-    @property
-    def next_due(self) -> float:
-        return self.fault.at + self.fault.duration if self._held else math.inf
-
-
 @dataclass(frozen=True, kw_only=True)
-class Reorder(MessageFault):
+class Reorder(MessageFault, name="reorder", shakes=True):
     """Messages come in groups, each in an order that is not that in which they were sent.
 
     Attributes:
         depth: messages in a group; the first of them never comes first.
     """
 
-    name: ClassVar[str] = "reorder"
-    shakes: ClassVar[bool] = True
-    stage: ClassVar[type[Stage]] = _Mix
-
     depth: int = setting(
         "messages that are mixed", low=2, high=100, default=2,
         drawn=lambda draw, _: int(draw.random.integers(2, 6)),
     )  # fmt: skip
 
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
+        """See MessageFault."""
+        stage.hold(self.at + self.duration, msg, t)
+        return stage.due(math.inf) if len(stage.held) == self.depth else []
+
+    def release(self, messages: list[Any], stage: Any) -> list[Any]:
+        """Return them turned by at least one place."""
+        if len(messages) < 2:
+            return messages
+        first = 1 + int(stage.random.integers(len(messages) - 1))
+        rest = [k for k in range(len(messages)) if k != first]
+        return [messages[k] for k in (first, *stage.random.permutation(rest))]
+
 
 @dataclass(frozen=True, kw_only=True)
-class Nan(MessageFault):
+class Nan(MessageFault, name="nan", shakes=True):
     """One number of a message is not finite.
 
     Attributes:
@@ -186,55 +133,42 @@ class Nan(MessageFault):
         value: that it gets: nan, inf, -inf, or random of these.
     """
 
-    name: ClassVar[str] = "nan"
-    shakes: ClassVar[bool] = True
-
     field: str = ""
     value: str = setting(
         "that it gets", choices=(*_NOT_FINITE, _ANY), default="nan", drawn=lambda *_: _ANY
     )
     probability: float = _sometimes()
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
         found = numbers(msg, self.field)
         if found:
-            number = found[int(random.integers(len(found)))]
-            known = tuple(_NOT_FINITE)
-            value = known[int(random.integers(len(known)))] if self.value == _ANY else self.value
-            number.put(_NOT_FINITE[value])
+            number = found[int(stage.random.integers(len(found)))]
+            values = list(_NOT_FINITE.values()) if self.value == _ANY else []
+            known = values or [_NOT_FINITE[self.value]]
+            number.put(known[int(stage.random.integers(len(known))) if values else 0])
         return [msg]
 
 
-class _Hold(Stage):
-    """Keeps the first message that is hit."""
+@dataclass(frozen=True, kw_only=True)
+class Freeze(MessageFault, name="freeze", shakes=True):
+    """The values of the first message repeat, under stamps that go on."""
 
-    _first: Any = None
+    stamps_go_on: ClassVar[bool] = True
 
-    def change(self, msg: Any) -> list[Any]:
-        if self._first is None:
-            self._first = msg
-        held = copy.deepcopy(self._first)
-        if self.fault.stamps_go_on:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
+        """See MessageFault."""
+        stage.first = msg if stage.first is None else stage.first
+        held = copy.deepcopy(stage.first)
+        if self.stamps_go_on:
             put_stamp(held, stamp_ns(msg))
         return [held]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Freeze(MessageFault):
-    """The values of the first message repeat, under stamps that go on."""
-
-    name: ClassVar[str] = "freeze"
-    shakes: ClassVar[bool] = True
-    stage: ClassVar[type[Stage]] = _Hold
-    stamps_go_on: ClassVar[bool] = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stuck(Freeze):
+class Stuck(Freeze, name="stuck"):
     """The first message repeats, with its stamp."""
 
-    name: ClassVar[str] = "stuck"
     stamps_go_on: ClassVar[bool] = False
 
 
@@ -244,7 +178,7 @@ def _drawn_noise(draw: Draw, topic: str) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise(MessageFault):
+class Noise(MessageFault, name="noise", shakes=True):
     """Each number is off, by a normal distribution.
 
     Attributes:
@@ -252,28 +186,23 @@ class Noise(MessageFault):
         field: of which numbers, such as ``velocity`` or ``wrench.force``; "": of all.
     """
 
-    name: ClassVar[str] = "noise"
-    shakes: ClassVar[bool] = True
-
     std: float = setting("standard deviation", low=0.0, high=1e6, drawn=_drawn_noise)
     field: str = ""
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
         for number in numbers(msg, self.field):
-            number.put(number.value + float(random.normal(0.0, self.std)))
+            number.put(number.value + float(stage.random.normal(0.0, self.std)))
         return [msg]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockJump(RobotFault):
+class ClockJump(MessageFault, name="clock_jump", topics=(*TOPICS, ROBOT)):
     """The stamps jump, from then on or for a time; of a topic, or of all that the robot sends.
 
     Attributes:
         by: how far, ahead or, below 0, back [s].
     """
-
-    name: ClassVar[str] = "clock_jump"
 
     duration: float = setting("for how long [s]; from then on", low=0.0, default=math.inf)
     by: float = setting(
@@ -290,7 +219,7 @@ class ClockJump(RobotFault):
         """Return whether it is on a topic."""
         return topic in FROM_ROBOT if self.topic == ROBOT else topic == self.topic
 
-    def change(self, msg: Any, random: np.random.Generator) -> list[Any]:
+    def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
         put_stamp(msg, stamp_ns(msg) + round(self.by * 1e9))
         return [msg]
@@ -303,7 +232,7 @@ class ClockJump(RobotFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SecondPublisher(Fault):
+class SecondPublisher(Fault, name="second_publisher"):
     """Another node publishes to the same topic, what is a little beside the last true message.
 
     Nothing of this happens to the messages: who has the nodes does it.
@@ -312,8 +241,6 @@ class SecondPublisher(Fault):
         rate: of its messages [Hz].
         offset: on each number of its messages but those of rotations, in the unit of the number.
     """
-
-    name: ClassVar[str] = "second_publisher"
 
     rate: float = setting("of its messages [Hz]", low=0.1, high=1000.0, default=20.0)
     offset: float = setting(
@@ -336,15 +263,13 @@ class SecondPublisher(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kill(Fault):
+class Kill(Fault, name="kill"):
     """A node is killed, without a word, and started again; by who has the nodes.
 
     Attributes:
         node: its executable.
         restart_after: how long after its death it is started again [s]; infinite: never.
     """
-
-    name: ClassVar[str] = "kill"
 
     topic: str = field(default="", init=False)
     duration: float = field(default=0.0, init=False)

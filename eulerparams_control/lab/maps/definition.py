@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import cache, partial
 from typing import Any
 
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.lab.experiments.yaml_checks import check_name, known, load
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.lab.experiments.yaml_checks import check_name, known, load, require
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
 from eulerparams_control.lab.run.fingerprint import digest, imported, version
 
@@ -66,27 +66,23 @@ def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDef
 
 def _definition(quick: bool, samples: int, name: str, told: Any) -> MapDefinition:
     check_name("map", name)  # of the folder of its results
-    if not isinstance(told, dict) or not isinstance(told.get("variants"), dict):
-        raise ConfigurationError("expected the keys kind, title, variants, and options")
+    is_whole = isinstance(told, dict) and isinstance(told.get("variants"), dict)
+    require(is_whole, "expected the keys kind, title, variants, and options")
     known("kind of map", told.get("kind"), kinds())
     cls = kinds()[told["kind"]]
     variants = tuple(_variant(str(label), about) for label, about in told["variants"].items())
     options = {key: value for key, value in told.items() if key not in _OWN}
     kind = cls(variants=variants, **_options(cls, options))
-    if quick:
-        kind = replace(kind, **_options(cls, told.get("quick") or {}))
-    if samples:
-        kind = replace(kind, **_options(cls, {"samples": samples}))
+    for more in (told.get("quick") or {} if quick else {}, {"samples": samples} if samples else {}):
+        kind = replace(kind, **_options(cls, more))
     title, question = str(told.get("title", name)), str(told.get("question", ""))
     return MapDefinition(name, title, question, kind, _like(99, "place", told.get("place", 99)))
 
 
 def _variant(label: str, about: Any) -> MapVariant:
-    if not isinstance(about, dict):
-        raise ConfigurationError(f"variant '{label}': expected the key orientation")
+    require(isinstance(about, dict), f"variant '{label}': expected the key orientation")
     for key in about:
-        if key not in _OF_VARIANT:
-            raise UnknownNameError("key of a variant", str(key), _OF_VARIANT)
+        known("key of a variant", key, _OF_VARIANT)
     variant = MapVariant(label, **{"orientation": "", **about})
     _ = variant.representation  # raises if it is unknown
     return replace(variant, k_factor=_like(1.0, "k_factor", variant.k_factor))
@@ -96,8 +92,7 @@ def _options(cls: type[MapKind], told: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a kind, each of the type of its default."""
     defaults = {field.name: field.default for field in fields(cls) if field.name != "variants"}
     for key in told:
-        if key not in defaults:
-            raise UnknownNameError(f"option of the kind '{cls.kind}'", str(key), defaults)
+        known(f"option of the kind '{cls.kind}'", key, defaults)
     return {key: _like(defaults[key], key, value) for key, value in told.items()}
 
 
@@ -108,18 +103,16 @@ def _like(default: Any, key: str, value: Any) -> Any:
     if isinstance(default, tuple) and isinstance(value, list):
         return tuple(_number(key, each) for each in value)
     if isinstance(default, int) and isinstance(value, int) and not isinstance(value, bool):
-        if value < 1:
-            raise ConfigurationError(f"{key} is {value}; expected at least 1")
+        require(value >= 1, f"{key} is {value}; expected at least 1")
         return value
     if isinstance(default, float):
         number = _number(key, value)
-        if number < 0:
-            raise ConfigurationError(f"{key} is {value}; expected 0 or more")
+        require(number >= 0, f"{key} is {value}; expected 0 or more")
         return number
     raise ConfigurationError(f"{key} is {value!r}; expected the like of {default!r}")
 
 
 def _number(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigurationError(f"{key} is {value!r}; expected a finite number")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    require(is_number and math.isfinite(value), f"{key} is {value!r}; expected a finite number")
     return float(value)

@@ -193,7 +193,6 @@ def _difference(rates: list[tuple[float, Array]]) -> Array:
     """Return the difference quotient of rates that follow on each other; one is itself."""
     while len(rates) > 1:
         rates = [
-            (0.5 * (ta + tb), (b - a) / (0.5 * (ta + tb)))
-            for (ta, a), (tb, b) in pairwise(rates)
+            (0.5 * (ta + tb), (b - a) / (0.5 * (ta + tb))) for (ta, a), (tb, b) in pairwise(rates)
         ]
     return rates[0][1]
