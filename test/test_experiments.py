@@ -34,9 +34,9 @@ from eulerparams_control.errors import (
 from eulerparams_control.events import Event, ExitCode
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.definition import Criterion, load_experiment
-from eulerparams_control.lab.experiments.equations import equation
+from eulerparams_control.lab.experiments.evaluate import judge, write_summary
 from eulerparams_control.lab.experiments.main import main
-from eulerparams_control.lab.experiments.result import judge, write_summary
+from eulerparams_control.lab.experiments.model import equation
 from eulerparams_control.lab.experiments.runner import (
     IncompleteBagError,
     _check_complete,

@@ -13,13 +13,20 @@ from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
-from eulerparams_control.lab.experiments.charts import ChartOf
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.equations import equation
-from eulerparams_control.lab.experiments.evaluate import chart_svg, look
+from eulerparams_control.lab.experiments.drawn import FORMS, ChartOf, Predicted
+from eulerparams_control.lab.experiments.evaluate import (
+    FIGURE,
+    REPORT,
+    Outcome,
+    chart_svg,
+    judge,
+    look,
+    write_summary,
+)
 from eulerparams_control.lab.experiments.library import Result, _errata, library_names, run_library
 from eulerparams_control.lab.experiments.library.e1 import residuals
-from eulerparams_control.lab.experiments.model import Criterion, Experiment
+from eulerparams_control.lab.experiments.model import Criterion, Experiment, equation
 from eulerparams_control.lab.experiments.paper import (
     headline,
     number_of,
@@ -28,8 +35,6 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_page,
     write_paper_summary,
 )
-from eulerparams_control.lab.experiments.predictions import FORMS, Predicted
-from eulerparams_control.lab.experiments.result import FIGURE, REPORT, Outcome, judge, write_summary
 from eulerparams_control.lab.experiments.schedule import Schedule
 from eulerparams_control.laws.linear import Mat
 from eulerparams_control.laws.orientation import euler_angles, sequences

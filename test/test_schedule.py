@@ -21,11 +21,10 @@ from rich.console import Console
 from eulerparams_control.errors import BagError, ConfigurationError, SimulationError
 from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments import runner, schedule
-from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.evaluate import Outcome
 from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
-from eulerparams_control.lab.experiments.result import Outcome
 from eulerparams_control.lab.experiments.runner import IncompleteBagError
-from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.experiments.schedule import Display, Schedule
 from eulerparams_control.lab.run import domains, fingerprint, jobs, run_cache
 from eulerparams_control.lab.run.domains import Domain
 from eulerparams_control.lab.run.processes import RunStopped

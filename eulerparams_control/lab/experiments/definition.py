@@ -19,8 +19,8 @@
       dynamic: {controller: dynamic_control, duration: 2.0}
     criteria:                     # the one that matters most first
       - {metric: peak_orientation_error, below: 1.0e-3, predicted: 2.0e-4}
-    predictions: ...              # curves over time, see ``predictions``
-    chart: ...                    # numbers over a parameter, see ``charts``
+    predictions: ...              # curves over time, see ``drawn``
+    chart: ...                    # numbers over a parameter, see ``drawn``
 
 ``nodes`` may have parameters of controllers that a variant does not use.  The controller
 ``admittance`` is for arms that take positions: the node impedance_control, whose compliant frame
@@ -42,12 +42,11 @@ from typing import Any
 
 from eulerparams_control.analysis.charts import picture
 from eulerparams_control.analysis.headline import placeholders
-from eulerparams_control.lab.experiments.charts import parse_chart
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
+from eulerparams_control.lab.experiments.drawn import parse_chart, parse_prediction
 from eulerparams_control.lab.experiments.faulty import read_faults
 from eulerparams_control.lab.experiments.library import library_names
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, Parameters, Variant
-from eulerparams_control.lab.experiments.predictions import parse_prediction
 from eulerparams_control.lab.experiments.yaml_checks import (
     check_name,
     check_options,

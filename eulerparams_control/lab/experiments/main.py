@@ -14,7 +14,7 @@ from rich.text import Text
 from eulerparams_control.command_line import say, whole_number
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.evaluate import Outcome
 from eulerparams_control.lab.experiments.model import Experiment, Task
 from eulerparams_control.lab.experiments.paper import (
     headline,
@@ -24,9 +24,8 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_page,
     write_paper_summary,
 )
-from eulerparams_control.lab.experiments.result import Outcome
 from eulerparams_control.lab.experiments.runner import check_names
-from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.experiments.schedule import Display, Schedule
 from eulerparams_control.lab.run.jobs import carry_out
 from eulerparams_control.lab.run.run_cache import locked
 from eulerparams_control.resources import config_names
@@ -76,9 +75,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         help="write one page of all of them; without names, the paper's claims and those beyond it",
     )
     cores = len(os.sched_getaffinity(0))  # nodes in lock-step take one core together
-    parser.add_argument(
-        "--jobs", type=whole_number(1), default=cores, help="runs at the same time"
-    )
+    parser.add_argument("--jobs", type=whole_number(1), default=cores, help="runs at the same time")
     parser.add_argument("--again", action="store_true", help="run again what was run before")
     return parser.parse_args(args)
 

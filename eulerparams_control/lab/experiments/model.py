@@ -1,15 +1,19 @@
-"""An experiment: its variants, its criteria, its predictions and its picture."""
+"""An experiment: its variants, criteria, predictions and picture; the equations it is about."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import yaml
 
 from eulerparams_control.analysis.quantities.base import Prediction
-from eulerparams_control.lab.experiments.charts import ChartOf
-from eulerparams_control.lab.experiments.predictions import Predicted
+from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.lab.experiments.drawn import ChartOf, Predicted
 from eulerparams_control.lab.faults import Fault
 from eulerparams_control.lab.run.run_cache import Run
+from eulerparams_control.resources import config_file
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -145,3 +149,37 @@ class Task:
     variants: Sequence[str]
     runs: dict[str, Run | None] = field(default_factory=dict)
     error: str = ""
+
+
+class Equation(NamedTuple):
+    """An equation of the paper, as ``config/paper/equations.yaml`` has it.
+
+    Attributes:
+        number: as the paper has it, such as ``(28)``.
+        text: as it holds.
+        printed: what the paper prints instead, or what it leaves out; "" if it is right.
+    """
+
+    number: str
+    text: str
+    printed: str = ""
+
+
+@cache
+def _all() -> dict[int, dict[str, str]]:
+    text = config_file("paper", "equations").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text))
+
+
+def equation(number: str) -> Equation:
+    """Return an equation by its number, such as ``(28)``; a reference is returned as it is.
+
+    Raises:
+        UnknownNameError: if the paper has no such equation, or it is not written out here.
+    """
+    inner = number.strip("()")
+    if not inner.isdigit():
+        return Equation(number, "")
+    if int(inner) not in _all():
+        raise UnknownNameError("equation", number, (f"({n})" for n in _all()))
+    return Equation(number, **_all()[int(inner)])

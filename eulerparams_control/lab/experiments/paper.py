@@ -16,9 +16,8 @@ from rich.text import Text
 from eulerparams_control.analysis.html import MISSING, write_html
 from eulerparams_control.analysis.verdict import groups
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.equations import equation
-from eulerparams_control.lab.experiments.model import Experiment
-from eulerparams_control.lab.experiments.result import REPORT, Outcome
+from eulerparams_control.lab.experiments.evaluate import REPORT, Outcome
+from eulerparams_control.lab.experiments.model import Experiment, equation
 from eulerparams_control.resources import config_names
 
 _CLAIM = re.compile(r"e(\d+)")

@@ -12,11 +12,10 @@ from rich.console import Console
 from eulerparams_control.analysis.quantities.real_time import PATIENCE, QUARTERS, WARM_UP
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.display import Display
+from eulerparams_control.lab.experiments.evaluate import Outcome
 from eulerparams_control.lab.experiments.main import run_experiments
 from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
-from eulerparams_control.lab.experiments.result import Outcome
-from eulerparams_control.lab.experiments.schedule import Schedule
+from eulerparams_control.lab.experiments.schedule import Display, Schedule
 from eulerparams_control.lab.run.run_cache import locked
 
 _NAME = "soak"

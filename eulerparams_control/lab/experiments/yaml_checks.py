@@ -1,7 +1,8 @@
 """Checks shared by the readers of an experiment's file."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,32 @@ def require(condition: Any, message: str) -> None:
     """Raise ConfigurationError unless the condition holds."""
     if not condition:
         raise ConfigurationError(message)
+
+
+def check_keys(
+    where: str,
+    what: str,
+    content: Any,
+    kind: type[Any],
+    needed: Iterable[str],
+    more: Iterable[str] = (),
+) -> None:
+    """Raise ConfigurationError unless YAML has keys that are fields of a dataclass, or ``more``.
+
+    Args:
+        where: it is, for messages.
+        what: has the keys, for messages.
+        content: of the YAML.
+        kind: the dataclass.
+        needed: keys that have to be there.
+        more: keys that are no fields.
+    """
+    keys = (*(field.name for field in fields(kind)), *more)
+    require(isinstance(content, dict), f"{where}: expected the keys {', '.join(keys)}")
+    for key in content:
+        known(f"key of {what}", key, keys)
+    for key in needed:
+        require(key in content, f"{where}: the key '{key}' is missing")
 
 
 def check_name(kind: str, name: Any) -> None:

@@ -49,9 +49,7 @@ def displacement(
 
 
 @formula
-def velocity(
-    x_de: DifferencedDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
-) -> Vec:
+def velocity(x_de: DifferencedDisplacement, omega_d: Vec, k_Po: float, options: Coordinates) -> Vec:
     """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), dphi_d by differences."""
     dphi_d = (x_de.angles.phi_d - x_de.before) / _STEP
     return T_of(options.axes, x_de.angles.phi_e) @ (dphi_d + k_Po * x_de.angles.dphi_de)
