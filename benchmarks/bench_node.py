@@ -148,7 +148,7 @@ class Answers:
         self._waiting: dict[bytes, int] = {}  # when they were sent [ns], by stamp
 
     def warm_up(self, count: int) -> "Answers":
-        """Send states until one is answered, and then so many; forget them."""
+        """Send states until one is answered, then ``count`` more; forget them."""
         deadline = time.monotonic() + 120  # all may be compiled first
         while not self.times and time.monotonic() < deadline:
             self.drive(10, 0.0)

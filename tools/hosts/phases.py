@@ -54,7 +54,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Heard:
-    """What was heard on a host, each with the time t [s] of its publication, of a command receipt.
+    """Messages heard on a host, each with the time t [s] of its publication, of a command receipt.
 
     {"t": ..., "speed": ..., "stamp": ...}     joint_states: the fastest joint, of its limit
     {"t": ..., "command": ...}                 a command: its stamp [s]

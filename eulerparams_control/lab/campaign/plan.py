@@ -39,8 +39,8 @@ FAULTS = 4.0
 _FARTHEST, _TURN, _LEG = 0.08, 0.4, 0.8
 _SLOW_LEG = 2.0  # where a motion is sent piece by piece, so that its pieces are near each other
 
-# A robot bears this many times the acceleration that its controller may ask for; and a position
-# loop this gain times its period.
+# A robot allows this many times the acceleration that its controller may ask for; a position loop
+# is stable with this gain times its period.
 _HARDER, _GAIN = 2.0, 0.4
 
 # Of the pose to which the arm is sent at last.
@@ -50,8 +50,8 @@ _PUSH_FORCE, _PUSH_MOMENT = 20.0, 2.0  # [N], [Nm] at most, along each axis
 _WRENCH_NOISE = 20.0  # [N], [Nm]: four standard deviations of a fault
 
 # What else of a controller decides how it acts on messages: the first of these parameters that it
-# has.  At the rate of the sequences a loop over the measured positions bears less gain than one
-# over its own.
+# has.  At the rate of the sequences a loop over the measured positions is stable with less
+# gain than one over its own.
 _MEASURED = "measured"
 _SETTINGS: dict[str, tuple[dict[str, str | float], ...]] = {
     "feedback": (
@@ -68,7 +68,7 @@ MOTIONS = (WAY_POINTS, STREAM, NOTHING)
 """Motions of the arm in a sequence of faults."""
 
 SMOOTH_MOTIONS = (*MOTIONS, CHUNKS, POSES, GOALS, TWISTS)
-"""What it does in a sequence of smooth motions."""
+"""Motions of the arm in a sequence of smooth motions."""
 
 COMMAND_TIMEOUT = 0.1
 """[s] without a command after which a robot brakes."""
@@ -362,7 +362,7 @@ def _smooth(plan: SequencePlan) -> SequencePlan:
 
 
 def _near(home: Pose, farthest: float, most: float, random: np.random.Generator) -> Pose:
-    """Return a pose at most so far [m], [rad] from another."""
+    """Return a random pose near another, at most ``farthest`` [m] and ``most`` [rad] from it."""
     p, R = home
     step, axis = random.normal(size=(2, 3))
     step *= farthest * random.uniform(0.3, 1.0) / np.linalg.norm(step)

@@ -93,7 +93,7 @@ class Said(NamedTuple):
 
 
 class SequenceEvent(NamedTuple):
-    """What was done to the controller, or by its user."""
+    """Event: something done to the controller, or by its user."""
 
     t: float
     what: str
@@ -101,7 +101,7 @@ class SequenceEvent(NamedTuple):
 
 @dataclass(frozen=True)
 class AskedLimits(MotionLimits):
-    """What commands may ask for, as the parameters ``max_...`` of a controller say; inf: anything.
+    """Limits that commands must keep, as the parameters ``max_...`` of a controller say; inf: none.
 
     Attributes:
         joint_acceleration: one, or one a joint [rad/s^2].
@@ -126,7 +126,7 @@ class SequenceRecord:
         disturbed: when it is moved although nothing is measured.
         tip_error: [m], [deg] between the tip at the end and where it was sent at last.
         crash: how the controller ended that was not to end; "" if it did not.
-        asked: what commands may ask for at most; None where that is not judged.
+        asked: limits that commands must keep; None where that is not judged.
     """
 
     model: Robot

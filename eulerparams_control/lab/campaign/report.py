@@ -18,7 +18,7 @@ from eulerparams_control.lab.campaign.record import ERROR, STOPS, SequenceRecord
 
 @dataclass(frozen=True)
 class SequenceOutcome:
-    """What came of a sequence.
+    """Outcome of a sequence.
 
     Attributes:
         plan: the sequence.
@@ -86,7 +86,7 @@ class SequenceOutcome:
 
 
 def look(plan: SequencePlan, record: SequenceRecord, seconds: float) -> SequenceOutcome:
-    """Return what came of a sequence of which all this was seen."""
+    """Return the outcome of a sequence from its record."""
     speeds = speed_of_limit(np.array([truth.dq for truth in record.truth]), record.limits)
     return SequenceOutcome(
         plan,

@@ -58,7 +58,7 @@ _SPEED = {FAULTY: (0.15, 0.75), SMOOTH: (0.08, 0.35)}
 
 
 class Sent(NamedTuple):
-    """What a user sends.
+    """A message of the user.
 
     Attributes:
         topic: on which.

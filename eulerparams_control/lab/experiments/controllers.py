@@ -56,7 +56,7 @@ class NodeSetup:
 
 @dataclass(frozen=True)
 class ControllerSetup:
-    """What an experiment calls a controller.
+    """Controller of an experiment: one node, or several.
 
     Attributes:
         nodes: that run, in the order in which they start.

@@ -63,7 +63,7 @@ CONTROL_NODES = tuple(
 NODES = ("pybullet_bridge", *CONTROL_NODES, "reference")
 
 RUN_KEYS = tuple(field.name for field in fields(Variant) if field.name != "nodes")
-"""What an experiment says of all its runs, and a variant may say otherwise."""
+"""Keys that an experiment gives for all its runs, and a variant may override."""
 
 __all__ = ["Criterion", "Experiment", "Parameters", "Variant", "load_experiment"]
 

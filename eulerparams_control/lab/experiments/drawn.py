@@ -1,4 +1,4 @@
-"""What an experiment's file says of its pictures: a chart over a parameter, curves over time.
+"""Pictures in an experiment's file: a chart over a parameter, predicted curves over time.
 
 chart:                          # what was measured against what is predicted
   metric: final_moment          # with the options of a criterion on it

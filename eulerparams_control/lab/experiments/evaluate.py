@@ -170,7 +170,7 @@ def _json(values: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an experiment.
+    """Outcome of an experiment.
 
     Attributes:
         experiment: which it was.

@@ -24,6 +24,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,6 @@ OTHERS = ("reference", BRIDGE, RECORDER)
 _FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
 START_TIMEOUT = 60.0  # [s] for all nodes to find each other: processes start slowly under load
 _PART = "part_"  # of the bag, by a recorder that was started again
-_POLL = 0.01  # [s] between two looks at what is due
 _AGAIN = 10.0  # [s] between two motions, where faults end them
 
 _ENDED = (Mode.HOLDING, Mode.STOPPED)  # modes in which no motion is followed any more
@@ -120,30 +120,13 @@ def turn(stop: threading.Event | None) -> Iterator[None]:
 
 
 def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
-    """Kill and start nodes when it is time to, until the run is over.
-
-    The time that a node takes to come up again does not count: later deeds and the end wait for it.
-
-    Raises:
-        SimulationError: if a node dies that was not killed; with its last words.
-        RunStopped: if it was told to.
-    """
+    """Kill and start nodes when it is time to, until the run is over; raises as ``Nodes.play``."""
     nodes.wait_for_event(INJECTOR, Event.READY, START_TIMEOUT)
-    due = deeds(settings.faults)
-    began = time.monotonic()
-    while (t := time.monotonic() - began) < settings.duration:
-        nodes.check()
-        progress(t)
-        while due and t >= due[0][0]:
-            _, kills, node = due.pop(0)
-            if kills:
-                nodes.kill(node)
-                continue
-            before = time.monotonic()
-            _start_again(node, nodes, record)
-            began += time.monotonic() - before
-        time.sleep(_POLL)
-    progress(settings.duration)
+    again = partial(_start_again, nodes=nodes, record=record)
+    todo = [
+        (t, partial(nodes.kill if kills else again, n)) for t, kills, n in deeds(settings.faults)
+    ]
+    nodes.play(settings.duration, progress, todo)
 
 
 def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
@@ -151,19 +134,20 @@ def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress
     nodes.wait_for_event("reference", Event.SENT, START_TIMEOUT)
     log = UsageLog(nodes, record.bag / USAGE)
     (controller,) = CONTROLLERS[settings.controller].executables
-    began = moved = time.monotonic()
-    motions = 1  # that the reference was started to send
-    while (t := time.monotonic() - began) < settings.duration:
-        nodes.check()
-        progress(t)
-        if log.look() and time.monotonic() - moved >= _AGAIN:
-            sent = len(nodes.events("reference", Event.SENT))
-            modes = nodes.events(controller, Event.MODE)
-            if sent == motions and modes and modes[-1]["mode"] in _ENDED:
-                moved, motions = time.monotonic(), motions + 1
-                nodes.stop("reference")
-                nodes.start_again("reference")
-        time.sleep(_POLL)
+    moved, motions = time.monotonic(), 1  # that the reference was started to send
+
+    def look() -> None:
+        nonlocal moved, motions
+        if not log.look() or time.monotonic() - moved < _AGAIN:
+            return
+        sent = len(nodes.events("reference", Event.SENT))
+        modes = nodes.events(controller, Event.MODE)
+        if sent == motions and modes and modes[-1]["mode"] in _ENDED:
+            moved, motions = time.monotonic(), motions + 1
+            nodes.stop("reference")
+            nodes.start_again("reference")
+
+    nodes.play(settings.duration, progress, look=look)
 
 
 def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:

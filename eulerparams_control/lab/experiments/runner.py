@@ -189,7 +189,7 @@ def has_diverged(nodes: Nodes, controller: str) -> bool:
 
 
 def wait_for_end(nodes: Nodes, progress: Progress) -> None:
-    """Wait until the simulation ends; raise SimulationError if it stands still."""
+    """Wait until the simulation ends; raise SimulationError if it makes no progress."""
     before, since = -1.0, time.monotonic()
     while not nodes.ended(BRIDGE):
         now = max((event["t"] for event in nodes.events(BRIDGE, Event.PROGRESS)), default=0.0)
@@ -198,7 +198,7 @@ def wait_for_end(nodes: Nodes, progress: Progress) -> None:
             before, since = now, time.monotonic()
         if time.monotonic() - since > _STALL_TIMEOUT:
             raise SimulationError(
-                f"the simulation stands still at {now:g} s" + nodes.complaints(but="")
+                f"the simulation makes no progress at {now:g} s" + nodes.complaints(but="")
             )
         time.sleep(0.1)
 

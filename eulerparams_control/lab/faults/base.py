@@ -74,7 +74,7 @@ class Draw:
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What goes wrong, and when.
+    """A fault: what goes wrong, and when.
 
     Attributes:
         name: of the kind.

@@ -1,4 +1,4 @@
-"""The node ``fault_injector``: stands between a robot and its controller, and does faults.
+"""The node ``fault_injector``: relays the topics between robot and controller, with faults.
 
 It takes each topic and gives it on as ``faulty/TOPIC``, as it came or as its faults leave it:
 

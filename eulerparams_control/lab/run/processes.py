@@ -7,8 +7,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,6 +27,8 @@ LOG, EVENTS = ".log", ".events"
 
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
+
+_POLL = 0.01  # [s] between two looks at what is due
 
 # None: no Linux.  Loaded here: between fork and exec nothing may be.
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
@@ -215,6 +219,40 @@ class Nodes:
                     + self.complaints(but=executable)
                 )
             time.sleep(0.02)
+
+    def play(
+        self,
+        duration: float,
+        progress: Callable[[float], None],
+        deeds: Iterable[tuple[float, Callable[[], object]]] = (),
+        look: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Let the nodes run in real time, and do what is due.
+
+        The time that a deed takes does not count: later ones and the end wait for it.
+
+        Args:
+            duration: [s] of the run.
+            progress: called with the time [s] again and again.
+            deeds: when [s], and what is done then.
+            look: called again and again.
+
+        Raises:
+            SimulationError: if a node dies that was not killed; with its last words.
+            RunStopped: if they are to end.
+        """
+        due = deque(sorted(deeds, key=itemgetter(0)))
+        began = time.monotonic()
+        while (t := time.monotonic() - began) < duration:
+            self.check()
+            progress(t)
+            look()
+            while due and t >= due[0][0]:
+                before = time.monotonic()
+                due.popleft()[1]()
+                began += time.monotonic() - before
+            time.sleep(_POLL)
+        progress(duration)
 
     def last_words(self, executable: str, count: int = 8) -> str:
         """Return the last lines of the log of a node."""

@@ -48,7 +48,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Making:
-    """What a run is made of.
+    """Versions of what a run is made of.
 
     Attributes:
         definition: version of the parameters of all nodes, and of the robot.
@@ -103,7 +103,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 class RunRecord:
-    """What is written of one variant of an experiment.
+    """Record on disk of one variant of an experiment.
 
     Args:
         folder: of the experiment.

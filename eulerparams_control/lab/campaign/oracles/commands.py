@@ -1,4 +1,4 @@
-"""Is each command one that a robot may be given, and each step one that the limits allow?
+"""Commands: each is whole and within the limits, and so is each step between two.
 
 The time of a step is that between two publications, at least a period of joint_states: answers to
 states that come in a burst are a period apart each.  A command that is repeated under its stamp,

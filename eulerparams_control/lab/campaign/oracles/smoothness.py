@@ -1,4 +1,4 @@
-"""Does a robot bear what the positions ask for: speed, acceleration and jerk of joints and tip?
+"""Smoothness of what the commands ask for: speed, acceleration and jerk of joints and tip.
 
 Judged are the positions as a robot sees them, over the differences of their stamps: see
 :mod:`sim_bridge.acceleration`.  Those of the tip are differences of its pose at them: of what the

@@ -1,4 +1,4 @@
-"""The arm itself: at rest while it is held, never running away, at its goal in the end."""
+"""Motion of the arm itself: at rest while held, no runaway, at its goal in the end."""
 
 from itertools import groupby, pairwise
 
@@ -48,7 +48,7 @@ def _moves(record: SequenceRecord, start: float, end: float) -> str:
     drift = np.abs(q - q[0])
     if dq.max() > _SPEED:
         return f"a joint moves at {dq.max():.3g} rad/s"
-    return f"a joint goes away by {drift.max():.3g} rad" if drift.max() > _DRIFT else ""
+    return f"a joint drifts by {drift.max():.3g} rad" if drift.max() > _DRIFT else ""
 
 
 @oracle("no runaway", f"no joint of the arm is ever faster than {_RUNAWAY:g} times its limit")

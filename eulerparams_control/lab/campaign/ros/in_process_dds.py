@@ -1,4 +1,4 @@
-"""Messages over DDS within one process, one at a time: who is to act on one has acted.
+"""Messages over DDS within one process, one at a time, each acted on before the next.
 
 No executor spins: a message is published, taken from the subscription that it is for, and its
 callback called, before anything else happens.  So the order of all that happens is that of the

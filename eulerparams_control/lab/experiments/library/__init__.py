@@ -29,7 +29,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Result:
-    """What a library experiment found.
+    """Result of a library experiment.
 
     Attributes:
         numbers: by name.
