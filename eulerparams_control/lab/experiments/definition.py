@@ -48,6 +48,7 @@ from eulerparams_control.lab.experiments.faulty import read_faults
 from eulerparams_control.lab.experiments.library import library_names
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, Parameters, Variant
 from eulerparams_control.lab.experiments.yaml_checks import (
+    check_keys,
     check_name,
     check_options,
     is_number,
@@ -203,17 +204,12 @@ def _check_summary(experiment: Experiment) -> None:
 
 
 def _criterion(content: Any, variants: dict[str, Variant], library: str) -> Criterion:
-    is_number_of = isinstance(content, dict) and "number" in content and "metric" not in content
-    require(
-        isinstance(content, dict) and ("metric" in content or is_number_of),
-        "a criterion needs a metric, or a number of the library",
-    )
-    for key in content:
-        known("key of a criterion", key, Criterion.__dataclass_fields__)
-    if is_number_of:
-        require(library, f"the number '{content['number']}' needs the key 'library'")
-    else:
+    check_keys("criteria", "a criterion", content, Criterion)
+    if "metric" in content:
         check_options(str(content["metric"]), content.get("options") or {})
+    else:
+        require("number" in content, "a criterion needs a metric, or a number of the library")
+        require(library, f"the number '{content['number']}' needs the key 'library'")
     values = dict(content)
     for key in ("variants", *_TOGETHER):
         require(isinstance(values.get(key, []), list), f"{key}: expected a list")

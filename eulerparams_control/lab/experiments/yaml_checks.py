@@ -54,7 +54,7 @@ def check_keys(
     what: str,
     content: Any,
     kind: type[Any],
-    needed: Iterable[str],
+    needed: Iterable[str] = (),
     more: Iterable[str] = (),
 ) -> None:
     """Raise ConfigurationError unless YAML has keys that are fields of a dataclass, or ``more``.

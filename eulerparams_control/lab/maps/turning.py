@@ -8,7 +8,7 @@ those of the nodes: :class:`ClikLaw`, :class:`ResolvedAcceleration`, :class:`Inv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
 
-_NONE, _SIX = np.zeros(3), np.zeros(6)
-_J = np.eye(6)
+_NONE, _SIX, _J = np.zeros(3), np.zeros(6), np.eye(6)
 
 _FASTEST = 1e6  # [rad/s] beyond it has diverged
 
@@ -30,23 +29,8 @@ LAWS = ("clik", "dynamic")
 
 FINE, FAST, UNSETTLED, DIVERGED = 0, 1, 2, 3
 
-
 MotionLaw = ClikLaw | ResolvedAcceleration
 """Of kinematic (23), (28) or dynamic control (38), (40)."""
-
-
-class Tip(Protocol):
-    """A tip that can be moved."""
-
-    @property
-    def state(self) -> RobotState:
-        """Its kinematics now."""
-
-    def move(self, dq: Array, dt: float) -> None:
-        """Move at a joint velocity for dt [s]."""
-
-    def accelerate(self, a: Array, dt: float) -> None:
-        """Move at an acceleration a (6,) [m/s^2, rad/s^2] of the tip for dt [s]."""
 
 
 class FreeTip:
@@ -98,7 +82,7 @@ class ArmTip:
         self._q, self._dq = self._q + dt * dq, dq
 
     def accelerate(self, a: Array, dt: float) -> None:
-        """Move at an acceleration of the tip for dt [s]."""
+        """Move at an acceleration a (6,) [m/s^2, rad/s^2] of the tip for dt [s]."""
         state = self._robot.dynamic_state(self._q, self._dq)
         before, self._dq = self._dq, self._dq + dt * self._dynamics.acceleration(state, a)
         self._q = self._q + dt / 2 * (before + self._dq)
@@ -190,7 +174,7 @@ class TurningMap(MapKind):
     def run(
         self,
         law: MotionLaw,
-        tip: Tip,
+        tip: FreeTip | ArmTip,
         desired: Callable[[float], DesiredFrame],
         duration: float,
         random: np.random.Generator,
@@ -230,7 +214,12 @@ class TurningMap(MapKind):
         return math.radians(self.settled)
 
     def settle(
-        self, variant: MapVariant, tip: Tip, R_d: Array, theta: float, random: np.random.Generator
+        self,
+        variant: MapVariant,
+        tip: FreeTip | ArmTip,
+        R_d: Array,
+        theta: float,
+        random: np.random.Generator,
     ) -> dict[str, float]:
         """Return what becomes of a tip that is theta [rad] away from R_d (3, 3), at rest."""
         desired, law = DesiredFrame(tip.state.p_e, R_d), self.motion_law(variant)
