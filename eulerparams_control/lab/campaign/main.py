@@ -57,7 +57,12 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _main(options: argparse.Namespace, console: Console) -> int:
-    outcomes = _run(_plans(options), options.jobs, console)
+    one, controllers = options.seed is not None, CONTROLLERS
+    if options.controller:
+        controllers = (options.controller,)
+    count = options.sequences or (len(controllers) if one else SEQUENCES)
+    todo = plans(count, options.seed or 0, controllers, options.kind)
+    outcomes = _run(todo, options.jobs, console)
     page = _write(outcomes, options.out)
     console.print(oracle_table(outcomes))
     say(console, headline(outcomes), "bold")
@@ -99,14 +104,6 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _plans(options: argparse.Namespace) -> list[SequencePlan]:
-    """Return the sequences that were asked for."""
-    one = options.seed is not None
-    controllers = (options.controller,) if options.controller else CONTROLLERS
-    count = options.sequences or (len(controllers) if one else SEQUENCES)
-    return plans(count, options.seed or 0, controllers, options.kind)
-
-
 def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[SequenceOutcome]:
     """Run the sequences; show how far they are, and each in which something was found."""
     outcomes: list[SequenceOutcome] = []
@@ -118,31 +115,25 @@ def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[Sequ
             words = f"[red]{bad} failed[/red]" if bad else "no violation"
             bars.update(task, completed=done, description=words)
             if not outcome.is_good:
-                _say_failed(outcome, console)
+                say(console, f"{outcome.plan.name}: failed", "red")
+                errors = [f"could not be run: {outcome.error}"] if outcome.error else []
+                for line in (*outcome.violations, *errors):
+                    say(console, f"  {line}")
+                say(console, f"  repeat it: {outcome.plan.repeat}")
             if not console.is_terminal and (done % _EVERY == 0 or done == len(todo)):
                 say(console, f"{done} of {len(todo)} sequences, {bad} failed")
     return sorted(outcomes, key=lambda o: todo.index(o.plan))
 
 
-def _say_failed(outcome: SequenceOutcome, console: Console) -> None:
-    say(console, f"{outcome.plan.name}: failed", "red")
-    for violation in outcome.violations:
-        say(console, f"  {violation}")
-    if outcome.error:
-        say(console, f"  could not be run: {outcome.error}")
-    say(console, f"  repeat it: {outcome.plan.repeat}")
-
-
 def _write(outcomes: Sequence[SequenceOutcome], out: Path) -> Path:
     """Write the page and the summary; return the page."""
-    page = out / "index.html"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_page(page, outcomes)
+        write_page(out / "index.html", outcomes)
         write_summary(out / "summary.json", outcomes)
     except OSError as error:
         raise ConfigurationError(f"cannot write to {out}: {error.strerror}") from error
-    return page
+    return out / "index.html"
 
 
 if __name__ == "__main__":
