@@ -42,21 +42,22 @@ from typing import Any
 
 from eulerparams_control.analysis.charts import picture
 from eulerparams_control.analysis.headline import placeholders
+from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.drawn import parse_chart, parse_prediction
 from eulerparams_control.lab.experiments.faulty import read_faults
 from eulerparams_control.lab.experiments.library import library_names
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, Parameters, Variant
-from eulerparams_control.lab.experiments.yaml_checks import (
+from eulerparams_control.lab.run.run_cache import LOGS
+from eulerparams_control.lab.run.yaml_checks import (
+    check_call,
     check_keys,
     check_name,
-    check_options,
     is_number,
     known,
     load,
     require,
 )
-from eulerparams_control.lab.run.run_cache import LOGS
 
 CONTROL_NODES = tuple(
     dict.fromkeys(name for controller in CONTROLLERS.values() for name in controller.executables)
@@ -200,13 +201,18 @@ def _check_summary(experiment: Experiment) -> None:
             continue
         for variant in filter(None, names):
             known("variant in the summary", variant, experiment.variants)
-            check_options(metric, experiment.options(metric, variant))
+            _check_options(metric, experiment.options(metric, variant))
+
+
+def _check_options(name: str, options: Any) -> None:
+    """Raise ConfigurationError if there is no such metric, or it does not take the options."""
+    check_call(f"the metric '{name}'", get_metric(name).compute, options)
 
 
 def _criterion(content: Any, variants: dict[str, Variant], library: str) -> Criterion:
     check_keys("criteria", "a criterion", content, Criterion)
     if "metric" in content:
-        check_options(str(content["metric"]), content.get("options") or {})
+        _check_options(str(content["metric"]), content.get("options") or {})
     else:
         require("number" in content, "a criterion needs a metric, or a number of the library")
         require(library, f"the number '{content['number']}' needs the key 'library'")

@@ -25,7 +25,7 @@ import numpy as np
 from eulerparams_control.analysis.charts import Chart, Line, Points, picture
 from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.analysis.quantities.base import Prediction
-from eulerparams_control.lab.experiments.yaml_checks import (
+from eulerparams_control.lab.run.yaml_checks import (
     check_call,
     check_keys,
     is_number,

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import yaml
 
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.lab.run.yaml_checks import known, require
 from eulerparams_control.parameters.schemes import COMMANDS
 
 FROM_ROBOT = ("joint_states", "wrench")
@@ -107,23 +108,19 @@ class Fault:
     def __post_init__(self) -> None:
         """Refuse what is impossible."""
         for key, entry in settings(type(self)).items():
-            value, where = getattr(self, entry.name), f"fault '{self.name}': {key}"
+            value, about = getattr(self, entry.name), entry.metadata
+            where = f"fault '{self.name}': {key}: {value!r}"
             if entry.type is str:
-                if not isinstance(value, str):
-                    raise ConfigurationError(f"{where}: {value!r}; expected a name")
-                choices = self.topics if key == "topic" else entry.metadata.get("choices")
-                if choices and value not in choices:
-                    raise UnknownNameError(f"{key} of the fault '{self.name}'", value, choices)
+                require(isinstance(value, str), f"{where}; expected a name")
+                choices = self.topics if key == "topic" else about.get("choices")
+                known(f"{key} of the fault '{self.name}'", value, choices or (value,))
                 continue
-            low, high = entry.metadata["low"], entry.metadata["high"]
+            low, high = about["low"], about["high"]
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not low <= value <= high:
-                raise ConfigurationError(
-                    f"{where}: {value!r}; expected a number from {low:g} to {high:g}, "
-                    f"{entry.metadata['text']}"
-                )
-            if entry.type is int and not isinstance(value, int):
-                raise ConfigurationError(f"{where}: {value!r}; expected a whole number")
+            text = f"expected a number from {low:g} to {high:g}, {about['text']}"
+            require(is_number and low <= value <= high, f"{where}; {text}")
+            is_whole = entry.type is not int or isinstance(value, int)
+            require(is_whole, f"{where}; expected a whole number")
 
     @classmethod
     def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
@@ -202,8 +199,7 @@ class MessageFault(Fault):
 
 def parse_faults(where: str, content: Any) -> tuple[Fault, ...]:
     """Return the faults of a list of YAML; raises ConfigurationError that says which is wrong."""
-    if not isinstance(content, list):
-        raise ConfigurationError(f"{where}: expected a list of {{fault: ..., at: ..., ...}}")
+    require(isinstance(content, list), f"{where}: expected a list of {{fault: ..., at: ..., ...}}")
     faults = []
     for number, entry in enumerate(content, 1):
         try:
@@ -220,27 +216,21 @@ def parse_fault(content: Any) -> Fault:
         ConfigurationError: if it is incomplete, or a value is impossible.
         UnknownNameError: if there is no such fault, key, topic or value; lists those that exist.
     """
-    if not isinstance(content, Mapping) or "fault" not in content:
-        raise ConfigurationError(
-            f"a fault needs the key 'fault', one of {', '.join(sorted(Fault.registry))}; "
-            f"got {content!r}"
-        )
-    name = str(content["fault"])
-    if name not in Fault.registry:
-        raise UnknownNameError("fault", name, Fault.registry)
-    kind = Fault.registry[name]
-    known = settings(kind)
-    given = {str(key): value for key, value in content.items() if key != "fault"}
+    names = ", ".join(sorted(Fault.registry))
+    is_fault = isinstance(content, Mapping) and "fault" in content
+    require(is_fault, f"a fault needs the key 'fault', one of {names}; got {content!r}")
+    given = {str(key): value for key, value in content.items()}
+    name = str(given.pop("fault"))
+    known("fault", name, Fault.registry)
+    keys = settings(Fault.registry[name])
     for key in given:
-        if key not in known:
-            raise UnknownNameError(f"key of the fault '{name}'", key, known)
-    needed = [key for key, entry in known.items() if entry.default is dataclasses.MISSING]
+        known(f"key of the fault '{name}'", key, keys)
+    needed = [key for key, entry in keys.items() if entry.default is dataclasses.MISSING]
     for key in needed:
-        if key not in given:
-            raise ConfigurationError(
-                f"fault '{name}': the key '{key}' is missing; it needs {', '.join(needed)}"
-            )
-    return kind(**{known[key].name: _value(known[key].type, v) for key, v in given.items()})
+        text = f"the key '{key}' is missing; it needs {', '.join(needed)}"
+        require(key in given, f"fault '{name}': {text}")
+    values = {keys[key].name: _value(keys[key].type, value) for key, value in given.items()}
+    return Fault.registry[name](**values)
 
 
 def _value(kind: Any, value: Any) -> Any:

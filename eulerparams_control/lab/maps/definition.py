@@ -7,9 +7,9 @@ from functools import cache, partial
 from typing import Any
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.experiments.yaml_checks import check_name, known, load, require
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
 from eulerparams_control.lab.run.fingerprint import digest, imported, version
+from eulerparams_control.lab.run.yaml_checks import check_name, known, load, require
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
 _OF_VARIANT = ("orientation", "sequence", "k_factor")

@@ -66,14 +66,8 @@ class Making:
 
     def differs(self, before: "Making") -> str:
         """Return what has changed since, in words; "" if nothing."""
-        changed = [
-            what
-            for what, now, then in (
-                ("its definition", self.definition, before.definition),
-                ("the code", self.code, before.code),
-            )
-            if now != then
-        ]
+        names = {"definition": "its definition", "code": "the code"}
+        changed = [text for k, text in names.items() if getattr(self, k) != getattr(before, k)]
         return " and ".join(changed)
 
 
@@ -140,8 +134,7 @@ class RunRecord:
         """Return the run whose whole bag is there, and what it was made of; None if none is."""
         content = self._read()
         try:
-            making, ended = Making(**content["making"]), content["ended"]
-            run = Run(self.bag, ended["duration"], ended["diverged"], ended["seconds"])
+            making, run = Making(**content["making"]), Run(self.bag, **content["ended"])
         except (KeyError, TypeError):
             return None
         return None if self._foreign(content) else (making, run)

@@ -1,4 +1,4 @@
-"""Checks shared by the readers of an experiment's file."""
+"""Checks shared by the readers of YAML: experiments, maps, faults."""
 
 import inspect
 from collections.abc import Callable, Iterable
@@ -8,7 +8,6 @@ from typing import Any
 
 import yaml
 
-from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.resources import config_file
 
@@ -78,11 +77,6 @@ def check_keys(
 def check_name(kind: str, name: Any) -> None:
     """Raise ConfigurationError unless a name can be that of a folder: letters, digits, _."""
     require(str(name).replace("_", "").isalnum(), f"{kind} '{name}': use letters, digits, _")
-
-
-def check_options(name: str, options: Any) -> None:
-    """Raise ConfigurationError if there is no such metric, or it does not take the options."""
-    check_call(f"the metric '{name}'", get_metric(name).compute, options)
 
 
 def check_call(what: str, function: Callable[..., Any], options: Any) -> None:
