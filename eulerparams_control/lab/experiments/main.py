@@ -55,6 +55,17 @@ def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
     return carry_out(judged, "the nodes were ended; the same command goes on from here")
 
 
+def run_tasks(
+    tasks: Sequence[Task], jobs: int, console: Console, details: bool = True, again: bool = False
+) -> list[Outcome]:
+    """Return what came of tasks, ``jobs`` runs at a time; no other call writes to their folders."""
+    with ExitStack() as locks:
+        for task in tasks:
+            locks.enter_context(locked(task.folder))
+        with Display(console, tasks, details) as display:
+            return Schedule(tasks, jobs, display, again).run()
+
+
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="experiment",
@@ -91,14 +102,10 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     """Run the experiments that were asked for; write the page of the paper if it was."""
     experiments = _chosen(options.names, options.paper)
     out = options.out
-    tasks = [Task(e, out / e.name, _variants(options.variant, e)) for e in experiments]
-    with ExitStack() as locks:
-        for task in tasks:
-            locks.enter_context(locked(task.folder))
-        with Display(console, tasks, details=not options.paper) as display:
-            outcomes = Schedule(tasks, options.jobs, display, options.again).run()
-        if options.paper:
-            _write_paper(out, outcomes, console)
+    tasks = [Task(e, out / e.name, check_names(options.variant, e)) for e in experiments]
+    outcomes = run_tasks(tasks, options.jobs, console, not options.paper, options.again)
+    if options.paper:
+        _write_paper(out, outcomes, console)
     return outcomes
 
 
@@ -114,10 +121,6 @@ def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
             "one folder: name each once"
         )
     return experiments
-
-
-def _variants(names: list[str], experiment: Experiment) -> list[str]:
-    return check_names(names, experiment) if experiment.variants else []
 
 
 def _write_paper(out: Path, outcomes: Sequence[Outcome], console: Console) -> None:

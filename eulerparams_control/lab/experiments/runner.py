@@ -276,7 +276,11 @@ def _check_moved(bag: Path, command: str) -> None:
 
 
 def check_names(names: list[str], experiment: Experiment) -> list[str]:
-    """Return the variants to run, each once: those named, or all; raises ConfigurationError."""
+    """Return the variants to run, each once: those named, or all; raises ConfigurationError.
+
+    An experiment of the library alone has none, whatever is named.
+    """
+    names = names if experiment.variants else []
     for name in names:
         if name not in experiment.variants:
             raise ConfigurationError(

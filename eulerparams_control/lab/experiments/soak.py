@@ -13,10 +13,8 @@ from eulerparams_control.analysis.quantities.real_time import PATIENCE, QUARTERS
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import Outcome
-from eulerparams_control.lab.experiments.main import run_experiments
+from eulerparams_control.lab.experiments.main import run_experiments, run_tasks
 from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
-from eulerparams_control.lab.experiments.schedule import Display, Schedule
-from eulerparams_control.lab.run.run_cache import locked
 
 _NAME = "soak"
 _LEAST_SECONDS = 25.0  # enough samples of memory at both ends
@@ -58,8 +56,7 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     experiment = soak(seconds, options.rate)
     chosen = [options.controller] if options.controller else list(experiment.variants)
     task = Task(experiment, options.out, chosen)
-    with locked(options.out), Display(console, [task], details=True) as display:
-        return Schedule([task], len(chosen), display).run()
+    return run_tasks([task], len(chosen), console)
 
 
 def soak(seconds: float, rate: float) -> Experiment:
