@@ -15,7 +15,6 @@ from lifecycle_msgs.srv import ChangeState
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, pose, reference, values
 from samples import about
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import set_steady
@@ -458,19 +457,3 @@ def test_nothing_listens_to_targets_before_a_controller_is_active(world):
     world.start("clik", {**FRAMES, "autostart": False})
     for topic in ("target_pose", "target_twist"):
         assert world.peer.node.count_subscribers(f"/{topic}") == 0
-
-
-# --- what becomes of them ----------------------------------------------------------------------
-def test_a_halted_arm_is_not_jogged_and_its_fault_needs_a_pause(world):
-    node = Controlled(world, "clik", FRAMES)
-    twists = node.peer.publisher(TwistStamped, "/target_twist")
-    node.peer.call(Trigger, "/clik/halt", Trigger.Request())
-    for _ in range(50):
-        twists.publish(twist("", (0.0, 0.0, 0.1)))
-        node.arm.ticks(20)
-    assert values(node.status())["target_twist rejected"] == "50"
-    np.testing.assert_allclose(node.arm.q, HOME, atol=1e-9)
-    node.peer.call(Trigger, "/clik/resume", Trigger.Request())
-    twists.publish(twist("", (0.0, 0.0, 0.1)))
-    node.arm.ticks(50)
-    assert np.abs(node.arm.dq).max() > 1e-3

@@ -171,28 +171,6 @@ def test_a_joint_slows_the_motion_down_as_it_comes_near_its_limit(side):
     assert pace.limit is Nearness.CLEAR
 
 
-def test_a_motion_at_a_pace_goes_the_same_way_with_the_derivatives_of_its_own_time():
-    """The frame at the time s(t) of the path, differentiated by differences of t."""
-    goal = moved(0.2, 0.8)
-    path = way_points([0.0, 1.0], [(pose_of(HOME).p_d, pose_of(HOME).R_d), (goal.p_d, goal.R_d)])
-
-    def clock_of_path(t):
-        return 0.3 + 0.4 * t + 0.25 * t**2  # s' = 0.4 + 0.5 t
-
-    def frame(t):
-        s, ds = 0.4 + 0.5 * t, 0.5
-        return path.sample(clock_of_path(t)).at_pace(s, ds)
-
-    h, t = 1e-5, 0.4
-    before, now, after = frame(t - h), frame(t), frame(t + h)
-    np.testing.assert_allclose((after.p_d - before.p_d) / (2 * h), now.dp_d, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(
-        (after.dp_d - before.dp_d) / (2 * h), now.ddp_d, rtol=1e-5, atol=1e-9
-    )
-    domega_d = (after.omega_d - before.omega_d) / (2 * h)
-    np.testing.assert_allclose(domega_d, now.domega_d, rtol=1e-5, atol=1e-9)
-
-
 # --- the controller, supervised -----------------------------------------------------------
 def following(scheme, now=None):
     """Return a controller on its way, and the stamp and state of its last step."""
@@ -584,10 +562,12 @@ def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follow
 
 # --- halt and resume -----------------------------------------------------------------------
 def asks(running, q, now):
-    """Return references at rest where the arm is, of all kinds."""
+    """Yield what asks for a motion, each kind of reference at rest where the arm is."""
     here = running.scheme.frame_at(q)
-    yield SetPoint(here, 0.1), None, now
-    yield way_points([2.0], [(here.p_d, here.R_d)]), None, now
+    yield lambda: running.follow(SetPoint(here, 0.1), None, now)
+    yield lambda: running.follow(way_points([2.0], [(here.p_d, here.R_d)]), None, now)
+    yield lambda: running.aim(here, now)
+    yield lambda: running.jog(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), now)
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -603,9 +583,9 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
             t_step, now_step = t + step * MS, now + step * DT
             running.step(t_step, q, STILL, now_step)
             if step in (100, 790):  # soon, and after a pause
-                for reference in asks(running, q, now_step):
+                for ask in asks(running, q, now_step):
                     with pytest.raises(InvalidMessageError, match="call ~/resume"):
-                        running.follow(*reference)
+                        ask()
         assert running.mode is Mode.STOPPED
         running.resume()
         assert (running.mode, running.why.fault) == (Mode.HOLDING, "")
@@ -614,8 +594,8 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
             np.testing.assert_allclose(command.q, q, atol=HELD)
         else:
             np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
-        for reference in asks(running, q, now_step + DT):
-            running.follow(*reference)
+        for ask in asks(running, q, now_step + DT):
+            ask()
             assert running.mode is Mode.FOLLOWING
 
 
@@ -631,21 +611,12 @@ def test_a_fault_is_resumed_at_once_but_not_while_the_arm_moves():
     assert running.mode is Mode.HOLDING
 
 
-def test_a_resume_of_an_arm_that_is_not_stopped_changes_nothing():
-    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
-    going_on = following(clik(limits=UR5.limits), now=50.0)[0]
-    running.resume()
-    assert running.mode is Mode.FOLLOWING
-    commands = [one.step(t + MS, q, dq, now + DT) for one in (running, going_on)]
-    np.testing.assert_array_equal(commands[0].q, commands[1].q)
-
-
 def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     running.step(t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
-    for reference in asks(running, q, now + DT):
+    for ask in asks(running, q, now + DT):
         with pytest.raises(InvalidMessageError, match="runs away"):
-            running.follow(*reference)
+            ask()
     with pytest.raises(InvalidMessageError, match="runs away"):
         running.resume()
     assert running.mode is Mode.RELEASING
@@ -655,9 +626,9 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
     running.step(t + MS, q, STILL, now + DT)
     del running.scheme.tick
     running.step(t + 1000 * MS, q, STILL, now + 1.0)
-    for reference in asks(running, q, now + 1.0):
+    for ask in asks(running, q, now + 1.0):
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-            running.follow(*reference)
+            ask()
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
         running.resume()
     assert running.why.cause is Cause.DEFECT
@@ -669,9 +640,9 @@ def test_references_that_came_while_the_arm_ran_away_have_to_pause_when_it_is_ba
     for step in range(2, 900):
         running.step(t + step * MS, q, STILL, now + step * DT)
         if step % 10 == 0:
-            for reference in asks(running, q, now + step * DT):
+            for ask in asks(running, q, now + step * DT):
                 with pytest.raises(InvalidMessageError, match="runs away"):
-                    running.follow(*reference)
+                    ask()
     assert running.mode is Mode.STOPPED
 
 
@@ -797,11 +768,8 @@ def test_distrust_holds_back_a_mode_that_goes_on_changing_behind_it():
     after = held_back.after(ModeEvent.REFERENCE, Why())
     assert (after.mode, after.is_halted, after.until) == (Mode.DISTRUSTING, False, 7.0)
     assert after.after(ModeEvent.TRUST, Why()).mode is Mode.FOLLOWING
-
-
-def test_distrust_is_renewed_by_another_jump_and_nothing_is_held_back_twice():
+    again = held_back.after(ModeEvent.DISTRUST, Why(at=8.0))  # by another jump; not twice
+    assert again.until == 8.0
+    assert again.after(ModeEvent.TRUST, Why()).mode is Mode.STOPPED
     once = Holding(Why()).after(ModeEvent.DISTRUST, Why(at=7.0))
-    twice = once.after(ModeEvent.DISTRUST, Why(at=8.0))
-    assert twice.until == 8.0
-    assert twice.after(ModeEvent.TRUST, Why()).mode is Mode.HOLDING
     assert once.after(ModeEvent.RUNS_AWAY, RUNAWAY).is_runaway
