@@ -132,28 +132,6 @@ def test_a_blow_is_followed_from_its_first_frame(both):
     assert both.peer.counter("clik", "reference rejected") == before
 
 
-def test_when_the_wrench_stops_the_arm_stands_still_and_starts_from_rest_when_it_is_back(both):
-    arm, (p, _) = both.arm, pose(HOME)
-    arm.push(8.0, 0.0, 0.0)
-    arm.ticks(20)
-    arm.sensor.on = False
-    both.peer.status(NAME, lambda s: "no valid wrench" in s.message, arm.tick)
-    settle(arm)
-    q = arm.q
-    assert pose(q)[0][0] - p[0] > 5e-4
-    arm.release()
-    arm.ticks(50)
-    assert_close(arm.q, q, LAW_IN_A_NODE)
-    assert np.abs(arm.dq).max() < AT_REST
-    arm.push(8.0, 0.0, 0.0)
-    arm.sensor.on = True
-    speeds = [float(np.linalg.norm(command.velocity)) for command in arm.ticks(50)]
-    assert max(np.diff(speeds, prepend=0.0)) < 0.1  # it was twice as fast when it stopped
-    settle(arm)
-    settle(arm)  # the wrench counts little by little
-    assert_close(pose(arm.q)[0], p + [8.0 / K_P, 0.0, 0.0], FOLLOWED)
-
-
 def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_where_the_arm_is(
     both,
 ):

@@ -460,15 +460,19 @@ def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world
     assert arm.commands == []
 
 
-def test_while_inactive_no_state_is_reported_as_waiting_for_what_belongs_to_it(node):
+def test_while_it_is_inactive_nothing_waits_and_a_wrench_that_is_back_is_not_told_of(node):
     words = "states dropped, waiting for what belongs to them"
+    node.arm.sensor.on = False
+    node.arm.ticks(15, dt=0.01)
+    node.status(lambda s: "no valid wrench" in s.message)
     assert node.peer.change_state(node.name, "deactivate")
-    try:
-        before = values(node.peer.status(node.name)).get(words)
-        node.arm.send_next(9)
-        assert values(node.peer.status(node.name)).get(words) == before
-    finally:
-        activate(node)
+    before = values(node.peer.status(node.name)).get(words)
+    node.arm.send_next(9)
+    assert values(node.peer.status(node.name)).get(words) == before
+    node.arm.sensor.on = True
+    activate(node)
+    felt(node.arm, 20)
+    assert "no valid wrench" not in node.status(lambda s: "active with" in s.message).message
 
 
 def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(paired):
@@ -590,23 +594,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
     assert process.stop() == 0
 
 
-# --- joint_states and references -------------------------------------------------------------
-def test_two_publishers_are_refused_and_both_named(node):
-    """On ``wrench``; ``test_nodes.py`` has those on ``reference``."""
-    peer, namespace = node.peer, node.name.partition("/")[0]
-    rival = peer.another_node("rival")
-    before = peer.counter(node.name, "wrench rejected")
-    try:
-        rival.create_publisher(WrenchStamped, f"/{namespace}/wrench", 10)
-        node.arm.tick()
-        words = f"two publishers on '{namespace}/wrench': /peer, /rival; expected one"
-        assert words in node.process.log
-        assert peer.counter(node.name, "wrench rejected", before + 1) == before + 1
-        assert_holds(node.arm.tick(), HOME)
-    finally:
-        rival.destroy_node()
-
-
 # --- changes while running -------------------------------------------------------------------
 
 AXES = [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0]
@@ -662,20 +649,6 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(pai
     assert "following a reference" in paired.status().message
     words = "changed: orientation rotation_vector"
     assert words in paired.process.log
-
-
-# --- lifecycle -------------------------------------------------------------------------------
-def test_after_a_new_activation_the_state_does_not_speak_of_a_wrench_that_is_back(node):
-    arm, peer = node.arm, node.peer
-    arm.sensor.on = False
-    arm.ticks(15, dt=0.01)
-    node.status(lambda s: "no valid wrench" in s.message)
-    assert peer.change_state(node.name, "deactivate")
-    arm.sensor.on = True
-    activate(node)
-    felt(arm, 20)
-    status = node.status(lambda s: "active with" in s.message)
-    assert "no valid wrench" not in status.message
 
 
 # --- other arms ------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, pose, reference, values
+from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, assert_holds, pose, reference, values
 from samples import about
 from sensor_msgs.msg import JointState
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
@@ -423,34 +423,43 @@ def test_a_target_that_was_overtaken_is_refused_one_of_a_clock_set_back_is_not(w
     assert [target[0] for _, target, _ in asked[3:]] == [5.2, 1.0]
 
 
-@pytest.mark.parametrize("topic", ["target_pose", "target_twist"])
-def test_two_publishers_of_targets_are_refused_and_both_named_but_not_a_successor(
-    world, topic, monkeypatch
+@pytest.mark.parametrize(
+    ("executable", "topic"),
+    [
+        *((executable, "reference") for executable in Controlled.ARMS),
+        ("impedance_control", "wrench"),
+        ("clik", "target_pose"),
+        ("clik", "target_twist"),
+    ],
+)
+def test_two_publishers_of_an_input_are_refused_and_both_named_but_not_a_successor(
+    world, executable, topic
 ):
-    asked = Asked(monkeypatch)
-    node = Controlled(world, "clik", FRAMES)
-    kind = {"target_pose": PoseStamped, "target_twist": TwistStamped}[topic]
-    p, R = pose(HOME)
-    msg = twist("", (0.1, 0.0, 0.0)) if topic == "target_twist" else pose_to_ros(p, R, Time(), "")
+    node = Controlled(world, executable, FRAMES)
+    peer, arm, moved = node.peer, node.arm, goal(0.01)
+    msg = {
+        "reference": lambda: reference(moved),
+        "wrench": lambda: arm.sensor.message(arm, arm.message().header.stamp),
+        "target_pose": lambda: pose_to_ros(moved.p_d, moved.R_d, Time(), ""),
+        "target_twist": lambda: twist("", (0.1, 0.0, 0.0)),
+    }[topic]()
 
     def sender(name: str) -> tuple[Any, Any]:
-        another = node.peer.another_node(name)
-        return another, another.create_publisher(kind, f"/{topic}", 10)
+        another = peer.another_node(name)
+        return another, another.create_publisher(type(msg), f"/{topic}", 10)
 
-    first, publisher = sender("first")
-    publisher.publish(msg)
-    assert len(asked) == 1
-    second, other = sender("second")
-    other.publish(msg)
-    assert len(asked) == 1
-    assert f"two publishers on '{topic}': /first, /second; expected one" in node.process.log
-    second.destroy_node()
-    publisher.publish(msg)
-    assert len(asked) == 2
-    _, successor = sender("first")  # while the one before is still in the graph
+    own, (rival, other) = peer.publisher(type(msg), f"/{topic}"), sender("rival")
+    for publisher in (own, other):
+        publisher.publish(msg)
+    assert f"two publishers on '{topic}': /peer, /rival; expected one" in node.process.log
+    assert peer.counter(node.name, f"{topic} rejected", 2) == 2
+    rival.destroy_node()
+    assert_holds(arm.tick(), HOME)
+    _, successor = sender("peer")  # while the one before is still in the graph
     successor.publish(msg)
-    assert len(asked) == 3
-    first.destroy_node()
+    mode = "holding" if topic == "wrench" else "following"
+    shown = values(node.status(lambda s: values(s)["mode"] == mode))
+    assert shown[f"{topic} rejected"] == "2"
 
 
 def test_nothing_listens_to_targets_before_a_controller_is_active(world):

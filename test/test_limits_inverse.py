@@ -77,18 +77,18 @@ def test_from_within_no_joint_goes_beyond_its_limits_whatever_is_wanted():
             assert_within(LIMITS, q + dt * limited, limited)
 
 
-def test_limits_scaled_have_slower_speeds_only():
+def test_scaled_limits_have_slower_speeds_only_and_contain_what_is_on_them():
     scaled = LIMITS.scaled(0.25)
     np.testing.assert_allclose(scaled.velocity, [0.5, 0.25, 1.0], rtol=RELATIVE)
     for name in ("lower", "upper", "effort"):
         np.testing.assert_array_equal(getattr(scaled, name), getattr(LIMITS, name))
     assert LIMITS.velocity.tolist() == [2.0, 1.0, 4.0]
-
-
-def test_positions_on_the_limits_are_within_and_beyond_are_not():
-    assert LIMITS.contain(np.array([1.0, -2.0, 1e9]))
-    assert not LIMITS.contain(np.array([np.nextafter(1.0, 2), 0.0, 0.0]))
-    assert not LIMITS.contain(np.array([0.0, np.nextafter(-2.0, -3), 0.0]))
+    for q, contained in (
+        ([1.0, -2.0, 1e9], True),
+        ([np.nextafter(1.0, 2), 0.0, 0.0], False),
+        ([0.0, np.nextafter(-2.0, -3), 0.0], False),
+    ):
+        assert LIMITS.contain(np.array(q)) == contained
 
 
 def test_a_difference_is_modulo_a_turn_where_there_are_no_limits_of_position():
@@ -262,15 +262,19 @@ def test_too_fast_a_joint_is_braked_at_a_hundred_per_second_of_its_excess_or_as_
         np.testing.assert_allclose(limited, [-brakes, brakes, 0.0], rtol=RELATIVE)
 
 
-def test_the_acceleration_of_one_joint_is_limited_and_the_others_keep_theirs():
+def test_an_acceleration_or_effort_beyond_a_limit_is_cut_and_all_else_is_not_touched():
     q, wanted = np.array([0.999, 0.0, 0.0]), np.array([50.0, 40.0, -30.0])
     limited, changed = LIMITS.limit_acceleration(q, np.zeros(3), wanted, 1e-3)
     assert changed
     assert limited[0] == pytest.approx(1.0, rel=1e3 * RELATIVE)  # 100 / s of 10 / s of 0.001
     np.testing.assert_array_equal(limited[1:], [40.0, -30.0])
-
-
-def test_without_limits_no_finite_acceleration_is_touched():
+    for asked, allowed in (
+        ([10.5, -20.5, 1e300], [10.0, -20.0, 1e300]),
+        ([-10.5, 20.5, -1e300], [-10.0, 20.0, -1e300]),
+        ([10.0, -20.0, -3.0], [10.0, -20.0, -3.0]),
+    ):
+        effort, changed = LIMITS.limit_effort(np.array(asked))
+        assert (effort.tolist(), changed) == (allowed, asked != allowed)
     none = np.full(3, math.inf)
     free = JointLimits(-none, none, none, none)
     for scale in (1.0, 1e9, 1e300):
@@ -279,16 +283,11 @@ def test_without_limits_no_finite_acceleration_is_touched():
         for limited, changed in (accelerations, free.limit_effort(ddq)):
             assert not changed
             np.testing.assert_array_equal(limited, ddq)
-
-
-def test_an_effort_beyond_its_limit_is_cut_to_it_and_told():
-    for wanted, allowed in (
-        ([10.5, -20.5, 1e300], [10.0, -20.0, 1e300]),
-        ([-10.5, 20.5, -1e300], [-10.0, 20.0, -1e300]),
-        ([10.0, -20.0, -3.0], [10.0, -20.0, -3.0]),
-    ):
-        limited, changed = LIMITS.limit_effort(np.array(wanted))
-        assert (limited.tolist(), changed) == (allowed, wanted != allowed)
+    dq, before, ddq = np.full(6, 0.5), np.full(6, 0.4901), np.linspace(-9.9, 9.9, 6)
+    for limits in (UR5.limits, replace(UR5.limits, acceleration=np.full(6, 10.0))):
+        assert limits.limit_velocity(HOME, dq, 1e-3, before)[0] is dq
+        limited, changed = limits.limit_acceleration(HOME, dq, ddq, 1e-3)
+        assert (limited is ddq, changed) == (True, False)
 
 
 # --- the inverse --------------------------------------------------------------------------
@@ -319,19 +318,18 @@ def test_at_and_near_singularities_it_is_bounded_by_the_damping(columns):
         assert np.linalg.norm(DampedInverse()(J), 2) <= (1 / EPS) * (1 + ALGEBRAIC)
     J = jacobian_with([2.0, 1.5, 1.0, 1.0, 1.0, 1e-9])
     assert np.linalg.norm(DampedInverse(eps=0.0)(J), 2) == pytest.approx(1e9, rel=1e-6)
-
-
-def test_a_direction_that_is_lost_gets_no_velocity():
-    J = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
-    lost = np.eye(6)[5]
+    J, lost = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0]), np.eye(6)[5]
     for inverse in (DampedInverse(), DampedInverse(eps=0.0), DampedInverse(lambda_max=0.0)):
         np.testing.assert_array_equal(inverse(J) @ lost, np.zeros(6))
 
 
-def test_what_is_not_finite_is_not_taken_for_a_singularity():
+def test_what_is_not_finite_is_not_taken_for_a_singularity_and_no_damping_is_negative():
     for J in (np.full((6, 6), math.nan), np.full((6, 7), math.nan), np.full((6, 4), math.inf)):
         assert not np.isfinite(DampedInverse()(J)).any()
         assert not math.isfinite(smallest_singular_value(J))
+    for change in ({"eps": -0.1}, {"lambda_max": -1.0}):
+        with pytest.raises(ConfigurationError, match=f"{next(iter(change.values()))}.*expected >="):
+            DampedInverse(**change)
 
 
 def test_the_smallest_singular_value_is_that_of_the_jacobian():
@@ -341,12 +339,6 @@ def test_the_smallest_singular_value_is_that_of_the_jacobian():
     for columns in (6, 7):
         J = jacobian_with([2.0, 1.5, 1.0, 1.0, 0.5, 0.125], columns)
         assert smallest_singular_value(J) == pytest.approx(0.125, abs=ALGEBRAIC)
-
-
-@pytest.mark.parametrize("change", [{"eps": -0.1}, {"lambda_max": -1.0}])
-def test_negative_damping_is_refused(change):
-    with pytest.raises(ConfigurationError, match=f"{next(iter(change.values()))}.*expected >= 0"):
-        DampedInverse(**change)
 
 
 def test_what_is_not_a_number_stays_so_within_limits():
@@ -401,15 +393,6 @@ def test_a_joint_that_could_not_stop_otherwise_brakes_harder_evenly():
         most, q = max(most, (before - dq)[0] / dt), q + dt * dq
     assert most == pytest.approx(25 / (1 + 5 * dt), rel=1e-6)  # steps stop a little later
     assert q == pytest.approx(1.0, abs=1e-6)
-
-
-def test_what_keeps_the_limits_is_not_touched():
-    dq, before, ddq = np.full(6, 0.5), np.full(6, 0.4901), np.linspace(-9.9, 9.9, 6)
-    for limits in (UR5.limits, replace(UR5.limits, acceleration=np.full(6, 10.0))):
-        assert limits.limit_velocity(HOME, dq, 1e-3, before)[0] is dq
-        limited, changed = limits.limit_acceleration(HOME, dq, ddq, 1e-3)
-        assert limited is ddq
-        assert not changed
 
 
 def clik(**limits):
@@ -469,14 +452,11 @@ def through(limiter, commands, dt=2e-3):
     return np.array([c.q for c in left]), np.array([c.dq for c in left])
 
 
-def constant(speed, steps, q=-1.0, dt=2e-3):
-    """Return commands of a motion of constant speed, as a law integrates it."""
-    return [(np.full(2, q + k * dt * speed), np.full(2, speed)) for k in range(steps)]
-
-
 @pytest.mark.parametrize("dt", [2e-3, 0.02])
 @pytest.mark.parametrize("lag", [0.0, 0.02, -0.1, 0.2])
-def test_a_stop_at_once_is_braked_also_where_the_law_begins_elsewhere(lag, dt):
+def test_a_stop_or_start_at_once_is_within_the_acceleration_also_where_the_law_begins_elsewhere(
+    lag, dt
+):
     limiter = CommandLimiter(TWO)
     ramp = [(np.zeros(2), np.zeros(2))]
     for k in range(1, round(0.1 / dt)):  # exact for steps: q goes on by the velocity before
@@ -492,11 +472,9 @@ def test_a_stop_at_once_is_braked_also_where_the_law_begins_elsewhere(lag, dt):
     assert_close(q[-1], end, 1e-6)
     assert_close(dq[-1], 0, 1e-5)
     assert (np.abs(q - end) <= 0.5 * 0.98**2 / 10 + abs(lag) + 0.01).all()
-
-
-def test_a_motion_that_begins_at_once_begins_within_the_acceleration():
-    _, dq = through(CommandLimiter(TWO), constant(0.5, 1500))
-    assert (np.abs(np.diff(np.vstack([np.zeros(2), dq]), axis=0)) <= 10 * 2e-3 + 1e-9).all()
+    moves = [(np.full(2, -1.0 + 0.5 * k * dt), np.full(2, 0.5)) for k in range(round(3.0 / dt))]
+    _, dq = through(CommandLimiter(TWO), moves, dt)  # it begins at once
+    assert (np.abs(np.diff(np.vstack([np.zeros(2), dq]), axis=0)) <= 10 * dt + 1e-9).all()
     np.testing.assert_allclose(dq[-1], 0.5, rtol=1e-6)
 
 

@@ -202,16 +202,16 @@ def test_the_rates_of_a_circle_are_its_derivatives(ramp, turns):
 
 
 @pytest.mark.parametrize(
-    "change", [{"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}]
+    "change",
+    [
+        *({"period": 0.0}, {"turns": 0.0}, {"ramp": -0.1}, {"ramp": 4.1}, {"period": math.nan}),
+        {"normal": np.zeros(3)},
+    ],
 )
 def test_an_impossible_circle_is_refused_with_its_numbers(change):
-    with pytest.raises(ConfigurationError, match="expected positive period and turns"):
+    words = "normal is zero" if "normal" in change else "expected positive period and turns"
+    with pytest.raises(ConfigurationError, match=words):
         CIRCLE._replace(**change).trajectory(P_0, R_0)
-
-
-def test_a_circle_without_a_normal_is_refused():
-    with pytest.raises(ConfigurationError, match="normal is zero"):
-        CIRCLE._replace(normal=np.zeros(3)).trajectory(P_0, R_0)
 
 
 # --- set-points ---------------------------------------------------------------------------
@@ -240,24 +240,21 @@ def test_a_frame_that_turns_beyond_all_numbers_is_refused_when_it_is_sampled():
 
 
 # --- start and hold -----------------------------------------------------------------------
-def test_a_start_is_a_time_in_nanoseconds_that_is_kept_exactly():
-    start = 1_700_000_000_123_456_789
-    trajectory = trajectory_turning(1.0)
-    desired = Shaper(DesiredFrame(P_0, R_0))
+def test_a_start_is_kept_to_the_nanosecond_until_then_the_present_goes_on_and_a_hold_ends_it():
+    start, trajectory = 1_700_000_000_123_456_789, trajectory_turning(1.0)
+    desired, here = Shaper(DesiredFrame(P_0, R_0)), DesiredFrame(P_0, R_0)
     desired.follow(trajectory, start)
+    assert_same_frame(desired.sample(start - S_IN_NS), here, 0)
     for t in (1, 1000, 500_000_001, 1_999_999_999):
         assert_same_frame(desired.sample(start + t), trajectory.sample(t / 1e9), 0)
-
-
-def test_until_a_motion_starts_the_present_one_goes_on():
-    trajectory = trajectory_turning(1.0)
-    desired = Shaper(DesiredFrame(P_0, R_0))
-    desired.follow(trajectory, 10 * S_IN_NS)
-    assert_same_frame(desired.sample(9 * S_IN_NS), DesiredFrame(P_0, R_0), 0)
-    assert_same_frame(desired.sample(11 * S_IN_NS), trajectory.sample(1.0), 0)
-    desired.follow(SetPoint(DesiredFrame(P_0, R_0), 0.1), 13 * S_IN_NS)
-    assert_same_frame(desired.sample(12 * S_IN_NS), trajectory.sample(2.0), 0)
-    assert_same_frame(desired.sample(13 * S_IN_NS), DesiredFrame(P_0, R_0), 0)
+    desired.follow(SetPoint(here, 0.1), start + 3 * S_IN_NS)
+    assert_same_frame(desired.sample(start + 2 * S_IN_NS), trajectory.sample(2.0), 0)
+    assert_same_frame(desired.sample(start + 3 * S_IN_NS), here, 0)
+    desired.follow(trajectory, start + 4 * S_IN_NS)
+    last = desired.sample(start + 5 * S_IN_NS)
+    desired.hold(last)
+    for t in (5 * S_IN_NS, 9 * S_IN_NS):
+        assert_same_frame(desired.sample(start + t), last.at_rest(), 0)
 
 
 def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():
@@ -269,15 +266,6 @@ def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame()
     tol.assert_close(halfway.p_d, P_0 + 0.05 * X, tol.THROUGH_POINTS)
     tol.assert_close(halfway.R_d, samples.about(0, 0.15) @ R_0, tol.THROUGH_POINTS)
     assert_same_frame(desired.sample(2 * S_IN_NS), DesiredFrame(*goal), 0)
-
-
-def test_holding_forgets_the_motion_and_its_velocity():
-    desired = Shaper(DesiredFrame(P_0, R_0))
-    desired.follow(trajectory_turning(1.0), 0)
-    last = desired.sample(S_IN_NS)
-    desired.hold(last)
-    for t in (S_IN_NS, 5 * S_IN_NS):
-        assert_same_frame(desired.sample(t), DesiredFrame(last.p_d, last.R_d), 0)
 
 
 # --- rows of numbers ----------------------------------------------------------------------
@@ -294,17 +282,14 @@ def pose(orientation, orientation_format, position=(0.1, 0.2, 0.3)):
     return frame.p_d, frame.R_d
 
 
-def test_a_quaternion_is_read_as_x_y_z_w_and_is_the_format_unless_told_otherwise():
+def test_a_quaternion_is_x_y_z_w_and_the_format_unless_told_and_a_rotation_vector_theta_r():
     for sign in (1, -1):
         p, R_d = pose(sign * np.array(XYZW), "quaternion_xyzw")
         np.testing.assert_array_equal(p, [0.1, 0.2, 0.3])
         tol.assert_close(R_d, R, tol.ALGEBRAIC)
+    tol.assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, tol.ALGEBRAIC)
     unless_told = parse_way_points([0.0], [0, 0, 0], XYZW)
     tol.assert_close(unless_told.sample(0.0).R_d, R, tol.ALGEBRAIC)
-
-
-def test_a_rotation_vector_is_the_angle_times_the_axis():
-    tol.assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, tol.ALGEBRAIC)
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
@@ -334,33 +319,6 @@ def test_a_quaternion_printed_with_four_digits_is_normalised():
     tol.assert_close(R_d, R, 4e-4)  # of four digits
 
 
-@pytest.mark.parametrize(
-    ("values", "norm"), [([0, 0, 0, 0], "0"), ([0, 0, 0, 1.01], "1.01"), ([1, 1, 0, 0], "1.41421")]
-)
-def test_a_quaternion_that_is_not_of_norm_1_is_refused_with_its_norm(values, norm):
-    with pytest.raises(ConfigurationError, match=f"has norm {norm}; expected 1"):
-        pose(values, "quaternion_xyzw")
-
-
-@pytest.mark.parametrize(
-    ("times", "positions", "orientations", "orientation_format", "width"),
-    [
-        ([], [], [], "XYZ", 3),
-        ([0.0], [0, 0], [0, 0, 0], "XYZ", 3),
-        ([0.0], [0, 0, 0], [0, 0, 0, 1], "XYZ", 3),
-        ([0.0], [0, 0, 0], [0, 0, 0], "quaternion_xyzw", 4),
-        ([0.0, 1.0], [0, 0, 0], [0, 0, 0], "rotation_vector", 3),
-        ([0.0], [0, 0, 0, 0, 0, 0], [0, 0, 0], "ZYZ", 3),
-    ],
-)
-def test_rows_that_do_not_fit_are_refused_with_their_numbers(
-    times, positions, orientations, orientation_format, width
-):
-    counts = f"{len(times)} times, {len(positions)} numbers .*, {len(orientations)} in orientations"
-    with pytest.raises(ConfigurationError, match=f"{counts}; expected N, 3 N and {width} N"):
-        parse_way_points(times, positions, orientations, orientation_format)
-
-
 def test_an_unknown_format_is_refused_with_those_that_exist():
     with pytest.raises(UnknownNameError, match="did you mean 'quaternion_xyzw'") as refusal:
         parse_way_points([0.0], [0, 0, 0], [0, 0, 0], "quaternion_wxyz")
@@ -368,12 +326,33 @@ def test_an_unknown_format_is_refused_with_those_that_exist():
     assert set(FORMATS) == {"quaternion_xyzw", "rotation_vector", *SEQUENCES}
 
 
-@pytest.mark.parametrize("orientation_format", ["quaternion_xyzw", "rotation_vector", "XYZ"])
-@pytest.mark.parametrize("where", ["times", "positions", "orientations"])
-def test_numbers_that_are_not_finite_are_refused(orientation_format, where):
-    turn = [0.0, 0.0, 0.0, 1.0] if orientation_format == "quaternion_xyzw" else [0.0, 0.0, 0.0]
-    for bad in (math.nan, math.inf, -math.inf):
-        rows = {"times": [0.0], "positions": [0.0, 0.0, 0.0], "orientations": [*turn]}
-        rows[where][0] = bad
-        with pytest.raises(ConfigurationError, match="expected finite numbers"):
-            parse_way_points(**rows, orientation_format=orientation_format)
+ONE, NONE = ([0.0], [0.0, 0.0, 0.0]), [0.0, 0.0, 0.0]  # a time with a position; no turn
+
+
+@pytest.mark.parametrize(
+    ("rows", "form", "words"),
+    [
+        ((*ONE, [0, 0, 0, 0]), "quaternion_xyzw", "has norm 0; expected 1"),
+        ((*ONE, [0, 0, 0, 1.01]), "quaternion_xyzw", "has norm 1.01; expected 1"),
+        ((*ONE, [1, 1, 0, 0]), "quaternion_xyzw", "has norm 1.41421; expected 1"),
+        (([], [], []), "XYZ", "0 times, 0 numbers .*, 0 in orientations; expected N, 3 N and 3 N"),
+        (([0.0], [0, 0], NONE), "XYZ", "1 times, 2 numbers .*, 3 in orientations; expected N, 3 N"),
+        ((*ONE, [0, 0, 0, 1]), "XYZ", "4 in orientations; expected N, 3 N and 3 N"),
+        ((*ONE, NONE), "quaternion_xyzw", "3 in orientations; expected N, 3 N and 4 N"),
+        (([0.0, 1.0], NONE, NONE), "rotation_vector", "2 times, 3 numbers .*, 3 in orientations"),
+        (([0.0], [0] * 6, NONE), "ZYZ", "1 times, 6 numbers .*, 3 in orientations"),
+        *(
+            (rows, form, "expected finite numbers")
+            for bad in (math.nan, math.inf, -math.inf)
+            for rows, form in (
+                (([bad], NONE, NONE), "rotation_vector"),
+                (([0.0], [bad, 0.0, 0.0], NONE), "XYZ"),
+                ((*ONE, [bad, 0.0, 0.0]), "XYZ"),
+                ((*ONE, [bad, 0.0, 0.0, 1.0]), "quaternion_xyzw"),
+            )
+        ),
+    ],
+)
+def test_way_points_that_mean_nothing_are_refused_with_their_numbers(rows, form, words):
+    with pytest.raises(ConfigurationError, match=words):
+        parse_way_points(*rows, orientation_format=form)

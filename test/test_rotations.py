@@ -35,17 +35,13 @@ def as_array(Q):
 
 
 # --- eqs. (1), (2): skew-symmetric operator, elementary rotations ---------------------------
-def test_S_and_cross_perform_the_cross_product():
+def test_S_and_cross_perform_the_cross_product_and_elementary_rotations_turn_about_their_axis():
+    for axis, angle in itertools.product(range(3), ANGLES):
+        assert_close(so3.R_axis(axis, np.array(angle)), samples.about(axis, angle))
     for v, w in zip(samples.vectors(COUNT), samples.vectors(COUNT, key=1), strict=True):
         assert_close(so3.S(v) @ w, np.cross(v, w))
         assert_close(so3.cross(v, w), np.cross(v, w))
         np.testing.assert_array_equal(so3.S(v), -so3.S(v).T)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_elementary_rotations_turn_about_their_axis(axis):
-    for angle in ANGLES:
-        assert_close(so3.R_axis(axis, np.array(angle)), samples.about(axis, angle))
 
 
 # --- eqs. (4)-(7): angle and axis, Euler parameters --------------------------------------------
@@ -84,14 +80,6 @@ def test_extraction_keeps_small_angles_to_relative_accuracy(theta):
         np.testing.assert_allclose(eps, math.sin(theta / 2) * r, rtol=ALGEBRAIC, atol=0)
 
 
-@pytest.mark.parametrize("theta", [1e-12, 1e-9, 1e-4, 1.0, 3.0, math.pi - 1e-9, math.pi])
-def test_theta_is_accurate_at_every_angle_and_for_both_signs(theta):
-    for r in samples.unit_vectors(10):
-        Q = so3.EulerParameters.from_angle_axis(theta, r)
-        assert Q.theta == pytest.approx(theta, rel=RELATIVE)
-        assert (-Q).theta == Q.theta
-
-
 def test_propagation_rule_is_the_derivative_of_the_euler_parameters():
     for Q, omega in zip(random_parameters(COUNT), samples.vectors(COUNT, key=1), strict=True):
         R = samples.turning(Q.R, omega)
@@ -107,6 +95,11 @@ def test_propagation_rule_is_the_derivative_of_the_euler_parameters():
 
 
 def test_composition_is_the_mutual_rotation():
+    eta, eps = so3.mutual(
+        so3.EulerParameters(0.5, np.array([0.5, 0.5, 0.5])),
+        so3.EulerParameters(0.6, np.array([0.0, 0.8, 0.0])),
+    )
+    assert_close([eta, *eps], [0.7, 0.1, 0.1, -0.7])
     for R_1, R_2 in zip(samples.all_rotations(), reversed(samples.all_rotations()), strict=True):
         Q_1, Q_2 = so3.EulerParameters.from_R(R_1), so3.EulerParameters.from_R(R_2)
         composed = so3.mutual(Q_1, Q_2)  # eqs. (12), (13)
@@ -114,14 +107,6 @@ def test_composition_is_the_mutual_rotation():
         Q = so3.mutual_R(R_1, R_2)
         assert Q.eta >= 0
         assert_close(R_1 @ Q.R, R_2)
-
-
-def test_mutual_parameters_are_those_of_eqs_12_and_13():
-    Q_1 = so3.EulerParameters(0.5, np.array([0.5, 0.5, 0.5]))
-    Q_2 = so3.EulerParameters(0.6, np.array([0.0, 0.8, 0.0]))
-    eta, eps = so3.mutual(Q_1, Q_2)
-    assert eta == pytest.approx(0.7, abs=ALGEBRAIC)
-    assert_close(eps, [0.1, 0.1, -0.7])
 
 
 def test_product_composes_and_conjugate_inverts():
@@ -134,15 +119,14 @@ def test_product_composes_and_conjugate_inverts():
 
 
 # --- exponential and logarithm ---------------------------------------------------------------
+
+
 @pytest.mark.parametrize("theta", [*LOG_ANGLES, so3.SMALL_ANGLE, 4.0, 7.0])
-def test_exp_is_the_rotation_by_the_length_about_the_direction(theta):
-    for r in samples.unit_vectors(20):
-        assert_close(so3.exp(theta * r), samples.rodrigues(theta, r))
-
-
-@pytest.mark.parametrize("theta", LOG_ANGLES)
-def test_log_inverts_exp_to_relative_accuracy(theta):
+def test_exp_turns_by_the_length_about_the_direction_and_log_inverts_it_accurately(theta):
     for r in samples.unit_vectors(50):
+        assert_close(so3.exp(theta * r), samples.rodrigues(theta, r))
+        if theta > math.pi:
+            continue
         error = np.linalg.norm(so3.log(so3.exp(theta * r)) - theta * r)
         assert error / theta < ALGEBRAIC
 
@@ -157,10 +141,11 @@ def test_exp_inverts_log_at_every_angle():
         np.testing.assert_array_equal(so3.rotation_vector(identity), np.zeros(3))
 
 
-@pytest.mark.parametrize("theta", LOG_ANGLES)
+@pytest.mark.parametrize("theta", [*LOG_ANGLES, math.pi - 1e-9, math.pi])
 def test_rotation_vector_is_theta_r_and_of_negative_eta_the_long_way_round(theta):
     for r in samples.unit_vectors(20):
         Q = so3.EulerParameters.from_angle_axis(theta, r)
+        assert Q.theta == (-Q).theta == pytest.approx(theta, rel=RELATIVE)
         np.testing.assert_allclose(so3.rotation_vector(Q), theta * r, rtol=RELATIVE, atol=0)
         assert_close(so3.rotation_vector(-Q), -(2 * math.pi - theta) * r)
 
@@ -417,10 +402,11 @@ def test_pole_distance_is_the_angle_of_the_first_and_last_axis_and_accurate_near
 
 # --- rates -----------------------------------------------------------------------------------
 @every_sequence
-def test_rates_invert_T(name):
+def test_rates_invert_T_and_extraction_returns_angles_in_their_principal_range(name):
     sequence = EulerSequence(name)
     for phi, omega in zip(principal_angles(name, FEW), samples.vectors(FEW), strict=True):
         assert_close(sequence.T(phi) @ sequence.rates(phi, omega), omega)
+        assert_close(sequence.extract(samples.by_angles(name, *phi)), phi)
 
 
 @every_sequence
@@ -450,12 +436,6 @@ def test_extraction_inverts_R_everywhere_and_bears_its_rounding_at_the_poles(nam
             assert abs(phi[1] - pole) == pytest.approx(distance, abs=RELATIVE)
             (turn,) = samples.uniform(1, key)
             assert_extracts(name, turn.T @ (turn @ R))  # the same but for rounding
-
-
-@every_sequence
-def test_extraction_returns_the_angles_in_their_principal_range(name):
-    for phi in principal_angles(name, FEW):
-        assert_close(EulerSequence(name).extract(samples.by_angles(name, *phi)), phi)
 
 
 @every_sequence
