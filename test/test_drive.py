@@ -215,7 +215,7 @@ def test_a_robot_brakes_when_it_has_had_no_command_for_longer_than_its_timeout(b
     assert robot.mode is OBEYING
 
 
-def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench):
+def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes_or_a_reset(bench):
     robot = bench(Policy(command_delay=3))
     away = at(HOME + 0.1)
     for _ in range(3):
@@ -229,12 +229,7 @@ def test_a_command_acts_after_its_delay_and_not_at_all_after_brakes(bench):
     assert np.abs(robot.state.q - HOME).max() < STAYS
     robot.step(0.5, lambda: robot.send(**away))
     assert np.abs(robot.state.q - HOME - 0.1).max() < REACHED
-
-
-def test_a_robot_that_is_reset_stands_by_and_has_forgotten_its_controller(bench):
-    robot = bench()
-    robot.go(HOME + 0.2)
-    assert robot.drive.reset(HOME, robot.now).step == 0
+    assert robot.drive.reset(HOME, robot.now).step == 0  # and a reset forgets its controller
     assert (robot.mode, robot.drive.status.since) == (STANDBY, robot.now)
     assert_close(robot.state.q, HOME, STAYS)
     assert robot.send(number=1, **REST) is Reply.TAKEN
@@ -293,14 +288,6 @@ def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench, takes_la
     )
 
 
-def test_a_clock_that_goes_back_does_not_brake_the_robot(bench):
-    robot = bench(Policy())
-    robot.step(0.2, lambda: robot.send(9 * 10**9 + round(robot.now * 1e9), **REST))
-    robot.step(0.2, lambda: robot.send(10**9 + round(robot.now * 1e9), **REST))
-    assert {said.mode for said in robot.said[1:]} <= {driving.DriveMode.OBEYING}
-    assert 0 < robot.count(driving.LATE) < 5
-
-
 def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
     order = StampOrder(0.1)
     assert not order.is_late(100, 0.0)
@@ -313,6 +300,14 @@ def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():
     assert not order.is_late(51, 0.31)  # 0.11 s after the first of them
     assert not order.is_late(52, 0.32)
     assert order.is_late(51, 0.33)
+
+
+def test_a_clock_that_goes_back_does_not_brake_the_robot(bench):
+    robot = bench(Policy())
+    for start in (9, 1):
+        robot.step(0.2, lambda s=start: robot.send(s * 10**9 + round(robot.now * 1e9), **REST))
+    assert {said.mode for said in robot.said[1:]} <= {driving.DriveMode.OBEYING}
+    assert 0 < robot.count(driving.LATE) < 5
 
 
 # --- two controllers -------------------------------------------------------------------------
@@ -433,19 +428,13 @@ def test_the_contest_ends_with_the_silence_of_one_or_when_the_graph_shows_one():
     senders.see(["/a"])
     assert not senders.contested
     assert all(hear(senders, 700, 701, since=6.1))
-
-
-def test_without_numbers_two_names_in_the_graph_are_two_controllers():
-    senders = Senders(0.1, 5.0, at_once=False)
-    assert all(hear(senders, UNNUMBERED, UNNUMBERED))
-    senders.see(["/a", "/a"])
-    assert all(hear(senders, UNNUMBERED, UNNUMBERED))
-    senders.see(["/a", "/b"])
-    assert not any(hear(senders, UNNUMBERED, UNNUMBERED))
-    senders.review(100.0)
-    assert senders.contested
-    senders.see(["/a"])
-    assert all(hear(senders, UNNUMBERED, UNNUMBERED))
+    plain = Senders(0.1, 5.0, at_once=False)  # without numbers two names are two controllers
+    assert all(hear(plain, UNNUMBERED, UNNUMBERED))
+    for names, heeded in ((["/a", "/a"], True), (["/a", "/b"], False), (["/a"], True)):
+        plain.see(names)
+        assert hear(plain, UNNUMBERED, UNNUMBERED) == 2 * [heeded]
+        plain.review(100.0)
+        assert plain.contested is not heeded
 
 
 # --- the protective stop ---------------------------------------------------------------------

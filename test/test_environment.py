@@ -752,28 +752,6 @@ def test_shapes_that_are_only_shown_touch_nothing(monkeypatch):
     assert run(sim, 20).tau == pytest.approx(free, abs=HOLDING_TORQUE)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"disturbance_effort": math.nan}, "disturbance_effort must be finite, got nan"),
-        ({"tool_shape": "spere"}, "unknown value of tool_shape: 'spere' (did you mean 'sphere'?)"),
-        ({"tool_shape": "box"}, "tool_size is []; expected x, y, z of a box, above 0 [m]"),
-        ({"tool_shape": "sphere", "tool_size": (0.1, 0.1)}, "expected radius of a sphere"),
-        ({"tool_shape": "sphere", "tool_size": math.nan}, "tool_size is [nan]; expected radius"),
-        ({"tool_size": (0.1,)}, "tool_size is given without tool_shape"),
-        ({"tool_position": (0.1,)}, "tool_position must be 3 numbers"),
-        ({"tool_orientation": (1, 1, 0, 0)}, "tool_orientation is [1.0, 1.0, 0.0, 0.0], of norm"),
-        (
-            {"environment": {"spring": EXAMPLES["spring"], "table": EXAMPLES["box"]}},
-            "environment.table is solid, but nothing of the robot can touch it; set tool_shape",
-        ),
-    ],
-)
-def test_parameters_that_are_impossible_are_refused_with_what_was_expected(values, words):
-    with pytest.raises(ConfigurationError, match=re.escape(words)):
-        SimulatorParameters(**values)
-
-
 # --- repeatable ----------------------------------------------------------------------
 def contact_run(sim: Simulator) -> str:
     """Return a digest of a run through all that an environment can do."""

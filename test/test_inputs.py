@@ -437,26 +437,28 @@ def test_two_publishers_of_an_input_are_refused_and_both_named_but_not_a_success
 ):
     node = Controlled(world, executable, FRAMES)
     peer, arm, moved = node.peer, node.arm, goal(0.01)
-    msg = {
+    make = {
         "reference": lambda: reference(moved),
         "wrench": lambda: arm.sensor.message(arm, arm.message().header.stamp),
         "target_pose": lambda: pose_to_ros(moved.p_d, moved.R_d, Time(), ""),
         "target_twist": lambda: twist("", (0.1, 0.0, 0.0)),
-    }[topic]()
+    }[topic]
+    kind = type(make())
 
     def sender(name: str) -> tuple[Any, Any]:
         another = peer.another_node(name)
-        return another, another.create_publisher(type(msg), f"/{topic}", 10)
+        return another, another.create_publisher(kind, f"/{topic}", 10)
 
-    own, (rival, other) = peer.publisher(type(msg), f"/{topic}"), sender("rival")
+    own, (rival, other) = peer.publisher(kind, f"/{topic}"), sender("rival")
     for publisher in (own, other):
-        publisher.publish(msg)
+        publisher.publish(make())
     assert f"two publishers on '{topic}': /peer, /rival; expected one" in node.process.log
     assert peer.counter(node.name, f"{topic} rejected", 2) == 2
     rival.destroy_node()
     assert_holds(arm.tick(), HOME)
     _, successor = sender("peer")  # while the one before is still in the graph
-    successor.publish(msg)
+    arm.t += 1_000_000
+    successor.publish(make())
     mode = "holding" if topic == "wrench" else "following"
     shown = values(node.status(lambda s: values(s)["mode"] == mode))
     assert shown[f"{topic} rejected"] == "2"

@@ -80,19 +80,16 @@ def test_a_rotation_is_the_same_there_and_back_at_every_angle():
         assert angle_between(Q.R, R) < THROUGH_A_QUATERNION
 
 
-def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_inside():
+def test_a_quaternion_is_xyzw_in_messages_and_scalar_first_and_normalised_inside():
     half = math.sqrt(0.5)
     msg = quaternion_to_ros(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     np.testing.assert_allclose([msg.x, msg.y, msg.z, msg.w], [0, 0, half, half], atol=RELATIVE)
     eta, eps = from_ros.quaternion_from_ros(Quaternion(x=0.6, y=0.0, z=0.0, w=0.8))
     assert eta == pytest.approx(0.8)
     np.testing.assert_allclose(eps, [0.6, 0.0, 0.0], atol=RELATIVE)
-
-
-def test_a_quaternion_of_single_precision_is_taken_and_normalised():
-    x, y, z, w = (float(np.float32(v)) for v in np.array([1.0, 2.0, 3.0, 4.0]) / math.sqrt(30))
-    eta, eps = from_ros.quaternion_from_ros(Quaternion(x=x, y=y, z=z, w=w))
-    assert eta**2 + eps @ eps == pytest.approx(1.0, abs=RELATIVE)
+    single = (float(np.float32(v)) for v in np.array([1.0, 2.0, 3.0, 4.0]) / math.sqrt(30))
+    Q = from_ros.quaternion_from_ros(Quaternion(**dict(zip("xyzw", single, strict=True))))
+    assert Q.eta**2 + Q.eps @ Q.eps == pytest.approx(1.0, abs=RELATIVE)
 
 
 def test_a_trajectory_is_the_same_there_and_back():
@@ -108,7 +105,7 @@ def test_a_trajectory_is_the_same_there_and_back():
         assert_same(found, frame)
 
 
-def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory():
+def test_one_point_is_a_set_point_or_later_a_trajectory_and_rests_if_no_velocities_are_given():
     (frame,) = frames(1, key=2)
     msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.header.stamp = STAMP
@@ -122,22 +119,21 @@ def test_one_point_for_now_is_a_set_point_and_one_for_later_a_trajectory():
     assert isinstance(motion, Trajectory)
     assert motion.times == [1.5]
     assert start is None
-
-
-def test_a_point_without_velocities_and_accelerations_rests_there():
-    (frame,) = frames(1, key=3)
-    msg = motion_to_ros(Trajectory([0.0], [frame]), "base_link", "tool0")
     msg.points[0].velocities = msg.points[0].accelerations = []
-    motion, _ = from_ros.motion_from_ros(travelled(msg), "base_link", "tool0", 0.1)
+    motion, _ = from_ros.motion_from_ros(travelled(msg), "base_link", "tool0", 0.25)
     assert_same(motion.frames[0], frame.at_rest())
 
 
-def test_a_pose_is_the_same_there_and_back():
+def test_a_pose_is_the_same_there_and_back_and_an_error_a_twist_with_that_of_the_position_first():
     for frame in frames(20, key=4):
         msg = travelled(pose_to_ros(frame.p_d, frame.R_d, STAMP, "base_link"))
         assert isinstance(msg, PoseStamped)
         assert msg.header.stamp == STAMP
         assert_same(from_ros.pose_from_ros(msg, AT_ORIGIN), frame.at_rest())
+    msg = travelled(error_to_ros(np.arange(3.0), np.arange(3.0, 6.0), STAMP, "base_link"))
+    assert (msg.header.stamp, msg.header.frame_id) == (STAMP, "base_link")
+    assert from_ros.vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
+    assert from_ros.vector_from_ros(msg.twist.angular).tolist() == [3.0, 4.0, 5.0]
 
 
 def test_a_target_is_stated_in_the_frame_that_carries_it():
@@ -161,13 +157,6 @@ def test_a_wrench_is_the_same_to_the_bit_there_and_back(values):
     assert found.header.stamp == STAMP
     assert [found.wrench.force.x, found.wrench.torque.z] == [values[0], values[5]]
     assert from_ros.wrench_from_ros(found, "tool0").tolist() == values
-
-
-def test_an_error_is_a_twist_with_the_position_error_first():
-    msg = travelled(error_to_ros(np.arange(3.0), np.arange(3.0, 6.0), STAMP, "base_link"))
-    assert (msg.header.stamp, msg.header.frame_id) == (STAMP, "base_link")
-    assert from_ros.vector_from_ros(msg.twist.linear).tolist() == [0.0, 1.0, 2.0]
-    assert from_ros.vector_from_ros(msg.twist.angular).tolist() == [3.0, 4.0, 5.0]
 
 
 # --- joint_states and commands ---------------------------------------------------------------

@@ -94,13 +94,20 @@ def node(tmp_path: Path) -> Iterator[MakeNode]:
         yield lambda **overrides: stack.enter_context(node_with(overrides, tmp_path))
 
 
-def test_without_overrides_the_defaults_hold(node):
-    own = node()
+def test_without_overrides_the_defaults_hold_are_described_and_cannot_be_changed(node):
+    overrides = {"use_sim_time": True, "qos_overrides./joint_states.subscription.depth": 5}
+    own = node(**overrides)  # which rclpy declares itself
     assert declare(own, Gains) == Gains()
+    assert own.get_parameter("use_sim_time").value is True
     assert own.get_parameter("k").value == 10.0
     assert own.get_parameter("weights").value == [1.0, 2.0]
     assert own.get_parameter("posture").type_ is Parameter.Type.DOUBLE_ARRAY
     assert own.get_parameter("names").type_ is Parameter.Type.STRING_ARRAY
+    k, law = own.describe_parameter("k"), own.describe_parameter("law")
+    assert (k.description, k.additional_constraints) == ("gain [1/s]", "between 0 and 100")
+    assert (law.description, law.additional_constraints) == ("which law", "one of fast, slow")
+    assert change(own, k=1.0) == ["'k' cannot be changed while running"]
+    assert own.get_parameter("k").value == 10.0
 
 
 @pytest.mark.parametrize(
@@ -151,21 +158,6 @@ def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(node
         from_mapping(Gains, overrides)
 
 
-def test_what_rclpy_declares_itself_is_no_unknown_parameter(node):
-    overrides = {"use_sim_time": True, "qos_overrides./joint_states.subscription.depth": 5}
-    own = node(**overrides)
-    assert declare(own, Gains) == Gains()
-    assert own.get_parameter("use_sim_time").value is True
-
-
-def test_a_parameter_is_described_with_its_unit_bounds_and_choices(node):
-    own = node()
-    declare(own, Gains)
-    k, law = own.describe_parameter("k"), own.describe_parameter("law")
-    assert (k.description, k.additional_constraints) == ("gain [1/s]", "between 0 and 100")
-    assert (law.description, law.additional_constraints) == ("which law", "one of fast, slow")
-
-
 # --- changes while running -------------------------------------------------------------------
 def change(own: Node, **values: Any) -> list[str]:
     """Set parameters together; return the reason of the refusal, if it is one."""
@@ -208,15 +200,7 @@ def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(node, valu
     assert seen == [Gains(mass=2.0)]
 
 
-def test_a_name_that_is_unknown_is_answered_with_the_one_that_was_probably_meant(node):
-    own = node()
-    declare(own, Gains, lambda *_: None)
-    with pytest.raises(ParameterNotDeclaredException) as refusal:  # its text is the answer
-        change(own, laww="fast")
-    assert str(refusal.value).startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
-
-
-def test_what_the_node_refuses_is_refused_with_its_reason(node):
+def test_what_the_node_refuses_or_does_not_know_is_refused_with_its_reason(node):
     own = node()
 
     def refuse_heavy(_: Gains, new: Gains) -> None:
@@ -228,13 +212,9 @@ def test_what_the_node_refuses_is_refused_with_its_reason(node):
     assert own.get_parameter("mass").value == 1.0
     assert change(own, mass=5.0, k=1) == []
     assert own.get_parameter("mass").value == 5.0
-
-
-def test_without_a_way_to_apply_it_no_parameter_can_be_changed(node):
-    own = node()
-    declare(own, Gains)
-    assert change(own, k=1.0) == ["'k' cannot be changed while running"]
-    assert own.get_parameter("k").value == 10.0
+    with pytest.raises(ParameterNotDeclaredException) as refusal:  # its text is the answer
+        change(own, laww="fast")
+    assert str(refusal.value).startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
 
 
 # --- any value -------------------------------------------------------------------------------

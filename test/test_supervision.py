@@ -78,14 +78,6 @@ def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
     assert guard.bounded > 400
 
 
-def test_a_command_within_all_bounds_is_handed_on_as_it_is():
-    guard = CommandLimiter(LIMITS, RATE)
-    for _ in range(2):
-        command = JointCommand(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
-        assert guard(command, ZERO, DT) is command
-    assert guard.bounded == 0
-
-
 def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
     guard = CommandLimiter(LIMITS)
     outside = np.array([1.2, 0.0, 0.0])
@@ -97,6 +89,10 @@ def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
 
 def test_the_command_before_bounds_the_next_unless_it_was_refused_or_forgotten():
     guard, far = CommandLimiter(LIMITS, RATE), JointCommand(np.full(3, 0.4), ZERO, np.full(3, 4.0))
+    for _ in range(2):
+        command = JointCommand(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
+        assert guard(command, ZERO, DT) is command  # within all bounds
+    assert guard.bounded == 0
     guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
     with pytest.raises(UnsafeCommandError):
         guard(JointCommand(effort=np.full(3, math.nan)), ZERO, DT)
@@ -132,19 +128,16 @@ def test_a_singularity_is_approached_inside_and_left_and_clear_again():
     assert found == [c, c, a, a, i, i, i, i, leaving, leaving, c]
 
 
-def test_towards_a_singularity_the_pace_goes_as_its_distance_but_never_to_zero():
+def test_towards_a_singularity_the_pace_goes_as_its_distance_never_to_zero_and_out_twice_so():
     for sigma, expected in ((0.06, 1.0), (0.04, 0.8), (0.02, 0.4), (0.006, 0.12), (0.0, LEAST)):
         pace = SpeedScaling(None, 0.05)
         assert passed(pace, [sigma] * 100)[-1][1] == pytest.approx(expected, rel=RELATIVE)
+    out = SpeedScaling(None, 0.05)
+    assert passed(out, [0.005] * 100)[-1][1] == pytest.approx(0.1, rel=RELATIVE)
+    sigmas = np.linspace(0.013, 0.02, 200)
+    assert passed(out, sigmas)[-1][1] == pytest.approx(2 * 0.02 / 0.05, rel=RELATIVE)
     # a threshold of 0 slows nothing down
     assert passed(SpeedScaling(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
-
-
-def test_the_way_out_is_taken_twice_as_fast():
-    pace = SpeedScaling(None, 0.05)
-    sigmas = np.linspace(0.013, 0.02, 200)
-    assert passed(pace, [0.005] * 100)[-1][1] == pytest.approx(0.1, rel=RELATIVE)
-    assert passed(pace, sigmas)[-1][1] == pytest.approx(2 * 0.02 / 0.05, rel=RELATIVE)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -343,9 +336,18 @@ def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
 
 
 def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands():
+    running, t, q, _, _ = following(clik(limits=UR5.limits))
+    limit = UR5.limits.velocity
+    running.halt()
+    assert running.step(t + MS, q + 0.003, 1.6 * limit) is not None  # it takes positions
+    running, t, q, _, _ = following(dynamic_control())
+    for step in range(1, 100):  # in lock-step the robot does not go on without a command
+        q = q + DT * 1.6 * limit
+        command = running.step(t + step * MS, q, 1.6 * limit)
+    assert "runs away" in running.fault
+    np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     running.halt()
-    limit = UR5.limits.velocity
     assert running.step(t + MS, q, 0.9 * limit, now + DT) is not None  # its efforts stop it
     t_0, t = t, lets_go(running, t + 2 * MS, q + 0.003, 1.6 * limit, now + 2 * DT)
     assert "runs away" in running.fault
@@ -355,17 +357,6 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands(
     command = running.step(t + 210 * MS, q, STILL, now + 0.21)
     assert np.isfinite(command.effort).all()
     assert "runs away" in running.fault  # until the next reference
-
-
-def test_in_lockstep_an_arm_that_runs_away_is_left_with_efforts_that_bear_its_weight():
-    """The robot does not go on without a command."""
-    running, t, q, _, _ = following(dynamic_control())
-    dq = 1.6 * UR5.limits.velocity
-    for step in range(1, 100):
-        q = q + DT * dq
-        command = running.step(t + step * MS, q, dq)
-    assert "runs away" in running.fault
-    np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
 
 
 def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
@@ -394,11 +385,8 @@ def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_t
     assert taken[0] == pytest.approx(1000, abs=90)
     assert taken == list(range(taken[0], 1200))
     assert running.resets == 1  # it holds: the motion is over
-
-
-def test_efforts_are_never_given_on_states_that_stay_late():
     running, t, q, _, now = following(dynamic_control(), now=50.0)
-    for step in range(1, 3000):
+    for step in range(1, 3000):  # under efforts never
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
             running.step(t + step * MS, q, STILL, now + step * DT + 0.08)
 
@@ -514,12 +502,6 @@ def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
     command = running.step(t + 150 * MS, braked, STILL, now + 150 * DT)
     np.testing.assert_allclose(command.q, braked, atol=HELD)
     assert not command.dq.any()
-
-
-def test_an_arm_that_takes_positions_is_never_let_alone_for_its_speed():
-    running, t, q, _dq, _ = following(clik(limits=UR5.limits))
-    running.halt()
-    assert running.step(t + MS, q + 0.003, 1.6 * UR5.limits.velocity) is not None
 
 
 # --- defects at the wrong moment ----------------------------------------------------------

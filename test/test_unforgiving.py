@@ -117,18 +117,12 @@ def judged(asked: list[Asked], *, turning: bool = True) -> str:
     return next(filter(None, found), "")
 
 
-@pytest.mark.parametrize("name", SMOOTH)
-def test_smooth_commands_are_taken_however_they_come(name):
-    assert judged(SMOOTH[name]) == ""
-
-
-@pytest.mark.parametrize("name", SUDDEN)
-def test_a_sudden_command_is_found(name):
-    assert "joint 'a' was asked for" in judged(SUDDEN[name])
-
-
-def test_a_turn_is_a_step_for_a_joint_that_does_not_turn_for_ever():
-    assert "joint 'a' was asked for" in judged(swing(EVERY, turn=True), turning=False)
+@pytest.mark.parametrize("name", [*SMOOTH, *SUDDEN])
+def test_smooth_commands_are_taken_however_they_come_and_a_sudden_one_is_found(name):
+    if name in SMOOTH:
+        assert judged(SMOOTH[name]) == ""
+    else:
+        assert "joint 'a' was asked for" in judged(SUDDEN[name])
 
 
 def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
@@ -141,6 +135,8 @@ def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
         text = watch.judge(zero, np.array([jump * LIMIT * DT, 1e3]), 3 * MS, 2 * DT, zero)
         assert words in text, k
         assert bool(text) is bool(words)
+    # and so is a turn of a joint that does not turn for ever
+    assert "joint 'a' was asked for" in judged(swing(EVERY, turn=True), turning=False)
 
 
 # --- what it does then -----------------------------------------------------------------------
@@ -213,21 +209,18 @@ def test_a_moving_robot_is_not_unlocked(bench):
     assert it.drive.unlock(it.now)
 
 
-def test_without_a_limit_and_for_efforts_no_command_is_sudden(bench):
+def test_without_a_limit_for_efforts_or_replaced_in_its_step_no_command_is_sudden(bench):
     free, pushed = bench(), bench(policy=SUDDENLY, control="torque")
     free.steps(20, lambda: at(HOME))
     free.steps(1, lambda: at(beside(0.05)))
     pushed.steps(20, lambda: {"effort": [0.0] * 6})
     pushed.steps(1, lambda: {"effort": [20.0] * 6})
-    assert free.status == pushed.status == (DriveMode.OBEYING, DriveCause.NONE)
-
-
-def test_of_several_commands_in_a_step_the_last_is_judged(bench):
-    it = bench(policy=SUDDENLY)
-    it.steps(20, lambda: at(HOME))
-    it.send(**at(beside(0.05)))
-    it.steps(1, lambda: at(HOME))
-    assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
+    replaced = bench(policy=SUDDENLY)
+    replaced.steps(20, lambda: at(HOME))
+    replaced.send(**at(beside(0.05)))
+    replaced.steps(1, lambda: at(HOME))
+    for it in (free, pushed, replaced):
+        assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
 def test_after_silence_the_first_command_is_judged_from_where_the_arm_is(bench):
