@@ -148,25 +148,19 @@ def test_a_thing_reads_as_it_is_shown(shape):
         else:
             assert np.array(seen).dtype == float  # whole numbers stand for numbers
             assert np.array(seen) == pytest.approx(np.broadcast_to(value, np.shape(seen)))
-
-
-def test_a_quaternion_of_four_digits_is_taken_and_made_a_unit():
-    thing = Spring(position=(0, 0, 0), orientation=(0, 0.7071, 0, 0.7071), stiffness=1)
-    assert np.linalg.norm(thing.orientation) == pytest.approx(1.0, abs=1e-15)
+    four_digits = EXAMPLES["spring"] | {"orientation": [0, 0.7071, 0, 0.7071]}  # made a unit
+    unit = read_environment({"a": four_digits})["a"].keys["orientation"]
+    assert np.linalg.norm(unit) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(("shape", "key"), KEYS)
-def test_a_key_that_is_needed_is_asked_for_and_the_others_are_not(shape, key):
+def test_a_key_that_is_missing_or_impossible_is_refused_with_its_full_name(shape, key):
     keys = {name: value for name, value in EXAMPLES[shape].items() if name != key}
     if key in (*REQUIRED[shape], "shape"):
         with pytest.raises(ConfigurationError, match=rf"^environment\.odd\.{key} is missing"):
             read_environment({"odd": keys})
     else:
         assert read_environment({"odd": keys})["odd"].keys.keys() == EXAMPLES[shape].keys()
-
-
-@pytest.mark.parametrize(("shape", "key"), KEYS)
-def test_a_value_that_is_impossible_is_refused_with_its_full_name(shape, key):
     words = rf"environment\.odd\.{key}\b.*(expected|known)"
     numbers = (math.nan, -math.inf, True, None, [], [1.0] * 5, {"x": 1.0}, [[1.0, 0.0, 0.0]])
     for bad in ("1.0", "heavy", *numbers):

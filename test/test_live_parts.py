@@ -34,25 +34,21 @@ def test_joints_turn_and_slide_as_the_urdf_says():
     assert_close(EulerParameters(wxyz(R)[0], wxyz(R)[1:]).R, R, 1e-15)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_passage_leads_through_the_pole(name):
+@pytest.mark.parametrize("name", ["ur5", "panda", "baxter"])
+def test_a_passage_leads_through_the_pole_where_the_arm_can_reach_it(name):
     arm = load_robot(name)
     robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame, arm.joints)
     sequence, q = EulerSequence("XYZ"), np.array(arm.home)
     found = passage(robot, q, sequence.axes)
-    assert found is not None
+    if name == "baxter":
+        assert found is None
+        return
     before, beyond = found
     assert sequence.pole_distance(before) == pytest.approx(MARGIN)
     assert sequence.pole_distance(beyond) == pytest.approx(MARGIN)
     turn = EulerParameters.from_R(beyond @ before.T)
     middle = R_angle_axis(turn.theta / 2, turn.eps / np.linalg.norm(turn.eps)) @ before
     assert sequence.pole_distance(middle) < ROUNDING
-
-
-def test_an_arm_that_cannot_reach_a_pole_has_no_passage():
-    arm = load_robot("baxter")
-    robot = Robot(arm.urdf, arm.base_frame, arm.tip_frame, arm.joints)
-    assert passage(robot, np.array(arm.home), EulerSequence("XYZ").axes) is None
 
 
 def test_a_jog_ends_when_nobody_holds_the_button_with_one_zero_and_a_push_with_some():
@@ -66,6 +62,10 @@ def test_a_jog_ends_when_nobody_holds_the_button_with_one_zero_and_a_push_with_s
     assert_close(desk.wrench(KEPT), PUSH, 0)
     assert_close(desk.wrench(1.0 + KEPT), np.zeros(6), 0)
     assert desk.wrench(2.0 + KEPT) is None
+    desk.jog(PUSH, 0.0)
+    assert desk.twist(0.1) is not None
+    desk.end_jog()  # as a goal follows it, without zeros
+    assert desk.twist(0.1) is None
 
 
 def test_what_a_page_asked_for_ends_when_it_is_closed_and_not_when_another_is():
@@ -123,16 +123,8 @@ def test_an_order_is_not_obeyed_late_unless_it_ends_a_motion():
     assert soon == [Deed.JOG, Deed.PUSH]
 
 
-def test_a_goal_that_follows_a_jog_is_not_ended_by_its_zeros():
-    desk = Desk()
-    desk.jog(PUSH, 0.0)
-    assert desk.twist(0.1) is not None
-    desk.end_jog()
-    assert desk.twist(0.1) is None
-
-
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
-def test_pages_of_this_server_may_connect_and_no_others(host):
+def test_pages_of_this_server_may_connect_and_no_others(host, monkeypatch):
     server = page.serve(host, 0)
     port = server.get_port()
     try:
@@ -143,12 +135,9 @@ def test_pages_of_this_server_may_connect_and_no_others(host):
                 connect(f"ws://127.0.0.1:{port}", origin=origin)
     finally:
         page.stop(server)
-
-
-def test_no_page_is_served_that_cannot_be_guarded(monkeypatch):
     monkeypatch.setattr(page, "websockets", SimpleNamespace(serve=None))
     with pytest.raises(ConfigurationError, match="guarded"):
-        page.serve("127.0.0.1", 0)
+        page.serve(host, 0)
 
 
 def test_services_are_called_one_after_the_other_and_none_after_a_refusal(graph):

@@ -249,20 +249,13 @@ def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
     assert not JointFriction(np.zeros(2), np.ones(2)).is_none
 
 
-def test_joints_that_could_turn_the_base_are_named():
-    assert Robot(ARM, "", "hand").base_frame == "floor"
-    assert Robot(ARM, "column", "hand").mount == ("turn",)
-    assert Robot(ARM, "carriage", "hand").mount == ("turn",)  # not the lift, which only slides
-    on_the_mount = Robot(ARM, "base", "hand")
-    assert on_the_mount.mount == ()
-    R = about(2, 0.5) @ about(1, -0.4) @ about(0, 0.3)  # rpy: about fixed axes
-    assert_close(on_the_mount.gravity, R.T @ GRAVITY)
-
-
 # --- frames and joints --------------------------------------------------------------------
-
-
-def test_the_active_joints_and_their_limits_are_in_the_order_from_base_to_tip():
+def test_the_joints_before_the_base_and_the_active_ones_with_their_limits_are_in_their_order():
+    for base, mount in (("base", ()), ("column", ("turn",)), ("carriage", ("turn",))):
+        assert Robot(ARM, base, "hand").mount == mount  # that may turn it: not the lift
+    assert Robot(ARM, "", "hand").base_frame == "floor"
+    R = about(2, 0.5) @ about(1, -0.4) @ about(0, 0.3)  # rpy: about fixed axes
+    assert_close(Robot(ARM, "base", "hand").gravity, R.T @ GRAVITY)
     for tip, joints in (("left_finger", ("a_finger",)), ("right_finger", ())):  # one mimics
         assert Robot(ARM, "base", tip).joints == ("turn", "lift", "bend", *joints)
     limits = Robot(ARM, "base", "hand", ("bend", "lift", "turn")).limits
@@ -298,15 +291,11 @@ def test_frames_and_joints_that_are_no_chain_are_refused(base, tip, joints, text
         Robot(ARM, base, tip, joints)
 
 
-def test_a_velocity_limit_of_zero_is_refused_for_an_active_joint_only():
-    urdf = ARM.replace('velocity="0.2"', 'velocity="0"')
+def test_no_velocity_limit_of_zero_nor_another_number_of_joint_values_is_taken():
+    urdf, robot = ARM.replace('velocity="0.2"', 'velocity="0"'), Robot(ARM, "base", "hand")
     with pytest.raises(RobotError, match="velocity limit of 0"):
         Robot(urdf, "base", "hand")
-    assert Robot(urdf, "base", "hand", ("turn", "bend")).n == 2
-
-
-def test_joint_values_of_the_wrong_number_are_refused_with_the_right_one():
-    robot = Robot(ARM, "base", "hand")
+    assert Robot(urdf, "base", "hand", ("turn", "bend")).n == 2  # of an active joint only
     for q, dq in ((np.zeros(2), np.zeros(3)), (np.zeros(3), np.zeros(4))):
         for state in (robot.state, robot.dynamic_state):
             with pytest.raises(RobotError, match=r"expected \(3,\)"):
@@ -350,10 +339,6 @@ def test_a_frame_that_is_not_there_or_not_measured_is_refused(base, frame, words
     with pytest.raises(RobotError, match=words) as refusal:
         robot.link_at(frame, np.zeros(robot.n))
     assert len(str(refusal.value)) < 2100
-
-
-def test_a_link_that_moves_against_the_tip_or_is_none_has_no_place_on_it():
-    robot = Robot(ARM, "base", "hand")
     with pytest.raises(RobotError, match=r"'carriage' is not fixed to the tip.*bend"):
         robot.placement("carriage")
     with pytest.raises((RobotError, UnknownNameError), match="did you mean 'hand'"):
@@ -422,16 +407,19 @@ def test_the_arms_end_where_the_experiments_take_them_to_end():
     assert panda.joints == tuple(f"panda_joint{i}" for i in range(1, 8))  # no fingers
     assert load_robot(str(panda.urdf_path)).joints == panda.joints  # the longest chain
     assert panda.tip_frame == "panda_hand_tcp"
-
-
-def test_an_unknown_robot_is_refused_with_the_names_that_exist():
     with pytest.raises(UnknownNameError) as caught:
         load_robot("ur55")
     known = ", ".join(config_names("robots"))
     assert str(caught.value) == f"unknown robot 'ur55' (did you mean 'ur5'?); known: {known}"
 
 
-def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_path):
+def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits_or_an_entry(
+    entry, tmp_path
+):
+    listed = load_entry(entry, tmp_path)
+    assert load_robot(str(tmp_path / "two.yaml")) == listed  # by its path, wherever it is
+    assert listed.urdf_path == tmp_path / "two.urdf"  # beside it
+    assert (listed.joints, listed.home) == (("swing", "slide"), (0.75, 0.5))
     robot = load_urdf(TWO_LINKS, tmp_path)
     assert robot == RobotDescription(
         name="my",
@@ -443,14 +431,6 @@ def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits(tmp_pa
         joints=("swing",),
         home=(0.5,),
     )
-
-
-def test_an_entry_is_read_with_its_urdf_beside_it(entry, tmp_path):
-    robot = load_entry(entry, tmp_path)
-    assert load_robot(str(tmp_path / "two.yaml")) == robot  # by its path, wherever it is
-    assert robot.urdf_path == tmp_path / "two.urdf"
-    assert robot.joints == ("swing", "slide")
-    assert robot.home == (0.75, 0.5)
 
 
 @pytest.mark.parametrize(

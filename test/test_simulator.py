@@ -298,8 +298,6 @@ def test_brakes_and_servo_have_no_more_than_the_effort_limit():
 
 
 # --- force/torque sensor -------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "gravity"), [*((name, GRAVITY) for name in ROBOTS), ("ur5", (0.0, 3.0, 0.0))]
 )
@@ -344,12 +342,6 @@ def test_the_sensor_carries_all_that_is_distal_to_it(frame, height):
     com = (com + 0.5 * np.array([0.0, 0.0, 0.2])) / 1.26
     assert sim.read().wrench[3:] == pytest.approx(np.cross(com, force), abs=STATIC_WRENCH)
     sim.close()
-
-
-def test_a_sensor_that_the_arm_does_not_move_is_refused():
-    early = dataclasses.replace(robot("ur5"), sensor_frame="forearm_link")
-    with pytest.raises(RobotError, match="the sensor at 'forearm_link' is not moved by"):
-        Simulator(early, SimulatorParameters())
 
 
 # --- servo ---------------------------------------------------------------------------
@@ -496,24 +488,21 @@ def test_the_worst_of_what_is_clipped_is_told_and_nothing_else():
     assert servo.clipped is None
 
 
-def test_a_joint_beyond_its_limits_by_more_than_the_margin_is_a_violation():
+def test_a_joint_beyond_its_limits_by_more_than_the_margin_or_where_it_stood_is_a_violation():
     protection = Protection(("a", "b"), limits(2, velocity=np.array([1.0, 2.0])), 1.5)
     rest, near = [0.0, 0.0], 0.9 * POSITION_MARGIN
     assert protection.violation([1.0 + near, -1.0 - near], [-1.5, 3.0]) == ""
     assert protection.violation(rest, [0.0, -3.01]).startswith("joint 'b' moves at -3.01 rad/s")
     assert protection.violation(rest, [1.51, 0.0]).startswith("joint 'a' moves at 1.51 rad/s")
+    alone, beyond = Protection(("a",), limits(1), 1.5), "0.21 beyond its limit 1"
+    alone.let_stand([1.2])  # it may stay and turn back but go no further
+    assert alone.violation([1.2], [0.5]) == ""
+    assert alone.violation([1.21], [0.5]) == f"joint 'a' is at 1.21 rad, {beyond}"
+    alone.let_stand([0.9])
+    assert alone.violation([1.2], [0.0]) != ""
     for q, words in ((1.01, "joint 'b' is at 1.01 rad, 0.01 beyond its limit 1"),
                      (-1.2, "joint 'b' is at -1.2 rad, 0.2 beyond its limit -1")):  # fmt: skip
         assert protection.violation([0.0, q], rest) == words
-
-
-def test_a_joint_that_stands_beyond_its_limit_may_stay_and_turn_back_but_go_no_further():
-    protection, beyond = Protection(("a",), limits(1), 1.5), "0.21 beyond its limit 1"
-    protection.let_stand([1.2])
-    assert protection.violation([1.2], [0.5]) == ""
-    assert protection.violation([1.21], [0.5]) == f"joint 'a' is at 1.21 rad, {beyond}"
-    protection.let_stand([0.9])
-    assert protection.violation([1.2], [0.0]) != ""
 
 
 @pytest.mark.parametrize(
@@ -664,13 +653,6 @@ def test_a_bad_command_is_refused_and_changes_nothing(bad, control):
     assert np.array_equal(trajectories[0], trajectories[1])
 
 
-def test_a_start_outside_the_limits_is_refused_with_joint_and_limits():
-    q = [0.0, 0.0, 4.0, 0.0, 0.0, 0.0]
-    with pytest.raises(SimulationError, match=r"'elbow_joint', 4\.0, is outside -3\.14.* 3\.14"):
-        simulator("ur5").reset(q)
-    simulator("ur5", enforce_limits=False).reset(q)
-
-
 @pytest.mark.parametrize("field", ["q", "dq", "motors", "reaction"])
 @pytest.mark.parametrize("bad", [[np.nan, 0.0], [np.inf, 0.0], [0.0, -np.inf], [np.inf, -np.inf]])
 def test_whatever_is_not_finite_after_a_step_is_refused(monkeypatch, field, bad):
@@ -764,25 +746,31 @@ def test_an_impossible_parameter_is_refused_with_the_bound(values, reason):
         SimulatorParameters(**values)
 
 
-def test_a_window_without_a_display_is_refused(monkeypatch):
+@pytest.mark.parametrize(
+    ("arm", "parameters", "error", "words"),  # what is no URDF at all: ``test_fuzz_urdf.py``
+    [
+        (
+            dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"continuous"', '"planar"')),
+            {}, RobotError, "joint 'turn' is of type 'planar'",
+        ),
+        (
+            dataclasses.replace(robot("ur5"), sensor_frame="forearm_link"),
+            {}, RobotError, "the sensor at 'forearm_link' is not moved by",
+        ),
+        (robot("ur5"), {"gui": True}, SimulationError, "no display for PyBullet's window"),
+        *(
+            (robot("ur5"), {name: (1.0, 1.0)}, ConfigurationError, f"{name} must be empty, one num")
+            for name in ("friction_viscous", "disturbance_effort", "rotor_inertia")
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_simulated_is_refused_with_the_reason(
+    monkeypatch, arm, parameters, error, words
+):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    with pytest.raises(SimulationError, match="no display for PyBullet's window"):
-        Simulator(robot("ur5"), SimulatorParameters(gui=True))
-
-
-@pytest.mark.parametrize("name", ["friction_viscous", "disturbance_effort", "rotor_inertia"])
-def test_another_number_of_joints_is_refused(name):
-    parameters = SimulatorParameters(**{name: (1.0, 1.0)})
-    with pytest.raises(ConfigurationError, match=f"{name} must be empty, one number or 6, got"):
-        Simulator(robot("ur5"), parameters)
-
-
-def test_a_joint_that_cannot_be_simulated_is_refused_with_the_reason():
-    """What is no URDF at all: ``test_fuzz_urdf.py``."""
-    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"continuous"', '"planar"'))
-    with pytest.raises(RobotError, match="joint 'turn' is of type 'planar'"):
-        Simulator(broken, SimulatorParameters())
+    with pytest.raises(error, match=words):
+        Simulator(arm, SimulatorParameters(**parameters))
 
 
 # --- noise and bias ------------------------------------------------------------------
@@ -876,8 +864,6 @@ def test_noise_follows_its_seed_and_leaves_the_motion_alone(noise, names):
 
 
 # --- the seam ------------------------------------------------------------------------
-
-
 def test_a_command_is_copied():
     sim = simulator("ur5", control="torque")
     tau = np.full(6, 1.0)
@@ -888,12 +874,6 @@ def test_a_command_is_copied():
     servo.command_position(servo.read().q, speed)
     speed[:] = 1.0
     assert run(servo, 1).dq == pytest.approx(np.full(6, 0.01), abs=MOTOR_SPEED)
-
-
-def test_the_joints_of_the_arm_come_first_and_the_locked_fingers_after():
-    sim = simulator("panda")
-    fingers = ("panda_finger_joint1", "panda_finger_joint2")
-    assert sim.joint_names == (*robot("panda").joints, *fingers)
 
 
 # --- loading -------------------------------------------------------------------------
@@ -908,11 +888,16 @@ def test_no_file_is_left_behind(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_links_that_matter_are_simulated():
+def test_only_links_that_matter_are_simulated_and_begin_within_their_limits():
     text = simulation_urdf(robot("ur5"), SimulatorParameters().tool, stops=True, shapes=[]).text
     arm = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
     links = ["base_link", *(f"{name}_link" for name in arm), "world", SENSOR_LINK]
     assert re.findall('<link name="([^"]*)"', text) == links
+    fingers = ("panda_finger_joint1", "panda_finger_joint2")  # locked, and after the arm's
+    assert simulator("panda").joint_names == (*robot("panda").joints, *fingers)
+    with pytest.raises(SimulationError, match=r"'elbow_joint', 4\.0, is outside -3\.14.* 3\.14"):
+        simulator("ur5").reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
+    simulator("ur5", enforce_limits=False).reset([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -216,6 +216,22 @@ def test_the_step_response_does_not_depend_on_how_the_time_is_divided():
     assert_close(filtered(own, -LOAD, 0.0), before)  # in no time nothing changes
 
 
+def test_the_low_pass_is_after_the_dead_band_in_the_axes_of_the_tip_and_its_cut_off_may_change():
+    own = chain(cutoff=1.0)  # the arm turns, its sensor feels the same
+    for k in range(20):
+        R_e = rodrigues(0.1 * k, unit_vectors(1)[0])
+        found = filtered(own, LOAD, arm=arm_at(R_e))
+        assert_close(found, np.concatenate((R_e @ LOAD[:3], R_e @ LOAD[3:])))
+    own, force = chain(cutoff=1.0, dead_force=1.0), np.array([4.0, 0, 0, 0, 0, 0])
+    filtered(own, np.zeros(6))
+    share = 1 - math.exp(-2 * math.pi * DT)
+    before = filtered(own, force)
+    assert before[0] == pytest.approx(share * 3.0, rel=1e-9)  # 0 the other way round
+    own.replace_options(WrenchOptions(cutoff=8.0))  # it goes on from there
+    share = 1 - math.exp(-2 * math.pi * 8 * DT)
+    assert_close(filtered(own, force), before + share * (force - before))
+
+
 def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
     own, low = chain(), chain(cutoff=1.0)
     for w in generator(811).normal(size=(10, 6)):
@@ -224,31 +240,6 @@ def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
     assert np.abs(filtered(low, 0 * LOAD)).max() > 0.9  # not the second
     low.reset()
     assert_close(filtered(low, 2 * LOAD), 2 * LOAD)
-
-
-def test_the_low_pass_is_in_the_axes_of_the_tip():
-    own = chain(cutoff=1.0)  # the arm turns, its sensor feels the same
-    for k in range(20):
-        R_e = rodrigues(0.1 * k, unit_vectors(1)[0])
-        found = filtered(own, LOAD, arm=arm_at(R_e))
-        assert_close(found, np.concatenate((R_e @ LOAD[:3], R_e @ LOAD[3:])))
-
-
-def test_the_dead_band_is_before_the_low_pass():
-    own = chain(cutoff=1.0, dead_force=1.0)
-    filtered(own, np.zeros(6))
-    share = 1 - math.exp(-2 * math.pi * DT)
-    force = np.array([4.0, 0, 0, 0, 0, 0])
-    assert filtered(own, force)[0] == pytest.approx(share * 3.0, rel=1e-9)  # 0 the other way round
-
-
-def test_another_cut_off_goes_on_from_where_the_first_was():
-    own = chain(cutoff=2.0)
-    filtered(own, np.zeros(6))
-    before = filtered(own, LOAD)
-    own.replace_options(WrenchOptions(cutoff=8.0))
-    share = 1 - math.exp(-2 * math.pi * 8 * DT)
-    assert_close(filtered(own, LOAD), before + share * (LOAD - before))
 
 
 # --- all together -------------------------------------------------------------------------------
