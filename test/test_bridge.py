@@ -206,7 +206,7 @@ def written(folder: Path) -> Path:
     return file
 
 
-def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(world, tmp_path):
+def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit_and_stays(world, tmp_path):
     states = world.peer.listen(JointState, "joint_states")
     wrenches = world.peer.listen(WrenchStamped, "wrench")
     lockstep = {"mode": "lockstep", "control": "torque"}
@@ -222,17 +222,11 @@ def test_an_environment_of_a_yaml_file_reaches_the_simulator_to_the_bit(world, t
     found = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     assert found == alone.wrench.tolist()
     assert np.linalg.norm(found[:3]) > 1.0
-
-
-def test_the_keys_of_an_environment_are_parameters_that_cannot_be_changed(world, tmp_path):
-    world.start("pybullet_bridge", {"rate": 100.0}, files=(written(tmp_path),))
     names = ["environment.table.stiffness", "environment.table.shape", "environment.hand.ramp"]
-    assert world.peer.get_parameters("pybullet_bridge", *names) == [20000, "box", 0.0]
-    wanted = {"environment.table.stiffness": 5.0}
-    refusals = world.peer.set_parameters("pybullet_bridge", **wanted)
-    assert len(refusals) == 1
-    assert "read-only" in refusals[0]
-    assert world.peer.get_parameters("pybullet_bridge", names[0]) == [20000]
+    assert world.peer.get_parameters(NAME, *names) == [20000, "box", 0.0]
+    (refusal,) = world.peer.set_parameters(NAME, **{names[0]: 5.0})
+    assert "read-only" in refusal
+    assert world.peer.get_parameters(NAME, names[0]) == [20000]
 
 
 @pytest.mark.parametrize(

@@ -102,19 +102,7 @@ def node(request: pytest.FixtureRequest, shared: Any) -> Iterator[Controlled]:
     controlled.restore()
 
 
-# --- one state, one command -----------------------------------------------------------------
-def test_each_joint_states_gives_one_command_with_its_stamp_in_their_order(node):
-    arm = node.arm
-    first = arm.t + 1_000_000
-    arm.send_next(50)
-    found = [ns_from_ros(command.header.stamp) for command in arm.commands]
-    arm.commands.clear()
-    assert found == list(range(first, arm.t + 1, 1_000_000))
-
-
 # --- what is refused -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("node", "name", "value", "words"),
     [
@@ -168,8 +156,13 @@ def test_no_effort_changes_faster_than_its_limit_and_saturation_is_reported(node
 
 
 # --- reports ---------------------------------------------------------------------------------
-def test_pose_error_and_diagnostics_report_the_loop(node):
+def test_each_state_gets_one_command_in_order_and_pose_error_and_diagnostics_report_the_loop(node):
     peer, arm = node.peer, node.arm
+    first = arm.t + 1_000_000
+    arm.send_next(50)
+    stamps = [ns_from_ros(command.header.stamp) for command in arm.commands]
+    arm.commands.clear()
+    assert stamps == list(range(first, arm.t + 1, 1_000_000))
     poses = peer.listen(PoseStamped, f"{node.name}/pose")
     errors = peer.listen(TwistStamped, f"{node.name}/error")
     arm.ticks(50)

@@ -278,14 +278,6 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, ex
 
 
 # --- sections --------------------------------------------------------------------------------
-@pytest.mark.parametrize("section", ["/clikk", "click", "/left/clik_", "/CLIK"])
-def test_a_file_for_a_node_of_nearly_this_name_is_refused(section, tmp_path):
-    file = tmp_path / "parameters.yaml"
-    file.write_text(yaml.safe_dump({section: {"ros__parameters": {"k_Po": 1.0}}}))
-    with pytest.raises(ConfigurationError, match=r"did you mean 'clik'\?"):
-        refuse_misspelt_sections("clik", ["x", "--ros-args", "--params-file", str(file)])
-
-
 @pytest.mark.parametrize(
     ("arguments", "refused"),
     [
@@ -307,25 +299,29 @@ def test_a_word_for_a_number_is_refused_also_where_another_source_gives_a_number
         refuse_words("clik", fields, ["clik", "--ros-args", *arguments.split()])
 
 
+EMPTY: dict[str, Any] = {"ros__parameters": {}}
+
+
 @pytest.mark.parametrize(
-    "content",
+    ("content", "refused"),
     [
-        {"clik": {"ros__parameters": {}}},
-        {"/left/clik": {"ros__parameters": {}}},
-        {"left": {"clik": {"ros__parameters": {}}}},
-        {"/**": {"ros__parameters": {}}, "/clikk": {"ros__parameters": {}}},
-        {"/*": {"ros__parameters": {}}},
-        {"/reference": {"ros__parameters": {}}},
-        {"clik": {"ros__parameters": {}}, "clik_2": {"ros__parameters": {}}},
-        [1, 2],
-        "clikk",
-        None,
+        *(({section: EMPTY}, True) for section in ("/clikk", "click", "/left/clik_", "/CLIK")),
+        *(({section: EMPTY}, False) for section in ("clik", "/left/clik", "/*", "/reference")),
+        ({"left": {"clik": EMPTY}}, False),
+        ({"/**": EMPTY, "/clikk": EMPTY}, False),
+        ({"clik": EMPTY, "clik_2": EMPTY}, False),
+        *((content, False) for content in ([1, 2], "clikk", None)),
     ],
 )
-def test_a_file_for_this_node_or_for_others_is_left_to_rcl(content, tmp_path):
+def test_a_file_for_nearly_this_node_is_refused_and_one_for_it_or_others_left_to_rcl(
+    content, refused, tmp_path
+):
     file = tmp_path / "parameters.yaml"
     file.write_text(yaml.safe_dump(content))
-    refuse_misspelt_sections("clik", ["--params-file", str(file), "--params-file", "/none"])
+    arguments = ["x", "--ros-args", "--params-file", str(file), "--params-file", "/none"]
+    words = r"did you mean 'clik'\?"
+    with pytest.raises(ConfigurationError, match=words) if refused else nullcontext():
+        refuse_misspelt_sections("clik", arguments)
 
 
 # --- way-points ------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import pytest
 from ros_processes import FRAMES, UR5, values
 
-NODES = ("clik", "dynamic_control", "impedance_control", "pybullet_bridge")
+NODES = ("impedance_control", "pybullet_bridge")
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
 
 

@@ -339,6 +339,21 @@ def test_a_twist_is_attained_and_ends_smoothly_when_none_follows():
     assert np.linalg.norm(motion.p[-1] - motion.p[int(2.1 * RATE)]) < 0.12 * 0.4
 
 
+@pytest.mark.parametrize("last", [0.45, 0.5, 0.6])
+def test_a_twist_that_ends_while_time_stands_moves_nothing_when_time_goes_on(last):
+    twist, shaper = Jog(np.r_[0.2 * X, np.zeros(3)], 0.1), Shaper(HERE, LIMITS)
+    for k in range(750):
+        if k % 10 == 0 and k <= last * RATE:
+            shaper.follow(twist, None)
+        if 250 < k <= 500:
+            shaper.wait(round(1e9 / RATE))
+        frame = shaper.sample(round(k * 1e9 / RATE))
+        if k == 250:
+            assert np.linalg.norm(frame.dp_d) > 0.1
+            there = frame.p_d
+    assert_close(frame.p_d, there, 1e-9)
+
+
 def test_a_twist_beyond_the_limits_is_cut_and_what_came_last_leads_smoothly():
     path = way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2))])
     jog = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 9.0])
