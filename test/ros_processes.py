@@ -385,6 +385,7 @@ class WristSensor:
         late: whether it says it after the joint_states of the same stamp, not before.
         frame: link in whose axes, and about whose origin, it measures.
         mass, com: [kg], (3,) [m] in the tip frame, of the tool whose weight and inertia it feels.
+        gravity: (3,) [m/s^2].
         bias: (6,) [N, Nm] that it adds, in its frame.
         sign: -1 reports what the tool exerts on the environment.
         noise: [Nm] of its last value; without any it repeats itself, as no real one does.
@@ -395,6 +396,7 @@ class WristSensor:
         self.on, self.late, self.noise = True, False, 0.0
         self.frame, self.sign = str(robot.tip_frame), 1.0
         self.mass, self.com, self.bias = 0.0, np.zeros(3), np.zeros(6)
+        self.gravity = np.array([0.0, 0.0, -9.81])
         self.wrenches = graph.peer.publisher(WrenchStamped, f"{namespace}/wrench")
 
     def send(self, arm: "Arm", stamp: Any) -> None:
@@ -409,7 +411,7 @@ class WristSensor:
         r, omega = tip.arm.R_e @ self.com, tip.arm.omega_e
         a = tip.arm.J @ arm.ddq + tip.dJ_dq
         a_com = a[:3] + cross(a[3:], r) + cross(omega, cross(omega, r))
-        weight = self.mass * (np.array([0.0, 0.0, -9.81]) - a_com)
+        weight = self.mass * (self.gravity - a_com)
         force = contact[:3] + weight
         moment = contact[3:] + cross(r, weight)
         moment = moment + cross(tip.arm.p_e - sensor.arm.p_e, force)

@@ -14,12 +14,10 @@ import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
 from in_process import Ended, Running, World
-from ros_processes import HOME, ROOT, UR5, Array, values
+from ros_processes import HOME, ROOT, UR5, Arm, Array, values
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
-from eulerparams_control.laws.rotations import cross
-from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
+from eulerparams_control.messages.to_ros import stamp_to_ros
 from eulerparams_control.robot.robot import Robot
 
 CONFIG = ROOT / "config"
@@ -71,50 +69,44 @@ class Found:
         np.testing.assert_allclose(self.bias, BIAS, rtol=0, atol=PRINTED)
 
 
-class Rig:
-    """An arm with its sensor, played by the test: a state and a wrench every 10 ms of stamps."""
+class Rig(Arm):
+    """An arm with its sensor: a state and a wrench every 10 ms of stamps.
 
-    def __init__(self, world: World, *, frame: str = "tool0", **parameters: Any) -> None:
-        self.world, self.frame = world, frame
-        self.sensor = Robot(UR5.urdf, "", frame)
-        peer = world.peer
-        self._description = peer.publisher(String, "robot_description", latched=True)
-        self._description.publish(String(data=UR5.urdf))
-        self.states = peer.publisher(JointState, "joint_states")
-        self.wrenches = peer.publisher(WrenchStamped, "wrench")
+    Its tool and bias are given in the frame of the sensor.
+    """
+
+    has_velocities = True
+
+    def __init__(self, world: World, frame: str = "tool0", **parameters: Any) -> None:
+        super().__init__(world, UR5)
+        self.wear_sensor()
+        self.world, self.wrenches = world, self.sensor.wrenches
+        sensor, tip = (Robot(UR5.urdf, "", name).state(HOME, 0 * HOME) for name in (frame, "tool0"))
+        self.com = tip.R_e.T @ (sensor.p_e + sensor.R_e @ COM - tip.p_e)
+        self.sensor.frame, self.sensor.mass, self.sensor.com = frame, MASS, self.com
+        self.sensor.bias, self.sensor.gravity = BIAS, parameters.get("gravity", [0.0, 0.0, -9.81])
         self.process = world.start("identify_tool", {**QUICK, **parameters})
-        self.t = 1_000_000_000
-        self.has_velocities = True
-        self.sign = 1.0
-        self.gravity = parameters.get("gravity", [0.0, 0.0, -9.81])
         world.until_said(self.process, "waiting for the first wrench")
 
     def wrench(self, q: Array) -> WrenchStamped:
         """Return what the sensor measures at q (n,), at the present stamp."""
-        R = self.sensor.state(q, 0 * q).R_e
-        force = MASS * R.T @ self.gravity
-        true = np.concatenate((force, cross(COM, force)))
-        msg = WrenchStamped()
-        msg.header.frame_id = self.frame
-        wrench_to_ros(self.sign * (true + BIAS), stamp_to_ros(self.t), msg)
+        self.q = q
+        return self.sensor.message(self, stamp_to_ros(self.t))
+
+    def message(self, q: Array | None = None) -> JointState:
+        msg = super().message(q)
+        msg.velocity = list(msg.velocity) if self.has_velocities else []
         return msg
 
-    def state(self, q: Array) -> JointState:
-        msg = JointState(name=list(UR5.joints), position=q.tolist())
-        msg.velocity = [0.0] * len(q) if self.has_velocities else []
-        msg.header.stamp = stamp_to_ros(self.t)
-        return msg
-
-    def tick(self, q: Array) -> None:
-        """Send the state and the wrench of the next stamp."""
-        self.t += 10_000_000
-        self.wrenches.publish(self.wrench(q))
-        self.states.publish(self.state(q))
+    def rest(self, q: Array) -> None:
+        """Send the wrench and the state of the next stamp, at q (n,)."""
+        self.t, self.q = self.t + 10_000_000, q
+        self.send(self.message())
 
     def until(self, condition: Callable[[], Any], q: Array, what: str) -> None:
         """Let the arm rest at q (n,) until something has happened."""
 
-        self.world.until(lambda: (self.tick(q), condition())[1], what)
+        self.world.until(lambda: (self.rest(q), condition())[1], what)
 
     def until_said(self, words: str, q: Array = HOME) -> None:
         self.until(lambda: words in self.process.log, q, f"'{words}' in the log")
@@ -171,15 +163,12 @@ def test_the_result_is_printed_and_written_as_parameters_that_controllers_take(w
 def test_a_sensor_elsewhere_of_another_sign_on_a_wall_and_without_velocities_finds_the_tool(world):
     wall = {"gravity": [5.0, 0.0, -8.4], "wrench_sign": -1}
     rig = Rig(world, frame="wrist_3_link", poses=3, **wall)
-    rig.sign, rig.has_velocities = -1.0, False
+    rig.sensor.sign, rig.has_velocities = -1.0, False
     rig.take(POSES[:3])
     assert rig.process.end() == 0
-    q, still = HOME, np.zeros(6)
-    wrist, tool0 = (Robot(UR5.urdf, "", name).state(q, still) for name in (rig.frame, "tool0"))
-    com = tool0.R_e.T @ (wrist.p_e + wrist.R_e @ COM - tool0.p_e)
-    assert np.linalg.norm(com - COM) > 0.05
+    assert np.linalg.norm(rig.com - COM) > 0.05
     found = Found(rig.process.stdout)
-    found.assert_exact(com)
+    found.assert_exact(rig.com)
     assert found.sign == -1
 
 
@@ -208,8 +197,8 @@ def test_messages_that_cannot_be_used_are_counted_and_not_averaged(world):
     rig.until_said("the sensor is at tool0")
     for number, q in enumerate(POSES[:3], 1):
         while f"pose {number} of " not in rig.process.log:
-            rig.tick(q)
-            state, broken, moved = rig.state(q), rig.wrench(q), rig.wrench(q)
+            rig.rest(q)
+            state, broken, moved = rig.message(q), rig.wrench(q), rig.wrench(q)
             state.position[2] = broken.wrench.force.x = math.nan
             moved.header.frame_id, moved.wrench.force.x = "base_link", 1000.0
             rig.states.publish(state)
@@ -229,11 +218,13 @@ def test_messages_that_cannot_be_used_are_counted_and_not_averaged(world):
 @pytest.mark.parametrize("frame", ["tol0", ""])
 def test_a_wrench_in_an_unknown_frame_is_refused_with_those_that_are_known(world, frame):
     rig = Rig(world)
-    rig.frame = frame
+    rig.sensor.on, msg = False, rig.wrench(HOME)
+    msg.header.frame_id = frame
+    rig.wrenches.publish(msg)
     rig.until_said(f"its frame is no link of the robot description: unknown frame '{frame}'")
     assert "known: base" in rig.process.log
     assert ", tool0, " in rig.process.log
-    rig.frame = "tool0"
+    rig.sensor.on = True
     rig.take(POSES[:1])
 
 

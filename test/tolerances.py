@@ -17,9 +17,8 @@ KINEMATICS = 1e-13
 ALGEBRAIC = LIMIT_ROUNDING = HELD = AT_POINT_WRENCH = 1e-12
 # [rad, Nm] The guard of the commands allows this beyond a step, for the rounding of the laws.
 GUARD_ROUNDING = 2e-12
-# Efforts of up to 100 Nm from some hundred products along a chain of ten bodies; a polynomial of
-# degree 5 through given ends, with coefficients 100 times as large, and J_r up to 175 deg.
-DYNAMICS = THROUGH_POINTS = 1e-11
+# A polynomial of degree 5 through given ends, with coefficients of 100, and J_r up to 175 deg.
+THROUGH_POINTS = 1e-11
 # A law replaced by another commands the same velocity [rad/s]; the pose of inverse_kinematics.
 NO_JUMP = REACHED = 1e-10
 # Accelerations of up to 1e4 through T^-1 at POLE_CLEARANCE, or J^-1 and B of condition 100; the
@@ -94,8 +93,6 @@ V_2_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
 CLOSED_PATH = 1e-6
 # Poles of a free arm by differences of its accelerations, whose rounding is 1e-13 / STEP.
 DAMPING_RATIO = 1e-4
-# (69) by Simpson's rule over 2 steps of 2 ms [J], of about 50 J.
-ENERGY_BALANCE = 1e-7
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
 OF_ORDER_4 = (12.0, 22.0)
 # The same motion on frames that move differently.
