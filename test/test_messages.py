@@ -185,6 +185,8 @@ def test_the_order_of_the_joints_may_change_from_message_to_message():
         _, q, dq = reader.from_ros(travelled(JointState(name=names, position=position)))
         assert q.tolist() == [1.0, 2.0, 3.0]
         assert dq.tolist() == [0.0, 0.0, 0.0]  # no velocities are given
+    with pytest.raises(InvalidMessageError, match="joint_states has no velocities"):
+        from_ros.JointStateReader(JOINTS, True).from_ros(JointState(name=names, position=position))
 
 
 def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic():
