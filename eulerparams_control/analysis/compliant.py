@@ -21,6 +21,7 @@ from eulerparams_control.analysis.arm import parameters_to_blame, recorded
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, RobotError
+from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
@@ -100,6 +101,50 @@ def at_the_tip(
         weight = options.tool.mass * np.matvec(R_e.mT, np.array(options.gravity))
         f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
     return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
+
+
+class PressedForce(NamedTuple):
+    """The force of the tool ON the environment, and its target, along the axes of the compliance.
+
+    Attributes:
+        t: (N,) [s] of the wrench.
+        f: (N, 3) [N] exerted along force_axes, 0 along the others.
+        f_d: (N, 3) [N] asked for; NaN where nothing is.
+    """
+
+    t: Array
+    f: Array
+    f_d: Array
+
+
+def pressed_force(
+    targets: SensorSeries,
+    wrench: Wrenches,
+    measured: Series,
+    parameters: Mapping[str, Mapping[str, Any]],
+) -> PressedForce:
+    """Return the force that is exerted, and the last target that still counts.
+
+    Args:
+        targets: what was sent, in the axes of the tip or of the base.
+        wrench: the contact at the tip.
+        measured: motion of the arm; its last state before each instant counts.
+        parameters: of the recorded nodes, by node and name.
+
+    Raises:
+        BagError: if the parameters are impossible.
+    """
+    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
+    with parameters_to_blame(told.scheme.name):
+        centre, on = told.centre(measured.robot), ForceOptions(told.force_axes).are_on
+    before = np.maximum(np.searchsorted(measured.t, wrench.t, side="right") - 1, 0)
+    R = measured.R_e[before] @ centre.R
+    last = np.searchsorted(targets.t, wrench.t, side="right") - 1
+    counts = (last >= 0) & (wrench.t - targets.t[last] <= told.target_timeout)
+    asked, in_base = targets.w[last, :3], targets.frames[last] != measured.robot.tip_frame
+    f_d = np.where(in_base[:, None], np.matvec(R.mT, asked), asked @ centre.R)
+    f_d[~counts] = np.nan
+    return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d)
 
 
 def _sensor(robot: Robot, name: str) -> Placement:

@@ -393,11 +393,13 @@ class _Reader:
 
         motion = series(measured)
         assert motion is not None
-        efforts = sensed = compliant = None
+        efforts = sensed = compliant = targets = None
         if found := taken.get("joint_effort"):
             efforts = Efforts(self._times(found.stamp), found.values[0])
         if found := taken.get("wrench"):
             sensed = SensorSeries(self._times(found.stamp), *found.values)
+        if found := taken.get("target_wrench"):
+            targets = SensorSeries(self._times(found.stamp), *found.values)
         if found := taken.get("compliant_frame"):
             there = frames.at(own, found.stamp)
             compliant = CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
@@ -412,6 +414,7 @@ class _Reader:
             self._warnings(),
             sensed=sensed,
             compliant=compliant,
+            targets=targets,
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             before=before,

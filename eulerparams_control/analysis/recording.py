@@ -19,10 +19,12 @@ from eulerparams_control.analysis.arm import options_of, parameters_to_blame, re
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     ImpedanceRun,
+    PressedForce,
     SensorSeries,
     Wrenches,
     at_the_tip,
     impedance_run,
+    pressed_force,
 )
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Report
@@ -76,6 +78,7 @@ class Recording:
             controller gave up; None if it did not.
         sensed: from wrench; None if there is none.
         compliant: from compliant_frame; None if there is none.
+        targets: from target_wrench; None if there is none.
         urdf: text of the robot's description.
         namespace: of its topics; "" if they have none.
         before: displacements, by representation, before the first instant of a later part of a run.
@@ -95,6 +98,7 @@ class Recording:
     diverged: float | None = None
     sensed: SensorSeries | None = None
     compliant: CompliantMotion | None = None
+    targets: SensorSeries | None = None
     urdf: str = field(default="", repr=False)
     namespace: str = ""
 
@@ -167,6 +171,13 @@ class Recording:
         if self.compliant is None:
             return None
         return impedance_run(self.compliant, self.wrench, self.measured, self.parameters)
+
+    @cached_property
+    def pressed(self) -> PressedForce | None:
+        """The force that the tool exerts and its target; None unless both were recorded."""
+        if self.targets is None or self.wrench is None:
+            return None
+        return pressed_force(self.targets, self.wrench, self.measured, self.parameters)
 
     def compliant_frames(self, series: Series) -> Frames:
         """Return the compliant frame at each instant of a series, none where there is none."""

@@ -404,6 +404,12 @@ class SensedWrenches(RecordedTopic):
         return Rows(found.stamp, found.sent, (w, np.array([*self._frames], dtype=object)[frame]))
 
 
+class TargetWrenches(SensedWrenches):
+    """What the tool is to exert: force and moment (N, 6), and the frames that they are in."""
+
+    name = "target_wrench"
+
+
 class ShapedFrames(RecordedTopic):
     """The columns of :class:`Frames`."""
 

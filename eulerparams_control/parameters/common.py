@@ -169,6 +169,9 @@ class ControlParameters(RealTimeParameters):
         "what a state is answered with: the reference there is, or the one of its stamp",
         choices=PAIRINGS,
     )
+    paired_targets: tuple[str, ...] = parameter(
+        (), "topics, as target_wrench, of which each state waits for the message of its stamp"
+    )
     require_reference: bool = parameter(False, "be silent until the first reference")
     wait_for_subscribers: int = parameter(
         0, "of the command, before the first state is answered", bounds=(0, 100)

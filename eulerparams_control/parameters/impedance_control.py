@@ -207,11 +207,6 @@ class ImpedanceParameters(
         bounds=(1e-4, 1.0),
         live=True,
     )
-    target_wrench_pairing: str = parameter(
-        LATEST,
-        "target_wrench of a state: the newest, or the one of its stamp, once one came",
-        choices=PAIRINGS,
-    )
     tare_samples: int = parameter(100, "that a tare is the mean of", bounds=(1, 100_000))
     max_activation_force: float = parameter(
         5.0, "no activation while a larger force is felt", unit="N", bounds=(0.0, 1e6)

@@ -9,6 +9,7 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.fields import parameter
+from eulerparams_control.parameters.schedule import Schedule, parse_schedule
 
 MOTIONS = ("none", "way_points", "circle")
 
@@ -38,8 +39,33 @@ class ReferenceParameters:
     circle_ramp: float = parameter(
         1.0, "to get up to speed; 0 starts at speed", unit="s", bounds=(0.0, 1e6)
     )
+    wrench_times: tuple[float, ...] = parameter(
+        (), "of the points of target_wrench, from the first state after the motion was sent; it "
+        "goes straight from point to point, and stays at the last; none: it is not sent", unit="s",
+    )  # fmt: skip
+    wrenches: tuple[float, ...] = parameter(
+        (), "force and moment ON the environment, tip frame, 6 numbers a point", unit="N, Nm"
+    )
+    wrench_swing: tuple[float, ...] = parameter(
+        (), "6 amplitudes of a sine that is added, up to the last time", unit="N, Nm"
+    )
+    wrench_frequency: float = parameter(1.0, "of the sine", unit="Hz", bounds=(0.0, 1e3))
+    stiffness_times: tuple[float, ...] = parameter(
+        (), "of the points of target_stiffness, as wrench_times", unit="s"
+    )
+    stiffnesses: tuple[float, ...] = parameter(
+        (), "diagonals of K_p and K_o, 6 numbers a point", unit="N/m, Nm/rad"
+    )
+    stiffness_swing: tuple[float, ...] = parameter(
+        (), "6 amplitudes of a sine that is added, up to the last time", unit="N/m, Nm/rad"
+    )
+    stiffness_frequency: float = parameter(1.0, "of the sine", unit="Hz", bounds=(0.0, 1e3))
+    stream_rate: float = parameter(
+        100.0, "of target_wrench and target_stiffness at most; 0: for each of joint_states",
+        unit="Hz", bounds=(0.0, 1e4),
+    )  # fmt: skip
     wait_for_subscribers: int = parameter(
-        1, "of the topic reference, before the motion is sent", bounds=(0, 100)
+        1, "of each topic, before the motion is sent", bounds=(0, 100)
     )
 
     def way_points(self) -> Trajectory:
@@ -47,6 +73,28 @@ class ReferenceParameters:
         return parse_way_points(
             self.times, self.positions, self.orientations, self.orientation_format
         )
+
+    def schedules(self) -> dict[str, Schedule]:
+        """Return what is sent besides the motion, by topic; raises ConfigurationError."""
+        told = {
+            "target_stiffness": (
+                self.stiffness_times,
+                self.stiffnesses,
+                self.stiffness_swing,
+                self.stiffness_frequency,
+            ),
+            "target_wrench": (
+                self.wrench_times,
+                self.wrenches,
+                self.wrench_swing,
+                self.wrench_frequency,
+            ),
+        }
+        return {
+            topic: parse_schedule(topic, *values)
+            for topic, values in told.items()
+            if any(values[:3])
+        }
 
     def circle(self) -> Circle:
         """Return the circle.

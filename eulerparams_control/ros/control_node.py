@@ -21,8 +21,8 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import Why
-from eulerparams_control.errors import InvalidMessageError, defect
+from eulerparams_control.control.mode import Mode, Why
+from eulerparams_control.errors import InvalidMessageError, UnknownNameError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros, shown
@@ -60,7 +60,7 @@ class ControlNode(ManagedNode):
         self._report = ControlReport(self, self._health, self._input)
         self._leading: dict[str, Subscription] = {}  # what leads the arm, by topic
         self._targets = Targets()
-        self._reference_stamp: int | None = None
+        self._led: dict[str, int] = {}  # the stamp [ns] of the last message, by topic
         self._is_heard = False
         rate = self._params.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
@@ -79,6 +79,9 @@ class ControlNode(ManagedNode):
         self.create_timer(interactive_target.PERIOD, place, clock=clock)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=clock)
+        for topic in self._params.paired_targets:
+            if topic not in self.leaders():
+                raise UnknownNameError("topic in paired_targets", topic, self.leaders())
         self._subscribe()
         self.create_service(Trigger, "~/halt", self._on_halt)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -86,8 +89,9 @@ class ControlNode(ManagedNode):
 
     def is_complete(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come."""
-        is_led = self._params.reference_pairing != LATEST and bool(self._leading)
-        return not is_led or self._reference_stamp == t
+        p = self._params
+        paired = [*p.paired_targets, *(["reference"] if p.reference_pairing != LATEST else [])]
+        return not self._leading or all(self._led.get(topic) == t for topic in paired)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take what else was measured for the state q, dq (n,), before it is answered."""
@@ -232,7 +236,11 @@ class ControlNode(ManagedNode):
             lead(self._controller, self._robot, msg)
         except InvalidMessageError as error:
             self._health.reject(topic, error)
+            if topic in self._params.paired_targets and self._controller.mode != Mode.WAITING:
+                self._led[topic] = ns_from_ros(msg.header.stamp)  # no other comes
+                self._answer()
             return
+        self._led[topic] = ns_from_ros(msg.header.stamp)
         if not self._is_silent:  # then that is what has to be said
             self._say()
         self._answer()
@@ -241,7 +249,6 @@ class ControlNode(ManagedNode):
         frames = robot.base_frame, robot.tip_frame
         motion, start = motion_from_ros(msg, *frames, self._params.reference_timeout)
         controller.follow(motion, start, self._now)
-        self._reference_stamp = ns_from_ros(msg.header.stamp)
 
     def _aim(self, controller: Controller, robot: Robot, msg: PoseStamped) -> None:
         controller.aim(self._targets.pose(msg, robot, self._input.measured), self._now)

@@ -162,8 +162,7 @@ class ImpedanceControlNode(ControlNode):
 
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
-        is_there = super().is_complete(t) and self._sensor.is_complete(t)
-        return is_there and self._pressing.is_complete(t, self._params.target_wrench_pairing)
+        return super().is_complete(t) and self._sensor.is_complete(t)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""

@@ -1,7 +1,8 @@
-"""The node ``reference``: a desired motion from parameters."""
+"""The node ``reference``: a desired motion, force and stiffness from parameters."""
 
 import sys
 
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -13,12 +14,13 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
-from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.reference import ReferenceParameters
+from eulerparams_control.parameters.schedule import Schedule
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
@@ -34,8 +36,56 @@ _LONG = 5.0
 _NO_ROBOT = "no robot description yet"
 
 
+class Stream:
+    """Sends a schedule on a topic, a message for each state that is due, with its stamp.
+
+    Args:
+        node: that sends.
+        topic: of WrenchStamped.
+        schedule: what is sent.
+        frame: of the messages.
+        rate: [Hz] at most; 0: a message for each state.
+    """
+
+    def __init__(self, node: Node, topic: str, schedule: Schedule, frame: str, rate: float) -> None:
+        self._publisher = node.create_publisher(WrenchStamped, topic, QOS)
+        self._schedule, self._frame = schedule, frame
+        self._period = 1e9 / rate if rate else 0.0  # [ns]
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with the next state."""
+        self._began: int | None = None
+        self._sent = 0
+
+    @property
+    def subscribers(self) -> int:
+        """How many listen."""
+        return int(self._publisher.get_subscription_count())
+
+    def answer(self, msg: JointState) -> None:
+        """Send what belongs to a state, if it is due."""
+        t = ns_from_ros(msg.header.stamp)
+        if self._began is None or t < self._began:
+            self._began, self._sent = t, t - int(self._period)
+        if self._sent < t < self._sent + self._period:
+            return
+        self._sent = t
+        values = self._schedule.at((t - self._began) / 1e9).tolist()
+        sent = WrenchStamped(wrench=Wrench(force=_vector(values[:3]), torque=_vector(values[3:])))
+        sent.header.stamp, sent.header.frame_id = msg.header.stamp, self._frame
+        self._publisher.publish(sent)
+
+
+def _vector(values: list[float]) -> Vector3:
+    return Vector3(x=values[0], y=values[1], z=values[2])
+
+
 class ReferenceNode(Node):
-    """Sends one motion when its subscribers are there, and again when asked."""
+    """Sends one motion when its subscribers are there, and again when asked.
+
+    Force and stiffness begin with it, and go on to the end; without a motion they begin at once.
+    """
 
     def __init__(self) -> None:
         super().__init__("reference")
@@ -52,6 +102,12 @@ class ReferenceNode(Node):
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent = 0
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
+        p = self._params
+        frames = {"target_wrench": p.tip_frame, "target_stiffness": ""}
+        self._streams = [
+            Stream(self, topic, schedule, frames[topic], p.stream_rate)
+            for topic, schedule in p.schedules().items()
+        ]
         self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._started = steady()
         self._subscribe()
@@ -91,6 +147,10 @@ class ReferenceNode(Node):
     def _on_joint_states(self, serialized: bytes) -> None:
         if any(name in serialized for name in self._names):  # else it is one of others
             self._latest = serialized  # read when a motion starts from it
+            if self._streams and not self._pending:
+                state = deserialize_message(serialized, JointState)
+                for stream in self._streams:
+                    stream.answer(state)
 
     def _present_pose(self) -> DesiredFrame | str:
         """Return the pose of the arm measured last, or why there is none."""
@@ -133,7 +193,9 @@ class ReferenceNode(Node):
 
         Whether it is followed, the controller says.
         """
-        there, wanted = self._publisher.get_subscription_count(), self._params.wait_for_subscribers
+        counts = [stream.subscribers for stream in self._streams]
+        there = min([self._publisher.get_subscription_count(), *counts])
+        wanted = self._params.wait_for_subscribers
         if self._params.motion == "none":
             return "the parameter motion is none"
         if self._robot is None:
@@ -157,6 +219,8 @@ class ReferenceNode(Node):
                 "waits for a command; with fewer way-points or turns the arm need not brake"
             )
         self._publisher.publish(msg)
+        for stream in self._streams:
+            stream.restart()
         self._sent += 1
         number = f", number {self._sent}" if self._sent > 1 else ""
         text = f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}"

@@ -11,8 +11,7 @@ from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import ns_from_ros, shown, wrench_from_ros
-from eulerparams_control.parameters.common import LATEST
+from eulerparams_control.messages.from_ros import shown, wrench_from_ros
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.ros.targets import State
 
@@ -45,7 +44,7 @@ class TargetWrench:
 
     def __init__(self) -> None:
         self._force: Array | None = None
-        self._came, self._t, self._stamp = -math.inf, 0, 0  # [s], [ns] of the state, and its own
+        self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
 
     def take(
@@ -78,11 +77,6 @@ class TargetWrench:
                 f"the arm was stopped meanwhile; send nothing for {_PAUSE} s, then again"
             )
         self._force, self._t, self._breaks = force, state[0], breaks
-        self._stamp = ns_from_ros(msg.header.stamp)
-
-    def is_complete(self, t: int, pairing: str) -> bool:
-        """Whether the one of the state stamped t [ns] is there, or is not to be expected."""
-        return pairing == LATEST or self._force is None or self._stamp >= t
 
     def exert(self, controller: Controller, t: int, timeout: float, *, is_simulated: bool) -> None:
         """Let the tool exert what counts for the state stamped t [ns]; else hold the arm as it is.

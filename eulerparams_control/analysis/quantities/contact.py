@@ -33,6 +33,8 @@ from eulerparams_control.laws.rotations import Array
 
 FRAMES = ("base", "desired")
 
+_SWING = 0.1  # [s] within which a force that chatters goes up or down
+
 
 def desired_rotations(recording: Recording, t: Array) -> Array:
     """Return R_d (N, 3, 3) at instants t (N,) [s], the last before each; NaN where is none."""
@@ -78,6 +80,36 @@ def force_ripple(recording: Recording, window: float, axis: Axis = ()) -> float:
     return float(np.ptp(components, axis=0).max())
 
 
+@metric("s")
+def rippling_time(
+    recording: Recording, most: float = 4.0, after: float = 0.0, before: float = math.inf
+) -> float:
+    """Time for which the contact force swings.
+
+    By more than ``most`` [N] within 0.1 s, along one base axis.
+    """
+    t, f = force(recording)
+    inside = within(t, after, before)
+    t, f = t[inside], f[inside]
+    n = int(np.searchsorted(t, t[0] + _SWING))
+    if n >= len(t):
+        return 0.0
+    parts = np.lib.stride_tricks.sliding_window_view(f, n + 1, axis=0)
+    swings = (np.ptp(parts, axis=-1) > most).any(axis=1)
+    return float(np.diff(t)[: len(swings)] @ swings)
+
+
+@reduced("contact_energy", "J", "energy given to the contact", "peak", "final")
+def contact_energy(recording: Recording) -> Samples:
+    """Return what the tool gave to the contact (N,) [J], as the passivity observer counts it."""
+    t, f = force(recording)
+    _, mu = moment(recording)
+    arm = recording.measured
+    before = np.maximum(np.searchsorted(arm.t, t, side="right") - 1, 0)
+    power = -np.vecdot(f, arm.kinematics.dp_e[before]) - np.vecdot(mu, arm.omega_e[before])
+    return t, np.concatenate([[0.0], np.cumsum(power[1:] * np.diff(t))])
+
+
 def _felt(of: Callable[[Recording], Samples]) -> Callable[[Recording], Samples]:
     """Return what gives components, where anything was felt or an impedance answers it."""
 
@@ -115,6 +147,17 @@ for _i, (_name, _symbol, _title, _word, _unit, _of) in enumerate(_BOTH):
     _look: dict[str, Any] = {"components": XYZ, "group": GROUP}
     _title, _label = f"{_title}, base axes", f"{_symbol} [{_unit}]"
     drawn(20 + _i / 10, _title, _label, _caption, _unit, 1e-6, name=_symbol, **_look)(_of)
+
+drawn(
+    18.5,
+    "Energy given to the contact",
+    "energy [J]",
+    "What the tool gave to the contact, less what it took: the passivity observer. The time "
+    "integral of -(f' dp_e + mu' omega_e).",
+    "J",
+    1e-9,
+    name="contact_energy",
+)(_felt(contact_energy))
 
 row(10, "force, peak", "peak_force", "contact")
 row(11, "force, end", "final_force", "contact")

@@ -134,7 +134,8 @@ def _record(
     """Start the nodes of a variant, and end them when it has; return whether it diverged."""
     controller, diverged = CONTROLLERS[settings.controller], False
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
-    topics = [*controller.answers, "robot_description", "wrench", "joint_states", "reference"]
+    topics = [*controller.answers, *streamed(parameters), "robot_description", "wrench"]
+    topics += ["joint_states", "reference"]
     names = [RECORDER, *controller.executables, BRIDGE, "reference"]
     others: Mapping[str, Mapping[str, str]]
     others = {node.executable: node.remaps for node in controller.nodes}
@@ -226,10 +227,19 @@ def node_parameters(settings: Variant) -> Parameters:
     parameters = {
         node: values | settings.nodes.get(node, {}) for node, values in parameters.items()
     }
+    if is_lockstep and (topics := streamed(parameters)):  # each state waits for what belongs to it
+        parameters["reference"]["stream_rate"] = 0.0
+        parameters[controller.nodes[0].executable]["paired_targets"] = topics
     if settings.start_at_reference:
         q_0 = _start(robot, parameters["reference"], np.array(settings.start_turn))
         parameters[BRIDGE]["initial_positions"] = q_0
     return parameters
+
+
+def streamed(parameters: Parameters) -> list[str]:
+    """Return the topics that the node reference streams besides its motion."""
+    names = {"target_wrench": "wrench_times", "target_stiffness": "stiffness_times"}
+    return [topic for topic, times in names.items() if parameters["reference"].get(times)]
 
 
 def _start(robot: RobotDescription, reference: dict[str, Any], turn: Array) -> list[float]:
