@@ -59,6 +59,7 @@ _TYPES = {
     "/robot_description": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/target_wrench": "geometry_msgs/msg/WrenchStamped",
     "/compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
 }
 
@@ -79,6 +80,7 @@ def write_run(
     wrenches: Sequence[Sequence[float]] | None = None,
     sensor: str = "tip",
     compliant: Sequence[DesiredFrame] | None = None,
+    targets: Sequence[Sequence[float]] = (),
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
 
@@ -98,6 +100,7 @@ def write_run(
         wrenches: force and moment (6,) in wrench, before joint_states; None leaves it out.
         sensor: the frame that they are in.
         compliant: the frames in compliant_frame; None leaves it out.
+        targets: force and moment (6,) in the first messages of target_wrench, in the tip's frame.
     """
     node = node or ("/clik" if efforts is None else "/dynamic_control")
     referred = _START if efforts is None else _START + _LATENCY_NS // 2
@@ -114,6 +117,8 @@ def write_run(
             dq = 0.0 if speeds is None or command is not None else speeds[index]
             if wrenches is not None:
                 bag.write("/wrench", _wrench(stamp, wrenches[index], sensor), stamp, stamp)
+            if index < len(targets):
+                bag.write("/target_wrench", _wrench(stamp, targets[index], "tip"), stamp, stamp)
             bag.write("/joint_states", _joint_state(stamp, q, dq), stamp, stamp)
             if desired and index == 0:
                 reference = serialize_message(_reference(lasting))

@@ -83,7 +83,7 @@ TYPES["robot_description"] = "std_msgs/msg/String"
 """Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms
-_OF_A_NODE = "desired"  # below the name of a controller; of two it is not known which leads the arm
+_OF_A_NODE = "desired", "impedance"  # below the name of a controller: which of two, is not known
 
 
 def namespaces(bag: Bag, names: Mapping[str, str]) -> list[str]:
@@ -118,12 +118,12 @@ def topics(bag: Bag, namespace: str, names: Mapping[str, str]) -> dict[str, str]
     for name in TYPES:
         there = _playing(bag, name)
         own = [topic for topic in there if topic.rpartition("/")[0] == namespace]
-        if name == _OF_A_NODE:
+        if name in _OF_A_NODE:
             below = [topic for topic in there if topic.rsplit("/", 2)[0] == namespace]
             own = below if len(below) == 1 else []
         if own:
             chosen[name] = own[0]
-        elif len(there) == 1 and name != _OF_A_NODE and (name in _SHARED or not namespace):
+        elif len(there) == 1 and name not in _OF_A_NODE and (name in _SHARED or not namespace):
             chosen[name] = there[0]
     for name, topic in names.items():
         chosen[name] = _named(bag, name, topic)

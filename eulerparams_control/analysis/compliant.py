@@ -9,7 +9,7 @@ node impedance_control, which may be off the tip.  What they leave of a recorded
 they hold.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -103,6 +103,49 @@ def at_the_tip(
     return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
 
 
+class ActingImpedance(NamedTuple):
+    """The impedance that acted, each from its instant on.
+
+    Attributes:
+        t: (N,) [s] from the beginning of the recording.
+        numbers: (N, 36) upper triangles of M_p, D_p, K_p, M_o, D_o, K_o.
+    """
+
+    t: Array
+    numbers: Array
+
+
+def impedances(
+    t: Array, told: ImpedanceParameters, acting: ActingImpedance | None
+) -> Iterator[tuple[NDArray[np.intp], Impedance, Impedance]]:
+    """Yield the places in t (N,) [s] at which an impedance acted, its translation and rotation.
+
+    Args:
+        t: instants.
+        told: the parameters, which count before the first one that was recorded.
+        acting: those recorded; None if there are none.
+
+    Raises:
+        ConfigurationError: if one is impossible.
+    """
+    last = np.full(len(t), -1)
+    if acting is not None:
+        last = np.searchsorted(acting.t, t, side="right") - 1
+    for place in np.unique(last):
+        Z_p, Z_o = told.translation(), told.rotation()
+        if acting is not None and place >= 0:
+            Z_p, Z_o = (_impedance_of(part) for part in np.split(acting.numbers[place], 2))
+        yield np.flatnonzero(last == place), Z_p, Z_o
+
+
+def _impedance_of(numbers: Array) -> Impedance:
+    """Return M, D, K of the upper triangles (18,)."""
+    matrices = np.zeros((3, 3, 3))
+    rows, columns = np.triu_indices(3)
+    matrices[:, rows, columns] = matrices[:, columns, rows] = numbers.reshape(3, 6)
+    return Impedance(*matrices)
+
+
 class PressedForce(NamedTuple):
     """The force of the tool ON the environment, and its target, along the axes of the compliance.
 
@@ -110,11 +153,15 @@ class PressedForce(NamedTuple):
         t: (N,) [s] of the wrench.
         f: (N, 3) [N] exerted along force_axes, 0 along the others.
         f_d: (N, 3) [N] asked for; NaN where nothing is.
+        R: (N, 3, 3) the axes, as columns, base frame.
+        on: (3,) 1 for each of force_axes, else 0.
     """
 
     t: Array
     f: Array
     f_d: Array
+    R: Array
+    on: Array
 
 
 def pressed_force(
@@ -144,7 +191,7 @@ def pressed_force(
     asked, in_base = targets.w[last, :3], targets.frames[last] != measured.robot.tip_frame
     f_d = np.where(in_base[:, None], np.matvec(R.mT, asked), asked @ centre.R)
     f_d[~counts] = np.nan
-    return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d)
+    return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d, R, on)
 
 
 def _sensor(robot: Robot, name: str) -> Placement:
@@ -179,6 +226,10 @@ class CompliantMotion:
     def at(self, t: Array) -> Frames:
         """Return the compliant frame at each of the instants t (M,) [s], none where is none."""
         return self.frames.at(self.t, t)
+
+    def take(self, places: NDArray[np.intp]) -> "CompliantMotion":
+        """Return the motion at some of the instants."""
+        return CompliantMotion(self.t[places], self.frames.take(places), self.desired.take(places))
 
     def carrying(self, point: Placement) -> "CompliantMotion":
         """Return the motion of what both frames carry rigidly at ``point``."""

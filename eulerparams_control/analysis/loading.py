@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
-from eulerparams_control.analysis.compliant import CompliantMotion, SensorSeries
+from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.frames import Frames, moved
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
@@ -393,13 +393,15 @@ class _Reader:
 
         motion = series(measured)
         assert motion is not None
-        efforts = sensed = compliant = targets = None
+        efforts = sensed = compliant = targets = acting = None
         if found := taken.get("joint_effort"):
             efforts = Efforts(self._times(found.stamp), found.values[0])
         if found := taken.get("wrench"):
             sensed = SensorSeries(self._times(found.stamp), *found.values)
         if found := taken.get("target_wrench"):
             targets = SensorSeries(self._times(found.stamp), *found.values)
+        if found := taken.get("impedance"):
+            acting = ActingImpedance(self._times(found.stamp), found.values[0])
         if found := taken.get("compliant_frame"):
             there = frames.at(own, found.stamp)
             compliant = CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
@@ -415,6 +417,7 @@ class _Reader:
             sensed=sensed,
             compliant=compliant,
             targets=targets,
+            acting=acting,
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             before=before,

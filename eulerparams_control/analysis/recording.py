@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.compliant import (
+    ActingImpedance,
     CompliantMotion,
     ImpedanceRun,
     PressedForce,
@@ -24,6 +25,7 @@ from eulerparams_control.analysis.compliant import (
     Wrenches,
     at_the_tip,
     impedance_run,
+    impedances,
     pressed_force,
 )
 from eulerparams_control.analysis.frames import Frames
@@ -79,6 +81,7 @@ class Recording:
         sensed: from wrench; None if there is none.
         compliant: from compliant_frame; None if there is none.
         targets: from target_wrench; None if there is none.
+        acting: from ~/impedance; None if there is none.
         urdf: text of the robot's description.
         namespace: of its topics; "" if they have none.
         before: displacements, by representation, before the first instant of a later part of a run.
@@ -99,6 +102,7 @@ class Recording:
     sensed: SensorSeries | None = None
     compliant: CompliantMotion | None = None
     targets: SensorSeries | None = None
+    acting: ActingImpedance | None = None
     urdf: str = field(default="", repr=False)
     namespace: str = ""
 
@@ -299,7 +303,13 @@ def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Arra
     _require_two(motion.t[known])
     orientation = recording.orientation(told.orientation)
     R_cd, x, mu_d = motion.R_cd[known], motion.x[known], impedance.mu_d[known]
-    return motion.t[known], orientation.lyapunov_3(R_cd, x, told.rotation(), mu_d)
+    value: Any = np.full((2, len(x)), np.nan)
+    for there, _, Z in impedances(motion.t[known], told, recording.acting):
+        found = orientation.lyapunov_3(R_cd[there], x[there], Z, mu_d[there])
+        if found is None:
+            return motion.t[known], None
+        value[:, there] = found
+    return motion.t[known], Lyapunov(*value)
 
 
 def _require_two(t: Array) -> None:

@@ -20,7 +20,7 @@ from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
-from eulerparams_control.messages.keys import BEGAN
+from eulerparams_control.messages.keys import BEGAN, IMPEDANCE
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
@@ -408,6 +408,17 @@ class TargetWrenches(SensedWrenches):
     """What the tool is to exert: force and moment (N, 6), and the frames that they are in."""
 
     name = "target_wrench"
+
+
+class ActingImpedance(RecordedTopic):
+    """M, D, K of the impedance (N, 36), by name."""
+
+    name = "impedance"
+    type = "sensor_msgs/msg/JointState"
+
+    def rows_of(self, group: Group) -> Columns:
+        """See RecordedTopic."""
+        return [*joint_rows(group, IMPEDANCE, ("position",))]
 
 
 class ShapedFrames(RecordedTopic):

@@ -59,3 +59,11 @@ DESERIALISED = "messages deserialised"
 
 FROZEN = "frozen"
 """1 while the desired motion waits, because what it needs is not known; else 0."""
+
+IMPEDANCE = tuple(
+    f"{matrix}_{part}.{element}"
+    for part in "po"
+    for matrix in "MDK"
+    for element in ("xx", "xy", "xz", "yy", "yz", "zz")
+)
+"""Names of the numbers on ``~/impedance``: M, D, K of (52), then of (59)."""

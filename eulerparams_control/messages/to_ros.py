@@ -3,6 +3,7 @@
 Quaternions are (eta, eps) inside and xyzw in messages.
 """
 
+import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import (
     PoseStamped,
@@ -13,11 +14,14 @@ from geometry_msgs.msg import (
     Vector3,
     WrenchStamped,
 )
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.messages.keys import IMPEDANCE
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -101,6 +105,16 @@ def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArra
     label = "V, dV by the paper, dV measured"
     msg = Float64MultiArray(data=[float(V), float(dV), float(dV_measured)])
     msg.layout.dim.append(MultiArrayDimension(label=label, size=3, stride=3))
+    return msg
+
+
+def impedance_to_ros(translation: Impedance, rotation: Impedance, stamp: Time) -> JointState:
+    """Return the matrices of an impedance by name, as positions of :data:`keys.IMPEDANCE`."""
+    upper = np.triu_indices(3)
+    matrices = [matrix for Z in (translation, rotation) for matrix in (Z.M, Z.D, Z.K)]
+    msg = JointState(name=list(IMPEDANCE))
+    msg.header.stamp = stamp
+    msg.position = np.concatenate([matrix[upper] for matrix in matrices]).tolist()
     return msg
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -10,9 +11,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
+from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
+from eulerparams_control.messages.to_ros import duration_to_ros, impedance_to_ros, motion_to_ros
 from eulerparams_control.messages.wire import Template
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
@@ -114,16 +116,25 @@ class CommandPublisher:
 
 
 class ComplianceCommands:
-    """Publishes the efforts, then the compliant frame that they follow.
+    """Publishes the efforts, then the compliant frame that they follow, and its impedance.
+
+    ``~/impedance`` comes with each frame while the impedance changes, else once a second, where
+    somebody listens: M, D, K as positions of a sensor_msgs/JointState, by name.
 
     Args:
         node: the node that publishes.
         base_frame, tip_frame: that the compliant frame is stated with.
         efforts: publisher of the efforts; None: the compliant frame is the command.
+        law: returns the equations of the frame that was commanded last; None if there are none.
     """
 
     def __init__(
-        self, node: Node, base_frame: str, tip_frame: str, efforts: Commands | None
+        self,
+        node: Node,
+        base_frame: str,
+        tip_frame: str,
+        efforts: Commands | None,
+        law: Callable[[], ComplianceLaw | None],
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
@@ -132,6 +143,9 @@ class ComplianceCommands:
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
         )
+        self._impedance = node.create_publisher(JointState, "~/impedance", QOS_STREAM)
+        self._law, self._shown_at = law, 0  # [s]
+        self._shown: ComplianceLaw | None = None
 
     def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish both under the stamp of the joint_states that they answer."""
@@ -144,6 +158,18 @@ class ComplianceCommands:
             Q = quaternion.row(frame.R_d)
             numbers = frame.p_d, Q[1:], Q[0], *frame[2:]
             self._publisher.publish(self._template.filled(stamp, numbers))
+            self._show(stamp)
+
+    def _show(self, stamp: Any) -> None:
+        """Publish the impedance if it is another one than before, or a second has passed."""
+        law = self._law()
+        if law is None or (law is self._shown and stamp.sec == self._shown_at):
+            return
+        if not self._impedance.get_subscription_count():
+            return
+        self._shown, self._shown_at = law, stamp.sec
+        time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+        self._impedance.publish(impedance_to_ros(law.translation, law.rotation, time))
 
     @property
     def topic(self) -> str:
@@ -159,5 +185,6 @@ class ComplianceCommands:
     def destroy(self) -> None:
         """Take the publishers off the graph."""
         self._node.destroy_publisher(self._publisher)
+        self._node.destroy_publisher(self._impedance)
         if self._efforts is not None:
             self._efforts.destroy()

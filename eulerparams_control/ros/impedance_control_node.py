@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import STIFFNESS_WAITS, Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
+from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
@@ -107,7 +108,12 @@ class ImpedanceControlNode(ControlNode):
         robot = self._robot
         assert robot is not None
         efforts = super().make_commands(joints) if self.commands_joints else None
-        return ComplianceCommands(self, robot.base_frame, robot.tip_frame, efforts)
+        frames = robot.base_frame, robot.tip_frame
+        return ComplianceCommands(self, *frames, efforts, self._law_now)
+
+    def _law_now(self) -> ComplianceLaw | None:
+        scheme = self._controller.scheme if self._controller else None
+        return scheme.compliance_now if isinstance(scheme, ImpedanceControl) else None
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description; forget tare and sensor."""

@@ -7,11 +7,13 @@ compared with a force or a moment is that at the centre of compliance, which may
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import parameters_to_blame
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     ImpedanceRun,
+    impedances,
     rotational_residual,
     translational_residual,
 )
@@ -36,6 +38,7 @@ from eulerparams_control.analysis.quantities.contact import GROUP, lengths
 from eulerparams_control.analysis.quantities.stability import growth
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 
@@ -147,12 +150,15 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     """Largest contact force that (52) does not account for.
 
     Of f - (M_p ddx + D_p dx + K_p x) with the accelerations of the compliant frame
-    that was recorded; without dead band and low-pass it is rounding.
+    that was recorded; without dead band and low-pass it is rounding.  While a force is exerted
+    (52) is not the law: those instants are left out.
     """
     run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    left, frame = np.full((len(run.motion.t), 3), np.nan), parameters.translational_frame
     with parameters_to_blame(parameters.scheme.name):
-        Z = parameters.translation()
-    left = translational_residual(run.motion, run.f, Z, parameters.translational_frame)
+        for there, Z, _ in impedances(run.motion.t, parameters, recording.acting):
+            left[there] = translational_residual(run.motion.take(there), run.f[there], Z, frame)
+    left[_is_pressed(recording, run.motion.t)] = np.nan
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
@@ -167,8 +173,10 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
     if (used := parameters.orientation) != "euler_parameters":
         raise BagError(f"{recording.path}: (59) is of euler_parameters, not {used}")
+    left = np.full((len(run.motion.t), 3), np.nan)
     with parameters_to_blame(parameters.scheme.name):
-        left = rotational_residual(run.motion, run.mu, parameters.rotation())
+        for there, _, Z in impedances(run.motion.t, parameters, recording.acting):
+            left[there] = rotational_residual(run.motion.take(there), run.mu[there], Z)
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
@@ -177,6 +185,16 @@ def _impedance(recording: Recording) -> ImpedanceRun:
     run: ImpedanceRun = needed(recording, "impedance")
     needed(recording, "wrench")
     return run
+
+
+def _is_pressed(recording: Recording, t: Array) -> NDArray[np.bool_]:
+    """Return at which instants (N,) [s] a force is exerted."""
+    pressed = recording.pressed
+    if pressed is None:
+        return np.zeros(len(t), dtype=bool)
+    last = np.searchsorted(pressed.t, t, side="right") - 1
+    is_asked = ~np.isnan(pressed.f_d).any(axis=1)
+    return (last >= 0) & is_asked[last]
 
 
 drawn(

@@ -7,18 +7,17 @@ import math
 
 import numpy as np
 
+from eulerparams_control.analysis.compliant import PressedForce
 from eulerparams_control.analysis.quantities.base import (
     Samples,
-    TableNumber,
+    drawn,
     known,
-    last,
     metric,
     reduced,
+    row,
 )
 from eulerparams_control.analysis.quantities.contact import lengths
-from eulerparams_control.analysis.quantity import Quantity
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.wrenches import PressedForce
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
 
@@ -73,19 +72,15 @@ def _known(recording: Recording, after: float, before: float) -> tuple[Array, Ar
     return t, both[:, :3], both[:, 3:]
 
 
-FORCE_ERROR = Quantity(
-    "force_error",
+drawn(
+    3.5,
     "Force error",
     "|f_d - f| [N]",
     "Difference between target_wrench and the force of the tool on the environment along "
     "force_axes: what the parallel force control (FC1) makes 0.",
     "N",
     1e-6,
-    lengths(force_error),
-)
-
-PLACES = {3.5: FORCE_ERROR}
-ROWS = {
-    14: TableNumber("force error, peak", "peak_force_error", needs="pressed"),
-    15: TableNumber("force error, end", "final_force_error", needs="pressed", of_parts=last),
-}
+    name="force_error",
+)(lengths(force_error))
+row(14, "force error, peak", "peak_force_error", "pressed")
+row(15, "force error, end", "final_force_error", "pressed")

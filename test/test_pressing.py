@@ -1,0 +1,177 @@
+"""Forces and stiffnesses that the node ``reference`` streams: lock-step, and their numbers."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from ros_processes import FRAMES, UR5, Arm, FeelingArm
+from synthetic_runs import recorded
+from test_experiments import raw, run, started, write
+from test_impedance_node import SIMULATED, target_wrench
+from tolerances import ALGEBRAIC, assert_close
+
+from eulerparams_control.analysis.loading import load
+from eulerparams_control.analysis.quantities import measure
+from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.parameters.schedule import parse_schedule
+
+NAME = "impedance_control"
+RAMP = [0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 14.0, 0.0, 0.0, 0.0]
+SWING = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+
+
+# --- values over time ------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("t", "expected"),
+    [(0.0, 10.0), (1.0, 10.0), (1.25, 10.5 + 2.0), (2.0, 12.0), (3.0, 14.0), (9.0, 14.0)],
+)
+def test_a_schedule_goes_straight_from_point_to_point_with_a_sine_and_stays(t, expected):
+    schedule = parse_schedule("target_wrench", [1.0, 3.0], RAMP, SWING, frequency=1.0)
+    assert_close(schedule.at(t), [0.0, 0.0, expected, 0.0, 0.0, 0.0], 10 * ALGEBRAIC)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "swing"),
+    [
+        ([], RAMP, []),
+        ([1.0], RAMP, []),
+        ([1.0, 1.0], RAMP, []),
+        ([-1.0, 1.0], RAMP, []),
+        ([1.0, math.inf], RAMP, []),
+        ([1.0, 2.0], [math.nan, *RAMP[1:]], []),
+        ([1.0, 2.0], RAMP, [1.0]),
+    ],
+)
+def test_a_schedule_that_means_nothing_is_refused_by_its_name(times, values, swing):
+    with pytest.raises(ConfigurationError, match=r"^target_wrench: "):
+        parse_schedule("target_wrench", times, values, swing)
+
+
+# --- the nodes -------------------------------------------------------------------------------
+@pytest.mark.parametrize(("rate", "count"), [(0.0, 21), (200.0, 5)])
+def test_reference_streams_a_force_under_the_stamps_of_the_states_at_a_rate(world, rate, count):
+    peer, arm = world.peer, Arm(world, UR5)
+    told = {"wrench_times": [0.0, 0.01], "wrenches": RAMP, "stream_rate": rate}
+    world.start("reference", {**FRAMES, **told})
+    found = peer.listen(WrenchStamped, "target_wrench")
+    arm.send(arm.message())
+    begin = arm.t
+    arm.send_next(20)
+    since = [(ns_from_ros(msg.header.stamp) - begin) / 1e9 for msg in found]
+    np.testing.assert_allclose(since, np.arange(count) * (0.005 if rate else 0.001), atol=1e-9)
+    assert {msg.header.frame_id for msg in found} == {UR5.tip_frame}
+    f = [msg.wrench.force.z for msg in found]
+    np.testing.assert_allclose(f, np.minimum(10.0 + 400.0 * np.array(since), 14.0), rtol=ALGEBRAIC)
+
+
+def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(world):
+    arm = FeelingArm(world, UR5)
+    paired = {"wrench_pairing": "stamp", "paired_targets": ["target_wrench"]}
+    process = world.start(NAME, {**SIMULATED, **paired})
+    targets = world.peer.publisher(WrenchStamped, "/target_wrench")
+    while not targets.get_subscription_count():
+        arm.send_next()
+        assert world.now < 1100.0, process.log
+    for force in (1e-3, 1e-3, math.nan, 1e-3):
+        arm.send_next()
+        assert arm.commands == []
+        targets.publish(target_wrench(arm, 0.0, 0.0, force))
+        assert ns_from_ros(arm.commands.pop().header.stamp) == arm.t
+    assert "target_wrench rejected" in process.log
+
+
+def test_a_target_that_nothing_takes_is_no_pair(world):
+    process = world.start("clik", {**FRAMES, "paired_targets": ["target_wrench"]})
+    assert process.end() == 1
+    assert "unknown topic in paired_targets 'target_wrench'" in process.log
+
+
+# --- experiments -----------------------------------------------------------------------------
+POINT = {"times": [0.0], "positions": [0.487, 0.06, 0.43], "orientations": [1.0, 0.0, 0.0, 0.0]}
+PRESSING = {
+    "motion": "way_points",
+    **POINT,
+    "wrench_times": [0.0],
+    "wrenches": RAMP[:6],
+    "stiffness_times": [0.0, 1.0],
+    "stiffnesses": [2550.0, 2550.0, 1000.0, 50.0, 50.0, 50.0] * 2,
+    "stiffness_swing": [2450.0, 2450.0, 0.0, 0.0, 0.0, 0.0],
+    "stiffness_frequency": 2.0,
+}
+SURFACE = {"shape": "plane", "position": [0.487, 0.06, 0.4199], "stiffness": 1e4, "damping": 5.0}
+
+
+def test_in_lock_step_each_state_waits_for_what_reference_streams(tmp_path):
+    _, parameters = started(tmp_path, controller=NAME, nodes={"reference": PRESSING})
+    assert parameters[NAME]["paired_targets"] == ["target_wrench", "target_stiffness"]
+    assert parameters["reference"]["stream_rate"] == 0.0
+
+
+@pytest.mark.slow
+def test_two_runs_that_press_with_a_swinging_stiffness_are_the_same_to_the_bit(tmp_path):
+    bridge = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"surface": SURFACE}}
+    content = {
+        "claim": "presses",
+        "duration": 0.8,
+        "controller": NAME,
+        "start_at_reference": True,
+        "nodes": {"pybullet_bridge": bridge, "reference": PRESSING},
+        "variants": {"first": {}, "second": {}},
+        "criteria": [{"metric": "final_force_error", "below": 0.1}],
+    }
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 0, process.log
+    first, second = (tmp_path / "out/short" / name for name in ("first", "second"))
+    for topic in ("/joint_effort", "/compliant_frame", "/target_wrench", "/target_stiffness"):
+        assert raw(first, topic) == raw(second, topic)
+    assert measure("force_settling_time", load(first)) < 0.7
+
+
+# --- numbers ---------------------------------------------------------------------------------
+def pressing(folder: Path, f: list[float], f_d: list[float]):
+    """Return a run whose rod, its z along that of the base, presses along z."""
+    wrenches = [[0.0, 0.0, -each, 0.0, 0.0, 0.0] for each in f]
+    targets = [[0.0, 0.0, each, 0.0, 0.0, 0.0] for each in f_d]
+    told = {"parameters": {"force_axes": ["z"], "target_timeout": 0.1}, "node": f"/{NAME}"}
+    return recorded(folder / "run", [0.0] * len(f), wrenches=wrenches, targets=targets, **told)
+
+
+def test_a_force_is_compared_with_its_target_along_the_force_axes(tmp_path):
+    found = pressing(tmp_path, [0.0, 0.0, 4.0, 12.0, 10.05, 9.95], [10.0] * 6)
+    assert measure("peak_force_error", found) == pytest.approx(10.0)
+    assert measure("final_force_error", found) == pytest.approx(0.05)
+    assert measure("force_settling_time", found) == pytest.approx(0.02)  # 10 ms a sample
+    assert measure("force_overshoot", found) == pytest.approx(20.0)
+
+
+def test_a_force_that_does_not_stay_has_no_settling_time(tmp_path):
+    found = pressing(tmp_path, [0.0, 10.0, 10.0, 9.0], [10.0] * 4)
+    assert measure("force_settling_time", found) == math.inf
+
+
+def test_a_target_that_has_ended_is_none(tmp_path):
+    found = pressing(tmp_path, [5.0] * 20, [10.0] * 4)
+    assert np.isnan(found.pressed.f_d[:, 2]).tolist() == [False] * 14 + [True] * 6
+
+
+def test_without_a_target_there_is_no_force_error(tmp_path):
+    found = recorded(tmp_path / "run", [0.0] * 3, wrenches=[[0.0] * 6] * 3)
+    with pytest.raises(BagError, match="no target_wrench"):
+        measure("peak_force_error", found)
+
+
+def test_a_force_that_swings_within_a_tenth_of_a_second_ripples(tmp_path):
+    f = [10.0] * 50 + [10.0, 20.0] * 25 + [10.0] * 50
+    found = pressing(tmp_path, f, [10.0] * len(f))
+    assert measure("rippling_time", found) == pytest.approx(0.6, abs=0.03)
+    assert measure("rippling_time", found, most=11.0) == 0.0
+
+
+def test_the_energy_of_a_contact_is_that_of_force_and_speed(tmp_path):
+    q = np.linspace(0.0, 0.1, 11)  # the tip goes down with 1 m/s at 1 m
+    wrenches = [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]] * 11  # and is pushed up, along z of the tip
+    found = recorded(tmp_path / "run", q, speeds=[1.0] * 11, wrenches=wrenches)
+    assert measure("final_contact_energy", found) == pytest.approx(0.5)
