@@ -10,6 +10,7 @@ The sensor is 0.2 m before the tip, turned by 90 deg about the rod: its y is the
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -26,8 +27,9 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.messages.keys import BEGAN
-from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.messages.to_ros import impedance_to_ros, motion_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -59,6 +61,7 @@ _TYPES = {
     "/robot_description": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/impedance_control/impedance": "sensor_msgs/msg/JointState",
     "/target_wrench": "geometry_msgs/msg/WrenchStamped",
     "/compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
 }
@@ -81,6 +84,7 @@ def write_run(
     sensor: str = "tip",
     compliant: Sequence[DesiredFrame] | None = None,
     targets: Sequence[Sequence[float]] = (),
+    impedances: Mapping[int, tuple[Impedance, Impedance]] = MappingProxyType({}),
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
 
@@ -100,6 +104,7 @@ def write_run(
         wrenches: force and moment (6,) in wrench, before joint_states; None leaves it out.
         sensor: the frame that they are in.
         compliant: the frames in compliant_frame; None leaves it out.
+        impedances: of translation and rotation in ~/impedance, by the sample from which they act.
         targets: force and moment (6,) in the first messages of target_wrench, in the tip's frame.
     """
     node = node or ("/clik" if efforts is None else "/dynamic_control")
@@ -125,6 +130,9 @@ def write_run(
                 bag.write("/reference", reference, referred, referred)
             if began is not None and index == 20:
                 bag.write("/diagnostics", _diagnostics(node, _START + began), stamp, stamp)
+            if index in impedances:
+                msg = impedance_to_ros(*impedances[index], stamp_to_ros(stamp))
+                bag.write("/impedance_control/impedance", serialize_message(msg), stamp, stamp)
             if compliant is not None:
                 data = _compliant(stamp, compliant[index])
                 bag.write("/compliant_frame", data, stamp, stamp)

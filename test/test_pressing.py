@@ -1,12 +1,14 @@
 """Forces and stiffnesses that the node ``reference`` streams: lock-step, and their numbers."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import FRAMES, UR5, Arm, FeelingArm
+from ros_processes import FRAMES, UR5, Arm, Controlled, FeelingArm
+from sensor_msgs.msg import JointState
 from synthetic_runs import recorded
 from test_experiments import raw, run, started, write
 from test_impedance_node import SIMULATED, target_wrench
@@ -15,7 +17,10 @@ from tolerances import ALGEBRAIC, assert_close
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.errors import BagError, ConfigurationError
+from eulerparams_control.laws.rotations import exp
 from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.parameters.schedule import parse_schedule
 
 NAME = "impedance_control"
@@ -175,3 +180,59 @@ def test_the_energy_of_a_contact_is_that_of_force_and_speed(tmp_path):
     wrenches = [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]] * 11  # and is pushed up, along z of the tip
     found = recorded(tmp_path / "run", q, speeds=[1.0] * 11, wrenches=wrenches)
     assert measure("final_contact_energy", found) == pytest.approx(0.5)
+
+
+def test_residuals_and_V_are_of_the_impedance_that_acted(tmp_path):
+    """1 cm and 0.1 rad along z; the stiffness is three times as large from sample 3 on."""
+    told = {"M_p": [2.0] * 3, "K_p": [1000.0] * 3, "M_o": [1.0] * 3, "K_o": [20.0] * 3}
+    p = ImpedanceParameters(**{name: tuple(values) for name, values in told.items()})
+    stiffer = [replace(Z, K=3.0 * Z.K) for Z in (p.translation(), p.rotation())]
+    moment = 20.0 * math.sin(0.1)  # (60), (66)
+    wrenches = [[0.0, 0.0, 10.0, 0.0, 0.0, moment]] * 3 + [
+        [0.0, 0.0, 30.0, 0.0, 0.0, 3 * moment]
+    ] * 3
+    frames = [DesiredFrame(np.array([1.0, 0.0, 0.01]), exp(np.array([0.0, 0.0, 0.1])))] * 6
+    run = {"compliant": frames, "wrenches": wrenches, "parameters": told, "node": f"/{NAME}"}
+    found = recorded(tmp_path / "run", [0.0] * 6, **run, impedances={3: stiffer})
+    for residual in ("force_residual", "moment_residual"):
+        assert measure(residual, found) < 1e-9
+    V = 40.0 * math.sin(0.05) ** 2  # 2 eps' K_o eps, (68)
+    assert_close(found.lyapunov.V, [V] * 3 + [3 * V] * 3, 10 * ALGEBRAIC)
+    without = recorded(tmp_path / "without", [0.0] * 6, **run)
+    assert measure("force_residual", without) == pytest.approx(20.0)
+
+
+def test_while_a_force_is_exerted_no_stiffness_has_to_account_for_it(tmp_path):
+    frames = [DesiredFrame(np.array([1.0, 0.0, 0.01]), np.eye(3))] * 20
+    wrenches = [[0.0, 0.0, -7.0, 0.0, 0.0, 0.0]] * 15 + [[0.0, 0.0, 10.0, 0.0, 0.0, 0.0]] * 5
+    told = {"K_p": [1000.0] * 3, "force_axes": ["z"], "target_timeout": 0.1}
+    run = {"compliant": frames, "wrenches": wrenches, "parameters": told, "node": f"/{NAME}"}
+    targets = [[0.0, 0.0, 7.0, 0.0, 0.0, 0.0]] * 5
+    found = recorded(tmp_path / "run", [0.0] * 20, **run, targets=targets)
+    assert measure("force_residual", found) < 1e-9
+
+
+def test_the_impedance_that_acts_is_published_while_it_changes(world):
+    node = Controlled(world, NAME, {**SIMULATED, "wrench_pairing": "stamp"})
+    found = node.peer.listen(JointState, f"/{NAME}/impedance")
+    stiffness = node.peer.publisher(WrenchStamped, "/target_stiffness")
+    node.graph.until(stiffness.get_subscription_count, "a subscriber")
+    node.arm.ticks(3)
+    found.clear()
+    msg = WrenchStamped()
+    for part, values in (
+        (msg.wrench.force, [500.0, 2000.0, 2000.0]),
+        (msg.wrench.torque, [100.0] * 3),
+    ):
+        part.x, part.y, part.z = values
+    stiffness.publish(msg)
+    node.arm.ticks(100)
+    K = [dict(zip(each.name, each.position, strict=True))["K_p.xx"] for each in found]
+    assert len(K) > 90
+    assert np.all(np.diff(K) < 0.0)
+    assert K[0] < 2000.0
+    node.arm.ticks(700)
+    last = dict(zip(found[-1].name, found[-1].position, strict=True))
+    assert last["K_p.xx"] == pytest.approx(500.0)
+    assert last["D_p.xx"] == pytest.approx(2.0 * math.sqrt(500.0))  # M_p is 1 kg, the ratio 1
+    assert len(found) < 800
