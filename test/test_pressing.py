@@ -20,8 +20,8 @@ from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.course import parse_course
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.parameters.schedule import parse_schedule
 
 NAME = "impedance_control"
 RAMP = [0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 14.0, 0.0, 0.0, 0.0]
@@ -33,9 +33,9 @@ SWING = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
     ("t", "expected"),
     [(0.0, 10.0), (1.0, 10.0), (1.25, 10.5 + 2.0), (2.0, 12.0), (3.0, 14.0), (9.0, 14.0)],
 )
-def test_a_schedule_goes_straight_from_point_to_point_with_a_sine_and_stays(t, expected):
-    schedule = parse_schedule("target_wrench", [1.0, 3.0], RAMP, SWING, frequency=1.0)
-    assert_close(schedule.at(t), [0.0, 0.0, expected, 0.0, 0.0, 0.0], 10 * ALGEBRAIC)
+def test_a_course_goes_straight_from_point_to_point_with_a_sine_and_stays(t, expected):
+    course = parse_course("target_wrench", [1.0, 3.0], RAMP, SWING, frequency=1.0)
+    assert_close(course.at(t), [0.0, 0.0, expected, 0.0, 0.0, 0.0], 10 * ALGEBRAIC)
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ def test_a_schedule_goes_straight_from_point_to_point_with_a_sine_and_stays(t, e
         ([1.0, 2.0], RAMP, [1.0]),
     ],
 )
-def test_a_schedule_that_means_nothing_is_refused_by_its_name(times, values, swing):
+def test_a_course_that_means_nothing_is_refused_by_its_name(times, values, swing):
     with pytest.raises(ConfigurationError, match=r"^target_wrench: "):
-        parse_schedule("target_wrench", times, values, swing)
+        parse_course("target_wrench", times, values, swing)
 
 
 # --- the nodes -------------------------------------------------------------------------------

@@ -410,7 +410,7 @@ class TargetWrenches(SensedWrenches):
     name = "target_wrench"
 
 
-class ActingImpedance(RecordedTopic):
+class PublishedImpedance(RecordedTopic):
     """M, D, K of the impedance (N, 36), by name."""
 
     name = "impedance"

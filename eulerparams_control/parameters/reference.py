@@ -8,8 +8,8 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
+from eulerparams_control.parameters.course import Course, parse_course
 from eulerparams_control.parameters.fields import parameter
-from eulerparams_control.parameters.schedule import Schedule, parse_schedule
 
 MOTIONS = ("none", "way_points", "circle")
 
@@ -74,7 +74,7 @@ class ReferenceParameters:
             self.times, self.positions, self.orientations, self.orientation_format
         )
 
-    def schedules(self) -> dict[str, Schedule]:
+    def courses(self) -> dict[str, Course]:
         """Return what is sent besides the motion, by topic; raises ConfigurationError."""
         told = {
             "target_stiffness": (
@@ -91,9 +91,7 @@ class ReferenceParameters:
             ),
         }
         return {
-            topic: parse_schedule(topic, *values)
-            for topic, values in told.items()
-            if any(values[:3])
+            topic: parse_course(topic, *values) for topic, values in told.items() if any(values[:3])
         }
 
     def circle(self) -> Circle:

@@ -19,8 +19,8 @@ from eulerparams_control.messages.keys import LifecycleCause, WorkMode
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.parameters.course import Course
 from eulerparams_control.parameters.reference import ReferenceParameters
-from eulerparams_control.parameters.schedule import Schedule
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
@@ -36,20 +36,20 @@ _LONG = 5.0
 _NO_ROBOT = "no robot description yet"
 
 
-class Stream:
-    """Sends a schedule on a topic, a message for each state that is due, with its stamp.
+class Sender:
+    """Sends a course on a topic, a message for each state that is due, with its stamp.
 
     Args:
         node: that sends.
         topic: of WrenchStamped.
-        schedule: what is sent.
+        course: what is sent.
         frame: of the messages.
         rate: [Hz] at most; 0: a message for each state.
     """
 
-    def __init__(self, node: Node, topic: str, schedule: Schedule, frame: str, rate: float) -> None:
+    def __init__(self, node: Node, topic: str, course: Course, frame: str, rate: float) -> None:
         self._publisher = node.create_publisher(WrenchStamped, topic, QOS)
-        self._schedule, self._frame = schedule, frame
+        self._course, self._frame = course, frame
         self._period = 1e9 / rate if rate else 0.0  # [ns]
         self.restart()
 
@@ -71,7 +71,7 @@ class Stream:
         if self._sent < t < self._sent + self._period:
             return
         self._sent = t
-        values = self._schedule.at((t - self._began) / 1e9).tolist()
+        values = self._course.at((t - self._began) / 1e9).tolist()
         sent = WrenchStamped(wrench=Wrench(force=_vector(values[:3]), torque=_vector(values[3:])))
         sent.header.stamp, sent.header.frame_id = msg.header.stamp, self._frame
         self._publisher.publish(sent)
@@ -105,8 +105,8 @@ class ReferenceNode(Node):
         p = self._params
         frames = {"target_wrench": p.tip_frame, "target_stiffness": ""}
         self._streams = [
-            Stream(self, topic, schedule, frames[topic], p.stream_rate)
-            for topic, schedule in p.schedules().items()
+            Sender(self, topic, course, frames[topic], p.stream_rate)
+            for topic, course in p.courses().items()
         ]
         self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._started = steady()

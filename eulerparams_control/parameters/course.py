@@ -14,7 +14,7 @@ SIZE = 6
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Course:
     """Numbers over time; the first point counts before its time, the last one after it.
 
     Attributes:
@@ -37,14 +37,14 @@ class Schedule:
         return found
 
 
-def parse_schedule(
+def parse_course(
     name: str,
     times: Sequence[float],
     values: Sequence[float],
     swing: Sequence[float] = (),
     frequency: float = 1.0,
-) -> Schedule:
-    """Return the schedule of N points.
+) -> Course:
+    """Return the course of N points.
 
     Args:
         name: what it is of, for people.
@@ -70,4 +70,4 @@ def parse_schedule(
         )
     amplitudes = np.array(swing or (0.0,) * SIZE, dtype=float)
     points = np.reshape(np.array(values, dtype=float), (n, SIZE))
-    return Schedule(np.array(times, dtype=float), points, amplitudes, frequency)
+    return Course(np.array(times, dtype=float), points, amplitudes, frequency)
