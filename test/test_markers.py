@@ -12,13 +12,8 @@ from visualization_msgs.msg import InteractiveMarkerUpdate, Marker, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.laws.rotations import exp
-from eulerparams_control.laws.scheme import JointCommand, Tick
 from eulerparams_control.messages.from_ros import vector_from_ros
-from eulerparams_control.messages.markers import transforms_to_ros
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
-from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.robot.robot import RobotState
 
 P_E, R_E = pose(HOME)
 PUSH = (3.0, -2.0, 4.0, 0.1, 0.2, -0.3)
@@ -47,24 +42,20 @@ def shown(tmp_path):
             world.until(seen, "some markers")
             for marker in arrays[-1].markers:
                 assert marker.header.frame_id == FRAMES["base_frame"]
-            return {marker.ns: marker for marker in arrays[-1].markers}, running
+            return {marker.ns: marker for marker in arrays[-1].markers}
 
         yield show
 
 
-def test_frames_are_drawn_where_they_are(shown):
-    markers, _ = shown("clik")
-    assert markers.keys() == {"desired", "actual"}
-    for marker in markers.values():
+def test_frames_are_drawn_where_they_are_and_the_poles_of_euler_angles(shown):
+    markers = shown("clik", orientation="euler_angles", euler_sequence="ZYZ")
+    assert markers.keys() == {"desired", "actual", "poles", "axis at a pole"}
+    for marker in (markers["desired"], markers["actual"]):
         assert marker.type == Marker.LINE_LIST
         starts, ends = (np.array([xyz(p) for p in marker.points[k::2]]) for k in (0, 1))
         assert starts == pytest.approx(np.array([P_E] * 3), abs=1e-6)
         assert pytest.approx(R_E, abs=1e-6) == (ends - starts).T / 0.1
         assert len(marker.colors) == len(marker.points)
-
-
-def test_the_poles_are_drawn_with_euler_angles(shown):
-    markers, _ = shown("clik", orientation="euler_angles", euler_sequence="ZYZ")
     top, bottom = map(xyz, markers["poles"].points)
     assert top - P_E == pytest.approx(np.array([0.0, 0.0, 0.12]), abs=1e-6)
     assert top + bottom == pytest.approx(2 * P_E, abs=1e-6)
@@ -74,7 +65,7 @@ def test_the_poles_are_drawn_with_euler_angles(shown):
 
 def test_wrench_and_stiffness_are_drawn(shown):
     K_p = [1000.0, 500.0, 250.0]
-    markers, _ = shown("impedance_control", *PUSH, K_p=K_p)
+    markers = shown("impedance_control", *PUSH, K_p=K_p)
     assert {"desired", "actual", "compliant", "force", "moment", "stiffness"} == markers.keys()
     start, end = map(xyz, markers["force"].points)
     assert (end - start) / 0.005 == pytest.approx(np.array(PUSH[:3]), abs=1e-6)
@@ -85,11 +76,12 @@ def test_wrench_and_stiffness_are_drawn(shown):
 
 
 def test_what_is_shown_is_never_old(tmp_path, monkeypatch):
+    name = "impedance_control"
     with World(tmp_path) as world:
-        running = Controlled(world, "clik", FRAMES, namespace="/left")
+        running = Controlled(world, name, FRAMES, namespace="/left")
         views, frames = running.process.node._views, []  # as with tf2_msgs, which pip has not
         views._message, views._transforms = SimpleNamespace, SimpleNamespace(publish=frames.append)
-        arrays = world.peer.listen(MarkerArray, "/left/clik/markers")
+        arrays = world.peer.listen(MarkerArray, f"/left/{name}/markers")
 
         def seen(count):
             running.arm.tick()
@@ -97,7 +89,8 @@ def test_what_is_shown_is_never_old(tmp_path, monkeypatch):
 
         world.until(lambda: seen(3), "some markers")
         names = {each.child_frame_id for each in frames[-1].transforms}
-        assert names == {"left/clik/desired", "left/clik/actual"}
+        assert names == {f"left/{name}/{of}" for of in ("desired", "actual", "compliant")}
+        assert {each.header.frame_id for each in frames[-1].transforms} == {FRAMES["base_frame"]}
         world.advance(1.0)  # no states come
         old = len(frames), len(arrays)
         world.advance(2.0)
@@ -105,7 +98,7 @@ def test_what_is_shown_is_never_old(tmp_path, monkeypatch):
         monkeypatch.setattr(Controller, "fault", "stopped")
         world.until(lambda: seen(old[0] + 3), "markers of an arm that is stopped")
         (shown,) = frames[-1].transforms
-        assert shown.child_frame_id == "left/clik/actual"
+        assert shown.child_frame_id == f"left/{name}/actual"
         assert xyz(shown.transform.translation) == pytest.approx(pose(running.arm.q)[0], abs=1e-6)
         assert [marker.ns for marker in arrays[-1].markers] == ["actual"]
         stamps = [each.transforms[0].header.stamp for each in frames]
@@ -124,19 +117,6 @@ def test_nothing_is_made_for_nobody_and_frames_need_tf2_msgs(tmp_path, monkeypat
             world.advance(0.01)
         assert not made
         assert "tf2_msgs" in running.process.log
-
-
-def test_frames_on_tf_have_names_of_their_controller():
-    R = exp(np.array([0.3, -0.2, 0.1]))
-    arm = RobotState(*[None] * len(RobotState._fields))._replace(p_e=P_E, R_e=R_E)
-    compliant = JointCommand(frame=DesiredFrame(P_E + 0.01, R))
-    tick = Tick(compliant, DesiredFrame(P_E, R), lambda: arm, lambda: None, False)
-    found = transforms_to_ros(tick, "clik", stamp_to_ros(5), "base")
-    names = {"clik/desired", "clik/actual", "clik/compliant"}
-    by_name = {msg.child_frame_id: msg for msg in found}
-    assert by_name.keys() == names
-    assert {msg.header.frame_id for msg in found} == {"base"}
-    assert xyz(by_name["clik/compliant"].transform.translation) == pytest.approx(P_E + 0.01)
 
 
 # --- the target, which the mouse moves -------------------------------------------------------
@@ -159,6 +139,11 @@ def clik(tmp_path):
 def feedback(kind, p=P_E, frame_id=FRAMES["base_frame"]):
     at = pose_to_ros(p, R_E, stamp_to_ros(0), frame_id)
     return Feedback(header=at.header, pose=at.pose, event_type=kind, marker_name="target")
+
+
+def drag(clik, p, frame_id=FRAMES["base_frame"]):
+    for kind in (Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP):
+        clik.mouse.publish(feedback(kind, p, frame_id))
 
 
 def markers(clik):
@@ -215,8 +200,7 @@ def test_the_arm_goes_where_it_is_released_and_not_while_it_is_dragged(clik):
     ("p", "frame_id"), [(P_E + math.nan, FRAMES["base_frame"]), (P_E, "nowhere")]
 )
 def test_an_impossible_target_is_rejected_and_moves_nothing(clik, p, frame_id):
-    for kind in (Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP):
-        clik.mouse.publish(feedback(kind, p, frame_id))
+    drag(clik, p, frame_id)
     assert clik.status(lambda s: "~/target/feedback rejected" in values(s))
     assert height(clik) == pytest.approx(P_E[2], abs=1e-6)
 
@@ -232,6 +216,5 @@ def test_a_click_moves_nothing_and_a_drag_that_began_before_a_fault_does_not_end
     clik.mouse.publish(feedback(Feedback.MOUSE_UP, P_E + UP))
     clik.status(lambda s: "~/target/feedback rejected" in values(s))
     assert values(clik.status())["mode"] == "stopped"
-    for kind in (Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP):
-        clik.mouse.publish(feedback(kind, P_E + UP))
+    drag(clik, P_E + UP)
     clik.graph.until(lambda: height(clik) > P_E[2] + 0.999 * UP[2], "the arm at the target")
