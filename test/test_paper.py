@@ -24,8 +24,7 @@ from eulerparams_control.lab.experiments.evaluate import (
     look,
     write_summary,
 )
-from eulerparams_control.lab.experiments.library import Result, _errata, library_names, run_library
-from eulerparams_control.lab.experiments.library.e1 import residuals
+from eulerparams_control.lab.experiments.library import Result, e1, library_names, run_library
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, equation
 from eulerparams_control.lab.experiments.paper import (
     headline,
@@ -320,8 +319,8 @@ def test_a_wrong_T_or_its_derivative_is_found(monkeypatch, name, wrong, left):
 
     for module in (sequences, euler_angles):
         monkeypatch.setattr(module, name, wrongly)
-    monkeypatch.setattr(_errata, "_SAMPLES", 30)
-    found = residuals(_errata.errata())
+    monkeypatch.setattr(e1, "FEW", 30)
+    found = e1.residuals(e1.errata())
     assert {name for name in ("(24)", "(38)", "(50)") if found[name] > 1.0} == left
 
 
