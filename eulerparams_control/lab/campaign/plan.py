@@ -9,6 +9,7 @@ stamped by another clock.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -370,6 +371,7 @@ def _near(home: Pose, farthest: float, most: float, random: np.random.Generator)
     return p + step, exp(axis) @ R
 
 
+@cache
 def faults_of(plan: SequencePlan) -> tuple[Fault, ...]:
     """Return the faults of a sequence."""
     return () if plan.is_calm else random_faults(plan.seed, plan.controller, FAULTS)

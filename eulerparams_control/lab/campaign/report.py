@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -165,45 +165,19 @@ def write_page(path: Path, outcomes: Sequence[SequenceOutcome]) -> None:
         path,
         "campaign.html",
         headline=headline(outcomes),
-        failed=[outcome for outcome in outcomes if not outcome.is_good],
+        outcomes=outcomes,
         faults_of=faults_of,
         oracles=[(name, kind.claim, found[name]) for name, kind in Oracle.registry.items()],
-        runs=list(_runs(outcomes)),
-        faults=_faults(outcomes),
+        faults={
+            name: _with(name, outcomes) for name in sorted({n for o in outcomes for n in o.faults})
+        },
         controllers=CONTROLLERS,
     )
 
 
-def _runs(outcomes: Sequence[SequenceOutcome]) -> Iterator[tuple[str, int, int, list[str]]]:
-    """Yield each controller: its name, its sequences, those that failed, numbers."""
-    for controller in CONTROLLERS:
-        some = [outcome for outcome in outcomes if outcome.plan.controller == controller]
-        if some:
-            failed = sum(not outcome.is_good for outcome in some)
-            yield controller, len(some), failed, _numbers(some)
-
-
-def _numbers(some: Sequence[SequenceOutcome]) -> list[str]:
-    """Return commands, times, and the worst error of the tip."""
-    good = [outcome for outcome in some if not outcome.error]
-    worst = [max((o.tip_error[k] for o in good), default=0.0) for k in (0, 1)]
-    return [
-        f"{sum(outcome.commands for outcome in some):,}",
-        f"{sum(outcome.duration for outcome in some):.0f} s",
-        f"{sum(outcome.troubled for outcome in some):.0f} s",
-        f"{1e3 * worst[0]:.2g} mm, {worst[1]:.2g} deg",
+def _with(fault: str, outcomes: Sequence[SequenceOutcome]) -> list[tuple[int, int]]:
+    """Return for each controller its sequences with a fault, and those of them that failed."""
+    some = [
+        [o for o in outcomes if o.plan.controller == c and fault in o.faults] for c in CONTROLLERS
     ]
-
-
-def _faults(outcomes: Sequence[SequenceOutcome]) -> dict[str, list[tuple[int, int]]]:
-    """Return for each fault and controller the sequences with it, and those of them that failed."""
-    with_it: Counter[tuple[str, str]] = Counter()
-    failed: Counter[tuple[str, str]] = Counter()
-    for outcome in outcomes:
-        for name in set(outcome.faults):
-            with_it[name, outcome.plan.controller] += 1
-            failed[name, outcome.plan.controller] += not outcome.is_good
-    return {
-        name: [(with_it[name, controller], failed[name, controller]) for controller in CONTROLLERS]
-        for name in sorted({name for name, _ in with_it})
-    }
+    return [(len(mine), sum(not outcome.is_good for outcome in mine)) for mine in some]
