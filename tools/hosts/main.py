@@ -77,7 +77,7 @@ def undergo(
     spoil: Callable[[], None] = lambda: None,
     mend: Callable[[], None] = lambda: None,
 ) -> Phase:
-    """Spoil the link for a time [s], mend it, and wait for a time [s]."""
+    """Impair the link for a time [s], restore it, and wait for a time [s]."""
     begin = time.time()
     spoil()
     time.sleep(begin + seconds - time.time())

@@ -76,7 +76,7 @@ class Heard:
 
 
 def heard(path: Path) -> Heard:
-    """Return what was recorded in a bag; raises BagError."""
+    """Return the messages of a bag; raises BagError."""
     arm = load_robot("ur5")
     limits = Robot(arm.urdf, arm.base_frame, arm.tip_frame).limits.velocity
     lines: list[dict[str, Any]] = []
@@ -177,7 +177,7 @@ class Judge:
         yield self._fastest(phase)
 
     def impaired(self, phase: Phase) -> Iterator[Verdict]:
-        """Judge a bad link: nothing runs away, whoever does not obey has braked, it recovers."""
+        """Judge a bad link: no joint is too fast, gaps are braked in, the motion recovers."""
         yield self._fastest(phase)
         yield self._gaps(phase)
         yield phase.within("a good link again: the arm moves", self._moves(phase), RECOVERS)
@@ -211,7 +211,7 @@ class Judge:
         return any(map(is_braked, [*(s for s in said if s["t"] >= begin), *said[-1:]]))
 
     def numbers(self, phase: Phase) -> dict[str, float]:
-        """Return the figures of a phase."""
+        """Return the numbers of a phase."""
         begin, end, seconds = phase.begin, phase.end, phase.end - phase.begin
         states, answers, told = (
             self._robot.between(begin, end, key) for key in ("speed", "command", "who")

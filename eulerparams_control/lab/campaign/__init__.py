@@ -1,4 +1,4 @@
-"""Random faults, by the hundred: does what is commanded stay safe, and does it recover?
+"""Hundreds of random fault sequences: do the commands stay safe, and does the arm recover?
 
 ``plan``      what happens in a sequence, made of its seed alone
 ``user``      who leads the arm

@@ -105,7 +105,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 
 def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[SequenceOutcome]:
-    """Run the sequences; show how far they are, and each in which something was found."""
+    """Run the sequences; show the progress, and each sequence that failed."""
     outcomes: list[SequenceOutcome] = []
     with progress(console, "sequences") as bars:
         task = bars.add_task("no violation", total=len(todo))

@@ -120,7 +120,7 @@ class RobotDraw:
     takes_late: bool = True
 
     def simulator(self, control: str) -> SimulatorParameters:
-        """Return what is simulated."""
+        """Return the parameters of the simulation."""
         return SimulatorParameters(
             rate=self.steps * self.rate,
             control=control,
@@ -131,7 +131,7 @@ class RobotDraw:
         )
 
     def policy(self) -> DrivePolicy:
-        """Return what it does about its commands; whether they cease is seen once a period."""
+        """Return how it treats commands; silence is detected once a period."""
         return DrivePolicy(
             COMMAND_TIMEOUT - 0.5 / self.rate,
             self.delay,
@@ -251,7 +251,7 @@ class SequencePlan:
 
     @property
     def name(self) -> str:
-        """What tells it from the others."""
+        """Its name."""
         kind = "" if self.kind == FAULTY else f"{self.kind} "
         return f"{kind}{self.controller} {self.seed}"
 
@@ -288,7 +288,7 @@ class SequencePlan:
 
     @property
     def asked(self) -> AskedLimits | None:
-        """What its commands may ask for at most; None where that is not judged.
+        """Limits that its commands must keep; None where that is not judged.
 
         A loop over the measured arm corrects what the arm does: of it only speeds of the tip, and
         what the joints are asked for, are judged.
@@ -320,7 +320,7 @@ class SequencePlan:
         return _near(home, _LAST_FARTHEST, _LAST_TURN, self.random(2))
 
     def random(self, what: int) -> np.random.Generator:
-        """Return what draws for a purpose."""
+        """Return the random generator of a purpose."""
         return np.random.default_rng((self.seed, CONTROLLERS.index(self.controller), what))
 
 

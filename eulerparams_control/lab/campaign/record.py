@@ -21,7 +21,7 @@ Span = tuple[float, float]
 """From when to when [s]."""
 
 OK, WARN, ERROR = range(3)
-"""Levels of what a node says of itself."""
+"""Levels of a diagnostic status."""
 
 STARTS, KILLED = "the controller starts", "the controller is killed"
 STOPS = "the robot makes a protective stop"
@@ -112,7 +112,7 @@ class AskedLimits(MotionLimits):
 
 @dataclass
 class SequenceRecord:
-    """All that was seen of a sequence.
+    """Everything observed in a sequence.
 
     Attributes:
         model: of the arm.

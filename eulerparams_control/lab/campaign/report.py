@@ -59,7 +59,7 @@ class SequenceOutcome:
         return [fault.name for fault in faults_of(self.plan)]
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return it as a JSON object."""
         plan = self.plan
         return {
             "controller": plan.controller,
@@ -111,7 +111,7 @@ def _troubled(record: SequenceRecord) -> float:
 
 
 def _story(record: SequenceRecord) -> tuple[str, ...]:
-    """Return what was done and said, once each time it changes."""
+    """Return the events and messages, each once per change."""
     lines, last = [], ""
     for t, text in sorted(
         [(event.t, event.what) for event in record.events]
@@ -130,7 +130,7 @@ def count_by_oracle(outcomes: Sequence[SequenceOutcome]) -> Counter[str]:
 
 
 def headline(outcomes: Sequence[SequenceOutcome]) -> str:
-    """Return what came of a campaign in a sentence."""
+    """Return the result of a campaign in one sentence."""
     failed = [o for o in outcomes if o.violations]
     lost = sum(bool(o.error) for o in outcomes)
     commands = sum(o.commands for o in outcomes)

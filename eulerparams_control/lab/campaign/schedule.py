@@ -19,7 +19,7 @@ _LIFE = 30  # sequences of a worker, on average: what they leave behind goes wit
 def plans(
     count: int, seed: int, controllers: Sequence[str] = CONTROLLERS, kind: str = FAULTY
 ) -> list[SequencePlan]:
-    """Return as many sequences, controller after controller, seed after seed."""
+    """Return ``count`` sequences, controller after controller, seed after seed."""
     n = len(controllers)
     return [make_plan(seed + k // n, controllers[k % n], kind) for k in range(count)]
 
@@ -32,7 +32,7 @@ def _domain() -> Domain:
 
 
 def run(plan: SequencePlan) -> SequenceOutcome:
-    """Run a sequence here; what cannot be run is an outcome, too."""
+    """Run a sequence in this process; one that fails has an outcome, too."""
     from eulerparams_control.lab.campaign.ros.lockstep import run_lockstep
 
     started = time.monotonic()
@@ -44,7 +44,7 @@ def run(plan: SequencePlan) -> SequenceOutcome:
 
 
 def run_all(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome]:
-    """Yield what came of each sequence, as they end."""
+    """Yield the outcome of each sequence, as they end."""
     for few in itertools.batched(todo, jobs * _LIFE):
         with Processes(min(jobs, len(few))) as pool:
             for plan, future in results(pool, run, few):

@@ -1,1 +1,1 @@
-"""Experiments: YAML files that say all about a run, and what runs and judges them."""
+"""Experiments: YAML files that define runs, and the code that runs and judges them."""

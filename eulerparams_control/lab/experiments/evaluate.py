@@ -218,7 +218,7 @@ class Outcome:
 
 
 def read_outcome(experiment: Experiment, folder: Path, stamp: str) -> Outcome | None:
-    """Return the outcome that a folder holds, if it is of the same making; else None."""
+    """Return the outcome stored in a folder, if its stamp is the same; else None."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         is_whole = all((folder / name).is_file() for name in (REPORT, FIGURE))
@@ -235,12 +235,12 @@ _OF_LIBRARY = re.compile(r"\{library\.(\w+)\}")
 
 
 def chart_svg(chart: Chart) -> str:
-    """Return a chart as SVG without a ground of its own."""
+    """Return a chart as SVG without a background."""
     return _svg(chart_figure(chart))
 
 
 def _svg(figure: Figure) -> str:
-    """Return a figure without a ground, from its element ``svg`` on: to be put in a page."""
+    """Return a figure without a background, from its element ``svg`` on, for a page."""
     figure.patch.set_visible(False)
     for axes in figure.axes:
         axes.patch.set_visible(False)
@@ -249,7 +249,7 @@ def _svg(figure: Figure) -> str:
 
 @dataclass(frozen=True)
 class Seen:
-    """The runs of an experiment as they are looked at.
+    """The runs of an experiment as they are evaluated.
 
     Attributes:
         experiment: which.
@@ -272,7 +272,7 @@ class Seen:
 
 
 def look(experiment: Experiment, folder: Path, runs: Mapping[str, Run]) -> Outcome:
-    """Return what came of an experiment; write it unless that was done before.
+    """Return the outcome of an experiment; write it unless it was written before.
 
     Args:
         experiment: the experiment.
@@ -329,7 +329,7 @@ def _see(experiment: Experiment, runs: Mapping[str, Run]) -> Seen:
 
 
 def _is_of_bags(experiment: Experiment) -> bool:
-    """Return whether all that is measured is of bags as they are: then a run may be of hours."""
+    """Return whether all metrics are of raw messages: then a run may last hours."""
     names = [criterion.metric for criterion in experiment.criteria if criterion.metric]
     names += [name for name, _, _ in placeholders(experiment.summary) if name != "library"]
     return not experiment.chart and all(get_metric(name).raw for name in names)

@@ -92,7 +92,7 @@ def _check(fault: Fault, controller: ControllerSetup, duration: float) -> None:
 
 
 def remaps(controller: ControllerSetup) -> dict[str, dict[str, str]]:
-    """Return the topics that have another name for each node: those that the injector gives on."""
+    """Return the remapped topics of each node: those that the injector relays."""
     *inwards, command = controller.topics
     to_controller = {topic: FAULTY + topic for topic in inwards}
     nodes = {node.executable: {**to_controller, **node.remaps} for node in controller.nodes}
@@ -100,7 +100,7 @@ def remaps(controller: ControllerSetup) -> dict[str, dict[str, str]]:
 
 
 def injector_parameters(settings: Variant) -> dict[str, Any]:
-    """Return what the injector of a run is told."""
+    """Return the parameters of the injector of a run."""
     told = [str(fault) for fault in settings.faults if not isinstance(fault, Kill)]
     topics = list(CONTROLLERS[settings.controller].topics)
     values = {"topics": topics, "start_on": "reference", "seed": settings.fault_seed}
@@ -120,7 +120,7 @@ def turn(stop: threading.Event | None) -> Iterator[None]:
 
 
 def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
-    """Kill and start nodes when it is time to, until the run is over; raises as ``Nodes.play``."""
+    """Kill and restart nodes at their times until the run is over; raises as ``Nodes.play``."""
     nodes.wait_for_event(INJECTOR, Event.READY, START_TIMEOUT)
     again = partial(_start_again, nodes=nodes, record=record)
     todo = [
@@ -130,7 +130,7 @@ def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress:
 
 
 def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
-    """Look at what the nodes take until the run is over; send a motion that has ended again."""
+    """Sample what the nodes use until the run is over; send a motion that has ended again."""
     nodes.wait_for_event("reference", Event.SENT, START_TIMEOUT)
     log = UsageLog(nodes, record.bag / USAGE)
     (controller,) = CONTROLLERS[settings.controller].executables
@@ -151,7 +151,7 @@ def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress
 
 
 def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:
-    """Start a node that was killed, and wait until it is at work.
+    """Restart a node that was killed, and wait until it works.
 
     A recorder writes over nothing, so the next one has a folder of its own.
     """
@@ -176,13 +176,13 @@ def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
 
 
 def clear_parts(record: RunRecord) -> None:
-    """Remove what recorders that were started again have left of a run before."""
+    """Remove what restarted recorders of an earlier run have left."""
     for part in _parts(record):
         shutil.rmtree(part)
 
 
 def join(record: RunRecord) -> None:
-    """Make a bag whole whose recorder was killed: what each has left becomes a file of it."""
+    """Complete a bag whose recorder was killed: what each recorder left becomes a file of it."""
     for number, part in enumerate(_parts(record), 1):
         recover(part)
         file = record.bag / f"{record.bag.name}_{number}.mcap"
@@ -192,6 +192,6 @@ def join(record: RunRecord) -> None:
 
 
 def _parts(record: RunRecord) -> list[Path]:
-    """Return the folders of the recorders that were started again, in their order."""
+    """Return the folders of the restarted recorders, in their order."""
     found = record.path.parent.glob(f"{_PART}*")
     return sorted(found, key=lambda part: int(part.name.removeprefix(_PART)))

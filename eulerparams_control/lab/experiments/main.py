@@ -44,7 +44,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
-    """Return the exit code of what came of experiments; say why they could not run."""
+    """Return the exit code for the outcomes of experiments; print why one could not run."""
 
     def judged(console: Console) -> int:
         outcomes = run(console)
@@ -58,7 +58,7 @@ def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
 def run_tasks(
     tasks: Sequence[Task], jobs: int, console: Console, details: bool = True, again: bool = False
 ) -> list[Outcome]:
-    """Return what came of tasks, ``jobs`` runs at a time; no other call writes to their folders."""
+    """Return the outcomes of tasks, ``jobs`` runs at a time; their folders are locked."""
     with ExitStack() as locks:
         for task in tasks:
             locks.enter_context(locked(task.folder))
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
 
 
 def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
-    """Return the experiments of these names; with none, those of the paper."""
+    """Return the experiments of these names; without names, those of the paper."""
     if paper and not names:
         return paper_experiments()
     experiments = [load_experiment(name) for name in names]

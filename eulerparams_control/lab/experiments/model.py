@@ -83,7 +83,7 @@ class Variant:
 
     @property
     def is_in_real_time(self) -> bool:
-        """Whether its nodes run as the time goes, none waiting for another."""
+        """Whether its nodes run in real time, none waiting for another."""
         return self.real_time or bool(self.faults)
 
 

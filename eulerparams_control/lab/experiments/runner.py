@@ -52,7 +52,7 @@ _RATE = 250.0  # [Hz] in real time unless the experiment says otherwise: all sha
 
 
 class IncompleteBagError(BagError):
-    """Messages are missing in a bag: on a busy machine the recorder may starve."""
+    """Messages are missing in a bag: on a busy machine the recorder may get too little time."""
 
 
 def known_run(experiment: Experiment, variant: str, folder: Path) -> tuple[Run | None, str]:
@@ -131,7 +131,7 @@ def _record(
     progress: Progress,
     stop: threading.Event | None,
 ) -> bool:
-    """Start the nodes of a variant, and end them when it has; return whether it diverged."""
+    """Start the nodes of a variant, and stop them at its end; return whether it diverged."""
     controller, diverged = CONTROLLERS[settings.controller], False
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, *streamed(parameters), "robot_description", "wrench"]
@@ -164,7 +164,7 @@ def _record(
 
 
 def _claim(record: RunRecord) -> None:
-    """Mark the bag that the recorder has made as that of the run; it makes none that exists."""
+    """Mark the bag that the recorder has made as that of the run, unless it refused to."""
     told = record.path.parent / f"{RECORDER}{EVENTS}"
     if told.exists() and not any(
         event.get("exit_code") == ExitCode.REFUSED
@@ -207,7 +207,7 @@ def wait_for_end(nodes: Nodes, progress: Progress) -> None:
 
 
 def node_parameters(settings: Variant) -> Parameters:
-    """Return the parameters of all nodes for a run: those of its file, and the rest."""
+    """Return the parameters of all nodes of a run: those of its file, and those it needs."""
     controller = CONTROLLERS[settings.controller]
     robot, is_lockstep = load_robot(settings.robot), not settings.is_in_real_time
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}

@@ -28,7 +28,7 @@ from eulerparams_control.lab.run.run_cache import Run
 
 
 class Display:
-    """Shows how far the runs are, and what came of each experiment.
+    """Shows the progress of the runs, and the outcome of each experiment.
 
     Args:
         console: where.
@@ -63,13 +63,13 @@ class Display:
         return f"[bold]{runs}{experiments}[/bold]"
 
     def started(self, experiment: str, variant: str, duration: float) -> None:
-        """Show a run that begins, of ``duration`` [s] of simulated time."""
+        """Show a run that begins and lasts ``duration`` [s] of simulated time."""
         with self._lock:
             task = self._progress.add_task(f"{experiment} {variant}", total=duration)
             self._runs[experiment, variant] = task
 
     def simulated(self, experiment: str, variant: str, t: float) -> None:
-        """Show how far a run is [s]."""
+        """Show the time [s] that a run has reached."""
         with self._lock:
             key = experiment, variant
             self._times[key] = max(self._times.get(key, 0.0), t)
@@ -86,7 +86,7 @@ class Display:
             self._progress.remove_task(self._runs.pop(key))
 
     def ended(self, experiment: str, variant: str, how: str, duration: float) -> None:
-        """Take a run off the screen; where there is no terminal, say how it ended in a line."""
+        """Remove the bar of a run; without a terminal print how it ended."""
         with self._lock:
             self._done += 1
             self._times[experiment, variant] = duration
@@ -96,7 +96,7 @@ class Display:
                 say(self._console, f"  {experiment} {variant}: {how}")
 
     def repeated(self, experiment: str, variant: str, why: str) -> None:
-        """Take a run that counts for nothing off the screen, and say why."""
+        """Remove the bar of a run that has to be repeated, and print why."""
         with self._lock:
             self._times.pop((experiment, variant), None)
             self._remove((experiment, variant))
@@ -104,7 +104,7 @@ class Display:
             say(self._console, Text(text, style="yellow"))
 
     def finished(self, outcome: Outcome) -> None:
-        """Say what came of an experiment."""
+        """Print the outcome of an experiment."""
         with self._lock:
             self._finished += 1
             self._show_all()
@@ -184,7 +184,7 @@ class Schedule:
         self._whys: dict[tuple[str, str], str] = {}  # runs are made again
 
     def run(self) -> list[Outcome]:
-        """Return what came of each experiment, in their order."""
+        """Return the outcomes of the experiments, in their order."""
         pairs = [(task, variant) for task in self._tasks for variant in task.variants]
         with ExitStack() as stack:
             lookers, looker = stack.enter_context(Threads(1)), stack.enter_context(Processes(1))
@@ -212,7 +212,7 @@ class Schedule:
             return [self._looks[task.experiment.name].result() for task in self._tasks]
 
     def _run(self, pair: _Pair) -> Run | None:
-        """Run a variant, unless it was run before; None if its experiment has failed."""
+        """Run a variant, unless it was run before; return None if its experiment has failed."""
         (task, variant), experiment = pair, pair[0].experiment
         key, duration = (experiment.name, variant), experiment.variants[variant].duration
         if task.error or self._stop.is_set():
@@ -232,11 +232,11 @@ class Schedule:
         return run
 
     def _incomplete(self, pair: _Pair, why: Exception) -> None:
-        """Say that a run whose recorder starved is run once more, when no other goes on."""
+        """Report that a run whose recorder starved is repeated, when no other goes on."""
         self._display.repeated(pair[0].experiment.name, pair[1], str(why))
 
     def _look(self, looker: Processes, task: Task) -> Outcome:
-        """Return what came of an experiment, after all its runs."""
+        """Return the outcome of an experiment, after all its runs."""
         outcome = Outcome(task.experiment, task.folder, error=task.error)
         try:
             if not (task.error or self._stop.is_set()):

@@ -1,4 +1,4 @@
-"""The command of the soak, ``make soak``: the experiment of this name, as long as is asked for."""
+"""The command of the soak, ``make soak``: the experiment of this name, as long as asked for."""
 
 import argparse
 import math

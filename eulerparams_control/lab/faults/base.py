@@ -44,7 +44,7 @@ def setting(
 
 @dataclass(frozen=True)
 class Draw:
-    """Random numbers, of which faults are made.
+    """Random numbers from which faults are drawn.
 
     Attributes:
         random: where they come from.
@@ -57,7 +57,7 @@ class Draw:
     controller: str
 
     def any_of(self, names: tuple[str, ...]) -> str:
-        """Return one of some names."""
+        """Return one of the names at random."""
         return names[int(self.random.integers(len(names)))]
 
     def number(self, low: float, high: float) -> float:
@@ -106,7 +106,7 @@ class Fault:
             Fault.registry[cls.name] = cls
 
     def __post_init__(self) -> None:
-        """Refuse what is impossible."""
+        """Refuse impossible values."""
         for key, entry in settings(type(self)).items():
             value, about = getattr(self, entry.name), entry.metadata
             where = f"fault '{self.name}': {key}: {value!r}"
@@ -135,7 +135,7 @@ class Fault:
 
     @property
     def end(self) -> float:
-        """When it is over, and what comes can be as it should again [s]."""
+        """When it is over, and messages can be correct again [s]."""
         return self.at + self.duration
 
     def is_active(self, t: float) -> bool:
@@ -155,7 +155,7 @@ class Fault:
 
 
 def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
-    """Return what a kind of fault takes, by the key of YAML."""
+    """Return the settings of a kind of fault, by their key in YAML."""
     return {
         "for" if entry.name == "duration" else entry.name: entry
         for entry in fields(kind)

@@ -63,7 +63,7 @@ _MEET = 0.05  # [s] between two looks at who listens
 
 
 class Intruder:
-    """A node that publishes to a topic what is a little beside what another publishes.
+    """A node that publishes to the topic of another, with an offset.
 
     Args:
         beside: a node in whose context and namespace it is.
@@ -91,7 +91,7 @@ class Intruder:
             self._publisher.publish(self._fault.message(last))
 
     def close(self) -> None:
-        """Go away."""
+        """Destroy the node."""
         self._node.destroy_node()
 
 
@@ -128,7 +128,7 @@ class InjectorParameters:
 
 
 class FaultInjectorNode(Node):
-    """Gives topics on, with faults."""
+    """Relays topics, with faults."""
 
     def __init__(self) -> None:
         super().__init__("fault_injector")
@@ -167,7 +167,7 @@ class FaultInjectorNode(Node):
         tell(Event.READY)
 
     def _meet(self) -> None:
-        """Take a topic once somebody listens to what is given on: so nothing sent once is lost."""
+        """Subscribe to a topic once its relay has a subscriber: nothing sent once is lost."""
         for topic in list(self._unheard):
             if self._outputs[topic].get_subscription_count():
                 self._unheard.remove(topic)
@@ -238,7 +238,7 @@ class FaultInjectorNode(Node):
             self._intruders.pop(number).close()
 
     def close(self) -> None:
-        """End what publishes besides."""
+        """Destroy the second publishers."""
         for intruder in self._intruders.values():
             intruder.close()
 

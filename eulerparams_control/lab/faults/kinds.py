@@ -57,7 +57,7 @@ class Drop(MessageFault, name="drop", shakes=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(MessageFault, name="duplicate"):
-    """Messages come again, at once after the first.
+    """Messages are repeated at once.
 
     Attributes:
         copies: how many more of each.
@@ -98,7 +98,7 @@ class Delay(MessageFault, name="delay", shakes=True, keeps_order=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(MessageFault, name="reorder", shakes=True):
-    """Messages come in groups, each in an order that is not that in which they were sent.
+    """Messages come in groups, each in another order than they were sent in.
 
     Attributes:
         depth: messages in a group; the first of them never comes first.
@@ -179,7 +179,7 @@ def _drawn_noise(draw: Draw, topic: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Noise(MessageFault, name="noise", shakes=True):
-    """Each number is off, by a normal distribution.
+    """Each number gets noise of a normal distribution.
 
     Attributes:
         std: standard deviation, in the units of the numbers.
@@ -233,7 +233,7 @@ class ClockJump(MessageFault, name="clock_jump", topics=(*TOPICS, ROBOT)):
 
 @dataclass(frozen=True, kw_only=True)
 class SecondPublisher(Fault, name="second_publisher"):
-    """Another node publishes to the same topic, what is a little beside the last true message.
+    """Another node publishes to the same topic: the last true message with an offset.
 
     Nothing of this happens to the messages: who has the nodes does it.
 
@@ -264,7 +264,7 @@ class SecondPublisher(Fault, name="second_publisher"):
 
 @dataclass(frozen=True, kw_only=True)
 class Kill(Fault, name="kill"):
-    """A node is killed, without a word, and started again; by who has the nodes.
+    """A node is killed without warning, and restarted, by the harness that runs the nodes.
 
     Attributes:
         node: its executable.

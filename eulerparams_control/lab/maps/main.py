@@ -26,7 +26,7 @@ from eulerparams_control.resources import config_names
 
 
 class Finished(NamedTuple):
-    """A map that is finished.
+    """A finished map.
 
     Attributes:
         definition: of the map.

@@ -52,7 +52,7 @@ class Domain:
         )
 
     def release(self) -> None:
-        """Let others have it; its participants have ended."""
+        """Release the domain; its participants have ended."""
         self._held.close()
 
 

@@ -20,7 +20,7 @@ _LIBRARIES = ("pin", "pybullet", "numpy")  # what the numbers of a run are calcu
 
 
 def digest(content: Any) -> str:
-    """Return a number for content that JSON can hold, the same for the same content."""
+    """Return a hash of content that JSON can hold."""
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -45,7 +45,7 @@ def code() -> str:
 
 
 def imported(modules: Iterable[str], but: str = "") -> set[Path]:
-    """Return the files of these modules and of all of ours that they import, one by the other.
+    """Return the files of these modules and of all our modules that they import, recursively.
 
     Args:
         modules: their names.
@@ -82,7 +82,7 @@ def _imports(path: Path) -> Iterator[str]:
 
 
 def version(files: Iterable[Path]) -> str:
-    """Return a number for the content of files of ours, and for the libraries that we use."""
+    """Return a hash of the content of our files, and of the versions of the libraries in use."""
     contents = {
         str(path.relative_to(_ROOT)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files

@@ -39,7 +39,7 @@ def results[J, R](
     again: type[Exception] = BrokenExecutor,
     repeats: Callable[[J, Exception], None] = lambda _job, _error: None,
 ) -> Iterator[tuple[J, Future[R]]]:
-    """Yield each job with what came of it, as they end.
+    """Yield each job with its future, as the jobs end.
 
     Args:
         pool: where they run.
@@ -64,14 +64,14 @@ def results[J, R](
 
 
 class Threads(ThreadPoolExecutor):
-    """Threads; at the end of ``with`` what has not begun is not done."""
+    """Threads; at the end of ``with`` pending jobs are cancelled."""
 
     def __exit__(self, *_error: object) -> None:
         self.shutdown(cancel_futures=True)
 
 
 class Processes(Executor):
-    """Processes that say nothing; where one died, others take the place of all.
+    """Silent worker processes; if one dies, all are replaced.
 
     A Ctrl-C in the terminal is ours to pass on: at the end of ``with`` they are ended.
 
@@ -101,7 +101,7 @@ class Processes(Executor):
                 return self._pool.submit(function, *args, **keywords)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End them, whatever they do."""
+        """Terminate the processes, whatever they do."""
         with self._lock:
             self._ended = True
             workers = list((self._pool._processes or {}).values())
@@ -111,7 +111,7 @@ class Processes(Executor):
 
 
 def _be_quiet() -> None:
-    """Hear no Ctrl-C, and let libraries say nothing."""
+    """Ignore Ctrl-C, and silence the libraries."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     silence = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
@@ -120,7 +120,7 @@ def _be_quiet() -> None:
 
 @contextmanager
 def workers(count: int, scheduler: str = "") -> Iterator[Executor]:
-    """Give workers of Dask, and end those that were started.
+    """Yield an executor of Dask workers, and end those that were started.
 
     Args:
         count: processes on this machine; 0 is a thread of this one, without Dask.
@@ -151,7 +151,7 @@ def workers(count: int, scheduler: str = "") -> Iterator[Executor]:
 
 
 def _cluster(count: int) -> Any:
-    """Return a scheduler with workers that hear no Ctrl-C: the client hears it, and ends them."""
+    """Return a scheduler with workers that ignore Ctrl-C: the client gets it, and ends them."""
     from distributed import LocalCluster
 
     is_main = threading.current_thread() is threading.main_thread()
@@ -171,7 +171,7 @@ def _cluster(count: int) -> Any:
 
 
 def progress(console: Console, unit: str) -> Progress:
-    """Return bars that count jobs; they are shown while entered, in a terminal alone.
+    """Return bars that count jobs; shown while entered, and only in a terminal.
 
     Args:
         console: where.

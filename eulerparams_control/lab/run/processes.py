@@ -23,7 +23,7 @@ from eulerparams_control.events import Event, events_of
 from eulerparams_control.lab.run.domains import Domain
 
 LOG, EVENTS = ".log", ".events"
-"""Suffixes of the files that nodes write: for people, and for programs."""
+"""Suffixes of the files that nodes write, for people and for programs."""
 
 # Time [s] that a node gets to end after a signal, before it is killed.
 _PATIENCE = 10.0
@@ -35,7 +35,7 @@ _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
 
 
 def _end_with(parent: int) -> None:
-    """Let this process be interrupted when the thread that started it ends, also by a kill."""
+    """Have this process interrupted when the thread that started it ends, also by a kill."""
     if _PRCTL:
         _PRCTL(1, signal.SIGINT)
         if os.getppid() != parent:  # it has ended before
@@ -120,7 +120,7 @@ class Nodes:
         self._launch(executable)
 
     def kill(self, executable: str) -> None:
-        """Kill a node, without a word; it is none of the processes then.
+        """Kill a node; it is then no longer among the processes.
 
         Raises:
             SimulationError: if it has died before; with its last words.
@@ -157,7 +157,7 @@ class Nodes:
         return self._folder / f"{executable}{kind}"
 
     def events(self, executable: str, kind: Event) -> list[dict[str, Any]]:
-        """Return the events of a kind that a node has told so far."""
+        """Return the events of a kind that a node has reported so far."""
         text = self._file(executable, EVENTS).read_text(encoding="utf-8", errors="replace")
         return [event for event in events_of(text) if event["event"] == kind]
 
@@ -172,7 +172,7 @@ class Nodes:
         return self.processes[executable].poll() is not None
 
     def check(self, may_end: str = "") -> None:
-        """Raise unless all nodes are well.
+        """Raise unless all nodes are running.
 
         Args:
             may_end: a node that may end by itself, and well.
@@ -204,7 +204,7 @@ class Nodes:
                 process.wait()
 
     def wait_for_event(self, executable: str, event: Event, timeout: float, times: int = 1) -> None:
-        """Wait until a node has told an event, as many times as that.
+        """Wait until a node has reported an event ``times`` times.
 
         Raises:
             SimulationError: if it does not within ``timeout`` [s].
@@ -227,7 +227,7 @@ class Nodes:
         deeds: Iterable[tuple[float, Callable[[], object]]] = (),
         look: Callable[[], object] = lambda: None,
     ) -> None:
-        """Let the nodes run in real time, and do what is due.
+        """Run the nodes in real time, and do each deed when it is due.
 
         The time that a deed takes does not count: later ones and the end wait for it.
 

@@ -1,4 +1,4 @@
-"""Cache of runs, so that they need not be made again.
+"""Cache of runs, so that they need not be repeated.
 
 ``logs/VARIANT/run.json`` beside the bag VARIANT says what the run was made of, and how it ended.
 It has a key, which the bag of the run has, too: another bag in its place is not ours.
@@ -20,7 +20,7 @@ from eulerparams_control.lab.run.fingerprint import code_of_runs, digest
 from eulerparams_control.robot.catalogue import load_robot
 
 LOGS = "logs"
-"""The folder beside the bags of the variants, with what their nodes said."""
+"""The folder beside the bags of the variants, with the logs of their nodes."""
 
 _KEY = ".run"  # the file in a bag with the key of its run
 _METADATA = "metadata.yaml"
@@ -60,12 +60,12 @@ class Making:
 
     @classmethod
     def of(cls, settings: Sequence[Any], robot: str, faulty: bool) -> "Making":
-        """Return that of a run with these settings, and perhaps with faults."""
+        """Return the versions for a run with these settings."""
         said = [*settings, asdict(load_robot(robot))]
         return cls(digest(said), code_of_runs(faulty))
 
     def differs(self, before: "Making") -> str:
-        """Return what has changed since, in words; "" if nothing."""
+        """Return what has changed since then, in words; "" if nothing."""
         names = {"definition": "its definition", "code": "the code"}
         changed = [text for k, text in names.items() if getattr(self, k) != getattr(before, k)]
         return " and ".join(changed)
@@ -73,7 +73,7 @@ class Making:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep an experiment's folder from other calls; the lock ends with this process, too.
+    """Lock an experiment's folder against other calls; the lock also ends with this process.
 
     Raises:
         ConfigurationError: if another call has it, or it cannot be made.
@@ -114,7 +114,7 @@ class RunRecord:
         self._write({"making": asdict(making), "key": secrets.token_hex(16)})
 
     def claim(self) -> None:
-        """Give the bag that the recorder has made the key of the run; nothing if there is none."""
+        """Write the key of the run into the bag that the recorder has made, if there is one."""
         if any(self._is_ours(path) for path in self._entries()):
             with contextlib.suppress(OSError):  # a full disk: what filled it says so
                 (self.bag / _KEY).write_text(str(self._read().get("key", "")), encoding="utf-8")
@@ -131,7 +131,7 @@ class RunRecord:
         new.replace(self.path)  # whole, or not at all
 
     def finished(self) -> tuple[Making, Run] | None:
-        """Return the run whose whole bag is there, and what it was made of; None if none is."""
+        """Return the run whose complete bag exists, and its versions; None if there is none."""
         content = self._read()
         try:
             making, run = Making(**content["making"]), Run(self.bag, **content["ended"])
@@ -140,7 +140,7 @@ class RunRecord:
         return None if self._foreign(content) else (making, run)
 
     def clear(self) -> None:
-        """Remove the bag of a run before, if it is ours; nothing if there is none.
+        """Remove the bag of an earlier run, if there is one and it is ours.
 
         Raises:
             BagError: if it is not, was changed since, or holds what no recorder wrote.
@@ -179,7 +179,7 @@ class RunRecord:
         return list(self.bag.iterdir()) if self.bag.is_dir() else []
 
     def _is_ours(self, path: Path) -> bool:
-        """Return whether this is a file of a name that the recorder, or we, give in this bag."""
+        """Return whether a file has a name that the recorder, or we, give in this bag."""
         recorded = re.fullmatch(rf"{re.escape(self.bag.name)}_\d+\.mcap", path.name)
         is_named = recorded or path.name in (_KEY, _METADATA, USAGE)
         return bool(is_named) and path.is_file() and not path.is_symlink()

@@ -26,7 +26,7 @@ def usage_of(pid: int) -> tuple[float, float, float]:
 
 
 def waited_of(pid: int) -> dict[int, float]:
-    """Return how long [s] each thread of a process was ready, but had no processor."""
+    """Return how long [s] each thread of a process was ready but had no processor."""
     waited = {}
     for task in Path("/proc", str(pid), "task").iterdir():
         with suppress(OSError):  # a thread that has just ended
@@ -66,7 +66,7 @@ class UsageLog:
         return with_memory
 
     def _wait(self, pid: int) -> float:
-        """Return the longest wait [s] of a thread since it was looked at last."""
+        """Return the longest wait [s] of a thread since the last sample."""
         before, now = self._waited.get(pid, {}), waited_of(pid)
         self._waited[pid] = now
         return max((now[k] - before[k] for k in now.keys() & before.keys()), default=0.0)

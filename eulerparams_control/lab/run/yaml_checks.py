@@ -13,7 +13,7 @@ from eulerparams_control.resources import config_file
 
 
 def load[T](folder: str, name: str, read: Callable[[str, Any], T]) -> T:
-    """Return what a YAML file says: that of a name in ``config/FOLDER``, or of a path.
+    """Return the content of a YAML file, by its name in ``config/FOLDER`` or by its path.
 
     Args:
         folder: of config.

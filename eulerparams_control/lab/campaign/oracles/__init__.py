@@ -17,7 +17,7 @@ type Found = Iterable[tuple[float, str]]
 
 
 class Violation(NamedTuple):
-    """Something that must not be.
+    """A violation of what must hold.
 
     Attributes:
         oracle: name of who found it.
@@ -70,7 +70,7 @@ def judge(record: SequenceRecord) -> list[Violation]:
 
 
 def worst_of(excesses: Iterable[tuple[str, float, float, str]]) -> Found:
-    """Return the worst of each kind that is too much.
+    """Return the worst excess of each kind.
 
     Args:
         excesses: kind, value over what is allowed, time [s], words.

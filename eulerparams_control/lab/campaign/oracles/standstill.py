@@ -28,7 +28,7 @@ _NEAR, _ALIGNED = 0.005, 1.0
     f"{_BRAKING} s on; not while a fault shakes the arm or its measured state",
 )
 def held_still(record: SequenceRecord) -> Found:
-    """Yield the times at which the arm moves while it is to be at rest."""
+    """Yield the times at which the arm moves while it should be at rest."""
     for spans, disturbed, time in (
         (_holding(record), record.shaken, _SETTLING),
         (_without_states(record), record.disturbed, _BRAKING),
@@ -96,7 +96,7 @@ def without(start: float, end: float, shaken: list[Span]) -> list[Span]:
     f"{_ALIGNED:g} deg of where it was sent",
 )
 def recovers(record: SequenceRecord) -> Found:
-    """Yield how the tip is not there, or why it is no better."""
+    """Yield how far the tip is from its goal, or what the controller still reports."""
     if record.crash:
         return  # another oracle says so
     last = record.said[-1] if record.said else None

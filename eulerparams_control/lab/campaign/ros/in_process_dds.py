@@ -27,7 +27,7 @@ class Crash(Exception):
 
 
 class Counting:
-    """Goes before the class of a node: counts what it publishes on each topic.
+    """Mixin for the class of a node: counts what it publishes on each topic.
 
     Attributes:
         sent: messages by topic.
@@ -51,7 +51,7 @@ class Counting:
 
 
 def until(condition: Any, what: str) -> None:
-    """Wait until something of DDS is so; raise SimulationError if it never is."""
+    """Wait until a condition on DDS holds; raise SimulationError if it never does."""
     deadline = time.monotonic() + _PATIENCE
     while not condition():
         if time.monotonic() > deadline:
@@ -67,7 +67,7 @@ def subscription_of(node: Node | None, topic: str) -> Subscription | None:
 
 
 def deliver(publisher: Publisher, msg: Any, node: Node | None) -> bool:
-    """Publish a message, and let a node act on it; return whether it listens to it."""
+    """Publish a message and call the node's callback; return whether the node subscribes to it."""
     subscription = subscription_of(node, publisher.topic_name)
     listeners = 0 if subscription is None else 1
     until(
@@ -82,7 +82,7 @@ def deliver(publisher: Publisher, msg: Any, node: Node | None) -> bool:
 
 
 def take(subscription: Subscription) -> tuple[Any, Any]:
-    """Return the next message of a subscription with its info; it is on its way."""
+    """Return the next message of a subscription with its info; wait for it."""
     found: tuple[Any, Any] | None = None
 
     def is_there() -> bool:
@@ -114,7 +114,7 @@ def call(callback: Callable[..., Any], *args: Any) -> None:
 
 
 def drain(subscription: Subscription) -> None:
-    """Throw away what has come."""
+    """Discard the waiting messages."""
     with subscription.handle:
         while subscription.handle.take_message(subscription.msg_type, subscription.raw):
             pass

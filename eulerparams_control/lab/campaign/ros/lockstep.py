@@ -97,7 +97,7 @@ def _counted(controller: str) -> type[Any]:
 
 @contextmanager
 def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
-    """Be in a ROS domain; the parameters are those of the controller."""
+    """Initialise ROS in a domain, with the parameters of the controller."""
     words = [word for item in parameters.items() for word in ("-p", f"{item[0]}:={item[1]}")]
     args = ["--ros-args", *words, "--log-level", "fatal"]
     no_signals = SignalHandlerOptions.NO  # they are those of who runs us
@@ -110,7 +110,7 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
 
 
 def run_lockstep(plan: SequencePlan, domain: int) -> SequenceRecord:
-    """Run a sequence; return what was seen."""
+    """Run a sequence; return its record."""
     robot = plan.robot.description()
     frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
     with _ros(frames | plan.parameters(), domain):
@@ -195,7 +195,7 @@ class _Sequence:
         self._see_publishers()
 
     def _kill(self) -> None:
-        """Kill the controller, without a last word."""
+        """Kill the controller without warning."""
         self._note(KILLED)
         self.node.destroy_node()
         self.node = None
@@ -210,7 +210,7 @@ class _Sequence:
             until(lambda: node.count_publishers("/reference") == there, "the publishers there are")
 
     def _come_and_go(self, wanted: bool) -> None:
-        """Let a second publisher of references come, or go."""
+        """Create or destroy the second publisher of references."""
         if self._second is None and wanted:
             self._second = _plain_node("intruder")
             self._intruder = self._second.create_publisher(INPUTS[REFERENCE], REFERENCE, QOS_STREAM)
@@ -225,7 +225,7 @@ class _Sequence:
     # --- time --------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Go through the sequence."""
+        """Run the sequence."""
         self._make_nodes()
         for step in itertools.count():
             self.t = step / self.rate
@@ -247,7 +247,7 @@ class _Sequence:
         self.record.tip_error = self.user.tip_error(self.arm.state.q)
 
     def _unlock(self) -> None:
-        """Let a robot be unlocked by its user when no fault acts any more, and start again."""
+        """Unlock a stopped robot once no fault acts any more, and restart the controller."""
         status = self.arm.status
         is_locked = status.mode is DriveMode.STOPPING and status.cause is DriveCause.ACCELERATION
         if not self._is_unlocked and is_locked and self.t >= self.user.quiet:
@@ -290,7 +290,7 @@ class _Sequence:
         return max(0.0, self.t - BEGINNING)
 
     def _call_timers(self, step: int) -> None:
-        """Do what the timers of the controller would."""
+        """Call the timers of the controller."""
         if self.node is None:
             return
         if step % max(1, round(_WATCH * self.rate)) == 0:
@@ -325,7 +325,7 @@ class _Sequence:
             self._pass(topic, found)
 
     def _pass(self, topic: str, msg: Any) -> None:
-        """Let a message arrive."""
+        """Deliver a message to the controller or to the arm."""
         if topic not in self._publishers:
             self.arm.command(msg, UNNUMBERED, self.t)
             return
@@ -334,7 +334,7 @@ class _Sequence:
         self._hear()
 
     def _hear(self) -> None:
-        """Take what the controller has published since."""
+        """Take what the controller has published since the last call."""
         for msg in self._new(self._diagnostics):
             self.record.said.append(said_of(self.t, msg.status[0]))
         for msg in self._new(self._commands):
@@ -343,7 +343,7 @@ class _Sequence:
                 self.arm.command(found, UNNUMBERED, self.t)
 
     def _new(self, subscription: Subscription) -> list[Any]:
-        """Return the messages of the controller that were not taken before."""
+        """Return the messages of the controller that are new."""
         if self.node is None:
             return []
         topic = subscription.topic_name

@@ -1,4 +1,4 @@
-"""E1: (1)-(17) hold for random samples and all 12 sequences, but as errata say of the print.
+"""E1: (1)-(17) hold for random samples and all 12 sequences, with the errata of the print.
 
 What is left of each equation, also of (24), (38), (50), (59) and (62), as they hold and as they
 are printed.
