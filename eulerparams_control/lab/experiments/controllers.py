@@ -115,4 +115,4 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         ("compliant_frame",),
     )
 }
-"""The controllers by name: each scheme alone, and combinations."""
+"""The controllers by name: each scheme by itself, and what is made of several."""
