@@ -34,8 +34,6 @@ from eulerparams_control.lab.maps.turning import (
     FAST,
     FINE,
     UNSETTLED,
-    TurnOutcome,
-    failure,
 )
 from eulerparams_control.lab.run import jobs
 from eulerparams_control.lab.run.jobs import results, workers
@@ -195,11 +193,14 @@ def test_an_arm_does_what_the_free_frame_does():
 
 
 def test_a_failure_says_what_failed():
-    good = TurnOutcome(peak=1.0, travel=1.0, worst=0.1, final=0.0, settled=0.2, diverged=False)
-    assert failure(good, 1.5) == FINE
-    assert failure(good, 0.5) == FAST
-    assert failure(good._replace(settled=math.inf), 0.5) == UNSETTLED
-    assert failure(good._replace(settled=math.inf, diverged=True), 0.5) == DIVERGED
+    def failure(final: float = 0.0, end: int = 3, highest: float = 1.0, stays: bool = False):
+        errors, speeds = np.array([1.0, 0.1, final]), np.ones(3)
+        return SMALL._row(errors, speeds, end, (highest, 1.0), stays)["failure"]
+
+    assert failure() == FINE
+    assert failure(highest=0.5) == FAST
+    assert failure(final=0.1) == failure(stays=True) == UNSETTLED
+    assert failure(end=2) == DIVERGED
 
 
 # --- the sweep -------------------------------------------------------------------------

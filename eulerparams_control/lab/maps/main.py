@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 from rich.console import Console
@@ -23,20 +23,6 @@ from eulerparams_control.lab.maps.definition import MapDefinition, load_map
 from eulerparams_control.lab.maps.sweep import sweep
 from eulerparams_control.lab.run.jobs import carry_out, progress, workers
 from eulerparams_control.resources import config_names
-
-
-class Finished(NamedTuple):
-    """A finished map.
-
-    Attributes:
-        definition: of the map.
-        simulations: how many it has.
-        pictures: of it.
-    """
-
-    definition: MapDefinition
-    simulations: int
-    pictures: Sequence[Picture]
 
 
 def write_pictures(folder: Path, pictures: Sequence[Picture]) -> None:
@@ -93,8 +79,8 @@ def _list(_options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _make(definition: MapDefinition, out: Path, pool: Executor, console: Console) -> Finished:
-    """Return a map with its pictures, after its sweep."""
+def _make(definition: MapDefinition, out: Path, pool: Executor, console: Console) -> dict[str, Any]:
+    """Return a map with its number of simulations and its pictures, for the page."""
     folder = out / definition.name
     started = time.monotonic()
     with progress(console, "simulations") as bars:
@@ -109,7 +95,7 @@ def _make(definition: MapDefinition, out: Path, pool: Executor, console: Console
     say(console, f"  {definition.name}: {count} simulations, {seconds:.1f} s")
     for picture in drawn:
         say(console, f"  {picture.title}")
-    return Finished(definition, count, drawn)
+    return {"definition": definition, "simulations": count, "pictures": drawn}
 
 
 if __name__ == "__main__":

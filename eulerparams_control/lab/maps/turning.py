@@ -8,7 +8,7 @@ those of the nodes: :class:`ClikLaw`, :class:`ResolvedAcceleration`, :class:`Inv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -88,40 +88,6 @@ class ArmTip:
         self._q = self._q + dt / 2 * (before + self._dq)
 
 
-class TurnOutcome(NamedTuple):
-    """Outcome of a run.
-
-    Attributes:
-        peak: [rad/s] highest angular speed of the tip.
-        travel: [rad] length of its way.
-        worst: [rad] largest orientation error after the first step.
-        final: [rad] orientation error at the end; of a run that diverged pi.
-        settled: [s] from when on the error stays below a bound; inf if it does not.
-        diverged: whether its state became non-finite, or the law had no answer.
-    """
-
-    peak: float
-    travel: float
-    worst: float
-    final: float
-    settled: float
-    diverged: bool
-
-
-def failure(outcome: TurnOutcome, highest: float) -> float:
-    """Return how a run that had to settle failed: FINE, FAST, UNSETTLED or DIVERGED.
-
-    Args:
-        outcome: of the run.
-        highest: [rad/s] speed that was not to be exceeded.
-    """
-    if outcome.diverged:
-        return DIVERGED
-    if math.isinf(outcome.settled):
-        return UNSETTLED
-    return FAST if outcome.peak > highest else FINE
-
-
 @dataclass(frozen=True, kw_only=True)
 class TurningMap(MapKind):
     """An orientation error has to vanish.
@@ -178,11 +144,28 @@ class TurningMap(MapKind):
         desired: Callable[[float], DesiredFrame],
         duration: float,
         random: np.random.Generator,
-    ) -> TurnOutcome:
-        """Return what becomes of a tip that a law drives to a desired frame over time [s]."""
+        direct: tuple[float, float],
+        must_stay: bool = False,
+    ) -> dict[str, float]:
+        """Return what becomes of a tip that a law drives to a desired frame, as numbers of a map.
+
+        Args:
+            law: the law.
+            tip: the tip.
+            desired: the desired frame over time [s].
+            duration: [s] of the run.
+            random: of the noise.
+            direct: [rad/s] peak speed of a direct turn, [rad] its length.
+            must_stay: whether an error is a failure at any time after the first step.
+
+        Returns:
+            peak speed and travel over those of a direct turn; largest error after the first step
+            and error at the end [deg], 180 if the state became non-finite or the law had no answer;
+            time [s] from which on the error stays below ``settled``, inf if it does not; failure.
+        """
         dt, steps = self.dt, round(duration / self.dt)
         noise = math.radians(self.noise) * random.normal(size=(steps, 3))
-        errors, speeds = np.zeros(steps), np.zeros(steps)
+        errors, speeds, end = np.zeros(steps), np.zeros(steps), steps
         x_de: Any = None
         for i in range(steps):
             target, state = desired(i * dt), tip.state
@@ -200,18 +183,30 @@ class TurningMap(MapKind):
             except (SingularityError, OverflowError):
                 speeds[i] = math.inf
             if not speeds[i] < _FASTEST:
-                travel, worst = float(speeds[:i].sum() * dt), float(errors[: i + 1].max())
-                return TurnOutcome(_FASTEST, travel, worst, math.pi, math.inf, True)
-        outside = np.flatnonzero(errors > self.bound)
-        last = int(outside[-1]) + 1 if len(outside) else 0
-        settled = last * dt if last < steps else math.inf
-        travel, worst = float(speeds.sum() * dt), float(errors[1:].max())
-        return TurnOutcome(float(speeds.max()), travel, worst, float(errors[-1]), settled, False)
+                end = i
+                break
+        return self._row(errors, speeds, end, direct, must_stay)
 
-    @property
-    def bound(self) -> float:
-        """The error [rad] that counts as none."""
-        return math.radians(self.settled)
+    def _row(
+        self, errors: Array, speeds: Array, end: int, direct: tuple[float, float], must_stay: bool
+    ) -> dict[str, float]:
+        """Return the numbers of a run with these errors [rad] and speeds [rad/s] up to step ``end``."""
+        steps, (highest, theta), bound = len(errors), direct, math.radians(self.settled)
+        diverged = end < steps
+        worst = float((errors[: end + 1] if diverged else errors[1:]).max())
+        outside = np.flatnonzero(errors > bound)
+        last = int(outside[-1]) + 1 if len(outside) else 0
+        lost = diverged or last >= steps or (must_stay and worst > bound)
+        peak = _FASTEST if diverged else float(speeds.max())
+        fast = FAST if peak > self.fast * highest else FINE
+        return {
+            "speed_ratio": peak / highest,
+            "detour": float(speeds[:end].sum() * self.dt) / theta,
+            "worst_deg": math.degrees(worst),
+            "final_deg": math.degrees(math.pi if diverged else float(errors[-1])),
+            "settle_time": math.inf if lost else last * self.dt,
+            "failure": DIVERGED if diverged else UNSETTLED if lost else fast,
+        }
 
     def settle(
         self,
@@ -223,8 +218,8 @@ class TurningMap(MapKind):
     ) -> dict[str, float]:
         """Return what becomes of a tip that is theta [rad] away from R_d (3, 3), at rest."""
         desired, law = DesiredFrame(tip.state.p_e, R_d), self.motion_law(variant)
-        outcome = self.run(law, tip, lambda _: desired, self.duration, random)
-        return self.row(outcome, self.direct_peak(theta), theta)
+        direct = self.direct_peak(theta), theta
+        return self.run(law, tip, lambda _: desired, self.duration, random, direct)
 
     def follow(
         self,
@@ -245,24 +240,4 @@ class TurningMap(MapKind):
         """
         first = desired(0.0)
         tip = FreeTip(first.R_d, first.omega_d)
-        outcome = self.run(law, tip, desired, duration, random)
-        if outcome.worst > self.bound:  # it had settled: it was to stay so
-            outcome = outcome._replace(settled=math.inf)
-        return self.row(outcome, *turn)
-
-    def row(self, outcome: TurnOutcome, direct: float, theta: float) -> dict[str, float]:
-        """Return the outcome as numbers of a map.
-
-        Args:
-            outcome: of the run.
-            direct: [rad/s] peak speed of a direct turn.
-            theta: [rad] its length.
-        """
-        return {
-            "speed_ratio": outcome.peak / direct,
-            "detour": outcome.travel / theta,
-            "worst_deg": math.degrees(outcome.worst),
-            "final_deg": math.degrees(outcome.final),
-            "settle_time": outcome.settled,
-            "failure": failure(outcome, self.fast * direct),
-        }
+        return self.run(law, tip, desired, duration, random, turn, must_stay=True)
