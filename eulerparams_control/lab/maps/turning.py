@@ -190,7 +190,7 @@ class TurningMap(MapKind):
     def _row(
         self, errors: Array, speeds: Array, end: int, direct: tuple[float, float], must_stay: bool
     ) -> dict[str, float]:
-        """Return the numbers of a run with these errors [rad] and speeds [rad/s] up to step ``end``."""
+        """Return the numbers of a run with errors [rad] and speeds [rad/s] up to step ``end``."""
         steps, (highest, theta), bound = len(errors), direct, math.radians(self.settled)
         diverged = end < steps
         worst = float((errors[: end + 1] if diverged else errors[1:]).max())
