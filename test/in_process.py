@@ -172,7 +172,7 @@ class Running:
         return self.exit_code
 
     def kill(self) -> None:
-        """Let the node be no more, without a last word."""
+        """Destroy the node without warning."""
         self.exit_code = -9
         self.node.destroy_node()
 

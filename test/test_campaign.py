@@ -45,7 +45,7 @@ RATE = 250.0
 MAX_EFFORT_RATE = 1e4
 STATE_TIMEOUT = 0.1
 END = 3.0
-# The clock of the robot of these records is so far [s] ahead of their own.
+# The clock of the robot is ahead of the clock of these records [s].
 AHEAD = 100.0
 
 ZERO = (0.0,) * 6

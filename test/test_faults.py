@@ -442,7 +442,7 @@ class Between:
         self._publishers[topic].publish(msg)
 
     def got(self, topic: str, count: int) -> list[Any]:
-        """Return what was given on, once there are so many."""
+        """Return what was relayed, once there are ``count`` messages."""
         out = self._outs[topic]
         self.world.until(lambda: len(out) >= count, f"{count} messages of faulty/{topic}")
         return out

@@ -28,13 +28,13 @@ STANDS = 1e-3
 MOVES = 0.02
 # The first command after a restart is where the arm was measured [rad].
 BEGINS_AT = 1e-6
-# Efforts that bear the arm that stands [Nm]: its inertia times gains times what brakes leave.
+# Efforts that hold the arm at rest [Nm]: its inertia times gains times what brakes leave.
 BEARS = 1e-2
 # A robot is so old [s] that the stamps of its successor are far from its own: a clock that goes
 # back by less than state_timeout is another fault.
 OLD = 10.0
 
-GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # bear 50 ms of delay
+GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # stable with 50 ms of delay
 CONTROLLERS = {
     "clik": {**FRAMES, "k_Pp": 10.0, "k_Po": 10.0},
     "dynamic_control": {**FRAMES, **GAINS},

@@ -53,7 +53,7 @@ MS = 1e-3
 def why(
     *missed: float, refused: int = 0, overrun: int = 0, waited: float = 0.0, later: Any = ()
 ) -> list[str]:
-    """Return why states were missed, where so much was counted between 10 s and 11 s."""
+    """Return why states were missed, with these counts between 10 s and 11 s."""
     said = [ModeReport(10.0, Mode.FOLLOWING, "", 5, 5)]
     said += [ModeReport(11.0, Mode.FOLLOWING, "", 5 + refused, 5 + overrun), *later]
     waits = [(9.0, 10.0, 0.0), (10.0, 10.6, waited)]
