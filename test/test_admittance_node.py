@@ -1,27 +1,25 @@
 """Admittance: ``impedance_control`` moves ``clik``, for arms that take positions.
 
 ``impedance_control`` with ``command_type: none`` publishes the compliant frame alone, which is the
-reference of ``clik``.  The arm is moved by the test, or by ``pybullet_bridge``.
+reference of ``clik``.  The arm is moved by the test; the experiment ``admittance`` has the forces
+with the simulated robot.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import WrenchStamped
 from in_process import Running, World
 from ros_processes import AT_ONCE, HOME, MODEL, UNSHAPED, UR5, Arm, Array, pose, reference
 from samples import rodrigues
-from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import angle_between
-from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import RobotState
 
@@ -65,14 +63,14 @@ class CompliantArm(Arm):
 class Admittance:
     """Both nodes with an arm that takes positions, and feels what touches it."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, **of_clik: Any) -> None:
         self.world, self.peer = world, world.peer
         self.arm = CompliantArm(world, UR5)
         self.arm.wear_sensor()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, "reference")
         self.impedance = self.start_impedance()
         parameters = SIMULATED | UNSHAPED | {"reference_timeout": 0.02}  # a blow does not last
-        clik = world.start("clik", parameters, remap=FOLLOWING)
+        clik = world.start("clik", parameters | of_clik, remap=FOLLOWING)
         self.arm.connect()
         self.arm.frames.clear()
 
@@ -82,25 +80,10 @@ class Admittance:
 
         world.until(following, "clik following")
         self.arm.alive = True
+        self.arm.start_afresh()
 
     def start_impedance(self) -> Running:
         return self.world.start(NAME, COMPLIANT)
-
-
-@pytest.fixture(scope="module")
-def shared(shared_world: World) -> Admittance:
-    return Admittance(shared_world)
-
-
-@pytest.fixture
-def both(shared: Admittance) -> Iterator[Admittance]:
-    """Both nodes, active, with the arm at home, untouched."""
-    arm = shared.arm
-    arm.release()
-    arm.sensor.on = True
-    arm.start_afresh()
-    yield shared
-    arm.release()
 
 
 def spring(anchor: Array) -> Callable[[RobotState], Array]:
@@ -109,7 +92,9 @@ def spring(anchor: Array) -> Callable[[RobotState], Array]:
 
 
 # --- the arm that the test moves -------------------------------------------------------------
-def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(both):
+@pytest.mark.parametrize("pairing", ["latest", "stamp"])
+def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(world, pairing):
+    both = Admittance(world, reference_pairing=pairing)
     arm, (p, R) = both.arm, pose(HOME)
     arm.environment = spring(p)
     both.references.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
@@ -123,21 +108,20 @@ def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment
     turned = rodrigues(np.arcsin(2.0 / 100.0), np.array([0.0, 0.0, 1.0])) @ R
     assert angle_between(pose(arm.q)[1], turned) < FOLLOWED
     assert_close(pose(arm.q)[0], p + [DEPTH, 0.0, 0.0], FOLLOWED)
-
-
-def test_a_blow_is_followed_from_its_first_frame(both):
-    before = both.peer.counter("clik", "reference rejected")
-    both.arm.push(20.0, 0.0, 0.0)  # 20 m/s^2, 0.1 m in 0.1 s if it lasted
-    both.arm.ticks(30)
-    assert both.peer.counter("clik", "reference rejected") == before
+    both.impedance.kill()
+    arm.send_next()
+    assert len(arm.commands) == (pairing == "latest")  # else a state waits for its frame
 
 
 def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_where_the_arm_is(
-    both,
+    world,
 ):
+    both = Admittance(world)
     arm = both.arm
-    arm.push(8.0, 0.0, 0.0)
-    arm.ticks(20)
+    before = both.peer.counter("clik", "reference rejected")
+    arm.push(20.0, 0.0, 0.0)  # 20 m/s^2, 0.1 m in 0.1 s if it lasted
+    arm.ticks(30)
+    assert both.peer.counter("clik", "reference rejected") == before  # from the first frame on
     assert np.abs(arm.dq).max() > 0.05
     arm.alive = False
     both.impedance.kill()
@@ -198,62 +182,3 @@ def test_an_arm_without_velocities_and_inertias_is_compliant_too(world):
     assert not topics & {"/joint_effort", "/joint_reference"}
     assert process.stop() == 0
     assert "error" not in process.stderr
-
-
-# --- with the simulated robot ----------------------------------------------------------------
-
-
-END, STEP = 400_000_000, 2_000_000  # [ns]
-KINDS = {
-    "joint_reference": JointState,
-    "joint_states": JointState,
-    "compliant_frame": MultiDOFJointTrajectory,
-    "wrench": WrenchStamped,
-}
-
-
-def stamp(msg: Any) -> int:
-    return ns_from_ros(msg.header.stamp)
-
-
-def pressed(world: World, namespace: str) -> dict[str, list[Any]]:
-    """Return what is said by topic while the arm is led into a spring, in lock-step."""
-    peer, (p, R) = world.peer, pose(HOME)
-    bridge = {
-        **{"mode": "lockstep", "control": "position", "rate": 1e9 / STEP, "duration": END / 1e9},
-        "environment.wall.shape": "spring",
-        "environment.wall.position": p.tolist(),
-        "environment.wall.stiffness": K_E,
-    }
-    said = {name: peer.listen(kind, f"{namespace}/{name}") for name, kind in KINDS.items()}
-    goals = peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-    robot = world.start("pybullet_bridge", bridge, namespace=namespace)
-    waits = {"require_reference": True, "wait_for_subscribers": 2}
-    world.start(NAME, {**COMPLIANT, **waits, "wrench_pairing": "stamp"}, namespace=namespace)
-    clik = {**SIMULATED, **waits, "reference_pairing": "stamp"}
-    world.start("clik", clik, namespace=namespace, remap=FOLLOWING)
-    world.until(goals.get_subscription_count, "a subscriber of reference")
-    world.until(lambda: said["joint_states"] and said["wrench"], "the first state")  # repeated
-    goals.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
-    world.until(lambda: all(m and stamp(m[-1]) == END for m in said.values()), "the end")
-    assert robot.end() == 0
-    return said
-
-
-def test_in_lockstep_the_predicted_contact_force_is_reached_and_two_runs_are_equal_to_the_bit(
-    world,
-):
-    found = []
-    for namespace in ("/first", "/second"):
-        said = pressed(world, namespace)
-        found.append(
-            {name: {stamp(m): str(m) for m in messages} for name, messages in said.items()}
-        )
-        contact, q = said["wrench"][-1].wrench.force, said["joint_states"][-1].position[:6]
-        w = pose(q)[1] @ [contact.x, contact.y, contact.z]
-        assert_close(w, [-FORCE, 0.0, 0.0], 0.01 * FORCE)
-    for texts in found[0].values():
-        assert list(texts) == list(range(0, END + 1, STEP))
-    assert found[0] == found[1]
-    commands = found[0]["joint_reference"]
-    assert len(set(commands.values())) == len(commands)

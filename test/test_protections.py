@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from in_process import World, each_once
 from ros_processes import (
     FRAMES,
@@ -28,12 +29,13 @@ from ros_processes import (
 )
 from samples import rodrigues
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
 from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.control.speed_scaling import LEAST
-from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.ros.ending import LONGEST
 
 ALL = ("clik", "dynamic_control", "impedance_control")
@@ -406,3 +408,71 @@ def test_an_arm_that_tells_nothing_any_more_is_let_alone_at_once(world, executab
     world.advance(0.5)
     assert node.told["mode"] == "inactive"
     assert node.sent == []
+
+
+# --- a defect, a halt, limits ---------------------------------------------------------------
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
+def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_line(
+    graph, executable
+):
+    node = Controlled(graph, f"{executable} broken in timer", FRAMES)
+    node.follow(upwards(HOME))
+    sent = node.peer.listen(JointState, f"/{node.arm.topic}")
+    graph.until(lambda: node.arm.tick() and sent, "a command that is heard")
+    positions = node.arm.ticks_until(lambda: node.process.exit_code is not None)
+    assert node.process.end() == 1
+    assert np.abs(node.arm.dq).max() < AT_REST
+    (line,) = (each for each in node.process.stderr.splitlines() if "error: internal" in each)
+    assert "planted in a timer (broken_node.py:" in line
+    assert "Traceback" not in node.process.log
+    graph.until(lambda: ns_from_ros(sent[-1].header.stamp) in positions, "the last command")
+    node.arm.q = positions[ns_from_ros(sent[-1].header.stamp)]
+    assert_may_stay(sent[-1], node.arm, within=AT_REST * DT)
+
+
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
+def test_an_arm_that_is_halted_says_so_and_is_resumed_when_it_is_at_rest(world, executable):
+    node = Moving(world, executable)
+
+    def ask(service: str) -> str:
+        """Return why a service refuses."""
+        response = node.peer.call(Trigger, f"/{executable}/{service}", Trigger.Request())
+        return "" if response.success else str(response.message)
+
+    assert ask("halt") == ""
+    assert "ask when it is at rest" in ask("resume")
+    status = values(node.status(lambda s: values(s)["mode"] == "stopped"))
+    assert (status["cause"], status["remedy"]) == ("halt", "call ~/resume")
+    poses = node.peer.listen(PoseStamped, f"{executable}/pose")
+    errors = node.peer.listen(TwistStamped, f"{executable}/error")
+    node.arm.ticks(1000)
+    assert np.abs(node.arm.dq).max() < AT_REST
+    assert errors  # while it braked
+    errors.clear()
+    pushed = node.arm.q + 1e-4
+    for _ in range(50):
+        node.arm.tick(pushed)
+    frame = pose_from_ros(poses[-1], AT_ORIGIN)
+    for found, expected in zip((frame.p_d, frame.R_d), pose(pushed), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert not errors
+    assert ask("resume") == ""
+    assert values(node.status())["mode"] == "holding"
+    assert node.peer.change_state(executable, "deactivate")
+    assert all("not active" in ask(service) for service in ("halt", "resume"))
+
+
+def test_that_limits_change_most_commands_is_said(world):
+    slack = {"max_joint_acceleration": [0.05], "max_error_position": 10.0, "max_deviation": 10.0}
+    node = Controlled(world, "clik", FRAMES | slack | {"max_error_rotation": 3.0})
+    p, R = pose(HOME)
+    sides = [0.04, -0.04]
+
+    def hurries() -> bool:
+        sides.reverse()
+        node.references.publish(reference(DesiredFrame(p + [0.0, sides[0], 0.0], R), times=(0.5,)))
+        node.arm.ticks(60)
+        return "limits have changed" in node.process.log
+
+    world.until(hurries, "that most commands are changed")
+    assert "commands of the last second: the motion is faster than the arm" in node.process.log

@@ -1,5 +1,6 @@
 """``watchdog``: what a driver without a timeout gets when its controller falls silent."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,9 @@ P = WatchdogParameters(base_frame=UR5.base_frame, tip_frame=UR5.tip_frame)
 class Plant:
     """A frictionless arm with a driver that holds the last effort for ever."""
 
-    def __init__(self, parameters: WatchdogParameters = P, payload: float = 0.0) -> None:
-        self.watch = Watch(parameters.robot(UR5.urdf), parameters)
-        loaded = WatchdogParameters(
-            base_frame=P.base_frame, tip_frame=P.tip_frame, tool_mass=payload
-        )
-        self.model: Robot = loaded.robot(UR5.urdf)
+    def __init__(self, payload: float = 0.0) -> None:
+        self.watch = Watch(P.robot(UR5.urdf), P)
+        self.model: Robot = replace(P, tool_mass=payload).robot(UR5.urdf)
         self.q, self.dq, self.t, self.tau = HOME.copy(), np.zeros(6), 10.0, np.zeros(6)
         self.efforts: list[Array] = []
 
@@ -50,11 +48,15 @@ class Plant:
         self.dq = self.dq + DT * np.linalg.solve(state.B, self.tau - state.C_dq - state.g)
         self.q = self.q + DT * self.dq
 
-    def push(self, seconds: float = 0.1) -> None:
+    def steps(self, count: int, error: Any = None, **seen: bool) -> None:
+        """Let time go by; a controller may send efforts with an error [Nm]."""
+        for _ in range(count):
+            self.step(None if error is None else self.gravity() + error, **seen)
+
+    def push(self) -> None:
         """Let a controller set the arm in motion."""
         self.tau = self.gravity()
-        for _ in range(round(seconds / DT)):
-            self.step(self.gravity() + PUSH)
+        self.steps(50, PUSH)
 
     def speed(self) -> float:
         state = self.model.state(self.q, self.dq)
@@ -72,9 +74,13 @@ def test_efforts_go_on_as_they_are_once_the_arm_is_seen_within_its_limits_also_a
     assert watch.effort(tau, 1.01) is tau or (watch.effort(tau, 1.01) == tau).all()
     assert (watch.effort(1e3 * tau, 1.02) == MODEL.limits.limit_effort(1e3 * tau)[0]).all()
     assert watch.mode is WatchMode.PASSING
+    plant = Plant()
+    for step in range(200):
+        plant.step(plant.gravity() if step % 20 == 0 else None)  # 40 ms: no silence
+    assert plant.watch.mode is WatchMode.PASSING
 
 
-def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays():
+def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays_unless_it_is_pushed():
     plant = Plant()
     plant.push()
     assert plant.speed() > 0.25
@@ -87,24 +93,21 @@ def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays():
     rest = plant.model.state(plant.q, plant.dq).p_e
     ramp = np.abs(np.array(plant.efforts) - plant.gravity()).max() / P.max_effort_rate
     assert np.linalg.norm(rest - p) < fastest * (P.timeout + 1 / P.damping + ramp)
-    for _ in range(1000):
-        plant.step()
+    plant.steps(1000)
     assert plant.watch.mode is WatchMode.HOLDING
     assert np.linalg.norm(plant.model.state(plant.q, plant.dq).p_e - rest) < 1e-3
     np.testing.assert_allclose(plant.tau, plant.gravity(), atol=0.1)
     steps = np.abs(np.diff(plant.efforts[50:], axis=0)).max()
     assert steps <= P.max_effort_rate * 5 * DT + 1e-9  # the first one, after the silence
-    plant.dq = plant.dq + 20 * AT_REST  # it is pushed
+    plant.dq = plant.dq + 20 * AT_REST
     plant.step()
     assert plant.watch.mode is WatchMode.BRAKING
 
 
 def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly():
     plant = Plant(payload=1.0)
-    for _ in range(5):
-        plant.step(plant.gravity())
-    for _ in range(1000):
-        plant.step()
+    plant.steps(5, 0.0)
+    plant.steps(1000)
     assert plant.speed() < 0.15
     assert np.isfinite(plant.q).all()
 
@@ -112,26 +115,23 @@ def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly():
 def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without_a_jump():
     plant = Plant()
     plant.push()
-    with_error = lambda: plant.gravity() + [0.0, 30.0, 0.0, 0.0, 0.0, 0.0]  # noqa: E731
+    error = np.array([0.0, 30.0, 0.0, 0.0, 0.0, 0.0])
     while plant.watch.mode is not WatchMode.BRAKING:
         plant.step()
-    plant.step(with_error())
+    plant.steps(1, error)
     with pytest.raises(InvalidMessageError, match="not resumed: braking; expected an arm at rest"):
         plant.watch.resume(plant.t)
-    for _ in range(400):
-        plant.step()
+    plant.steps(400)
     with pytest.raises(InvalidMessageError, match="a controller that sends"):
         plant.watch.resume(plant.t)  # nobody sends
-    for _ in range(50):
-        plant.step(with_error())
+    plant.steps(50, error)
     assert plant.watch.mode is WatchMode.HOLDING
     np.testing.assert_allclose(plant.tau, plant.gravity(), atol=0.1)
     plant.watch.resume(plant.t)
     plant.efforts[:-1] = []
-    for _ in range(30):
-        plant.step(with_error())
+    plant.steps(30, error)
     assert np.abs(np.diff(plant.efforts, axis=0)).max() <= P.max_effort_rate * DT + 1e-9
-    np.testing.assert_allclose(plant.tau, with_error(), atol=0.2)
+    np.testing.assert_allclose(plant.tau, plant.gravity() + error, atol=0.2)
     plant.watch.resume(plant.t)  # again: nothing to do
     assert plant.watch.mode is WatchMode.PASSING
 
@@ -139,26 +139,20 @@ def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without
 def test_without_states_gravity_where_the_arm_was_last_stays_until_they_are_back():
     plant = Plant()
     plant.push()
-    last = None
-    for _ in range(100):
-        plant.step(is_seen=False)
-        last = plant.tau
+    plant.steps(100, is_seen=False)
     assert plant.watch.mode is WatchMode.BLIND
     seen = plant.watch._q
-    np.testing.assert_allclose(last, MODEL.dynamic_state(seen, 0 * seen).g, atol=1e-9)
+    np.testing.assert_allclose(plant.tau, MODEL.dynamic_state(seen, 0 * seen).g, atol=1e-9)
     with pytest.raises(InvalidMessageError, match="not resumed: blind"):
         plant.watch.resume(plant.t)
     plant.step()
     assert plant.watch.mode is WatchMode.BRAKING
-    for _ in range(400):
-        plant.step()
+    plant.steps(400)
     assert plant.watch.mode is WatchMode.HOLDING
 
 
 def test_a_robot_that_compensates_gravity_itself_is_only_damped():
-    itself = WatchdogParameters(
-        base_frame=P.base_frame, tip_frame=P.tip_frame, compensate_gravity=False
-    )
+    itself = replace(P, compensate_gravity=False)
     watch = Watch(itself.robot(UR5.urdf), itself)
     watch.state(HOME, 0 * HOME, 1.0)
     watch.effort(np.zeros(6), 1.0)
