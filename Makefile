@@ -12,7 +12,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long bench paper map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long bench paper compare map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -49,6 +49,10 @@ bench: $(READY)
 
 paper: $(READY)
 	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper $(ARGS)
+
+# Which law is in your controller?
+compare: $(READY)
+	@$(VENV)/bin/experiment --compare $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/compare $(ARGS)
 
 map: $(READY)
 	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)

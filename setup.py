@@ -80,7 +80,10 @@ setup(
             *("pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright", "gymnasium"),
             "colcon-common-extensions",
         ],
-        "dev": ["ruff", "mypy", "pin-pink", "quadprog", "mkdocs-material", "mkdocstrings[python]"],
+        "dev": [
+            *("ruff", "mypy", "pin-pink", "quadprog", "mkdocs-material", "mkdocstrings[python]"),
+            "sdu_controllers",  # (59), (60) by others
+        ],
     },
     zip_safe=False,
     maintainer="eulerparams_control maintainers",

@@ -10,7 +10,6 @@ from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (
-    ORIENTATIONS,
     SEPARATE,
     SEQUENCES,
     SIGNS,
@@ -58,7 +57,7 @@ class ControlParameters(RealTimeParameters):
     orientation: str = parameter(
         "euler_parameters",
         "representation of the orientation displacement",
-        choices=ORIENTATIONS,
+        choices=OrientationRepresentation.registry,
         live=True,
     )
     euler_sequence: str = parameter(

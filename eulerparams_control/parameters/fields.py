@@ -9,7 +9,7 @@ import dataclasses
 import math
 import sys
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
@@ -25,7 +25,7 @@ def parameter(
     *,
     unit: str = "",
     bounds: tuple[float, float] | None = None,
-    choices: Sequence[str] | None = None,
+    choices: Collection[str] | None = None,
     live: bool = False,
 ) -> Any:
     """Return a dataclass field that stands for one ROS parameter.

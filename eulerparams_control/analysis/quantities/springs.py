@@ -47,10 +47,30 @@ def spring_work(recording: Recording) -> float:
     """
     w, _ = _springs(recording)
     series, known = recording.leading, recording.known
-    p, R = series.p_e[known], series.R_e[known]
-    turned = rotation_vector(quaternion(R[1:] @ R[:-1].mT))
-    work = ((w[1:] + w[:-1]) / 2 * np.hstack([np.diff(p, axis=0), turned])).sum(axis=1)
+    work = _work(w, series.p_e[known], series.R_e[known])
     return quotient(float(work.sum()), float(np.abs(work).sum()))
+
+
+@metric("J")
+def contact_work(recording: Recording) -> float:
+    """Work of the contact on the tool: of the recorded wrench along the recorded poses.
+
+    Around a closed path before a desired frame at rest it is what the dampers took.  Where it is
+    negative the arm has given energy to what touches it.
+    """
+    wrench, measured = recording.wrench, recording.measured
+    if wrench is None:
+        raise BagError(f"{recording.path}: {recording.why_no_wrench}")
+    _, at, among = np.intersect1d(measured.t, wrench.t, return_indices=True)
+    w = np.hstack([wrench.f, wrench.mu])[among]
+    return float(_work(w, measured.p_e[at], measured.R_e[at]).sum())
+
+
+def _work(w: Array, p: Array, R: Array) -> Array:
+    """Return the work (N - 1,) [J] of wrenches (N, 6) between poses, by the trapezoidal rule."""
+    turned = rotation_vector(quaternion(R[1:] @ R[:-1].mT))
+    work: Array = ((w[1:] + w[:-1]) / 2 * np.hstack([np.diff(p, axis=0), turned])).sum(axis=1)
+    return work
 
 
 @drawn(

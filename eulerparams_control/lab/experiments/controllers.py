@@ -37,11 +37,13 @@ class NodeSetup:
         executable: its name.
         own: parameters that it needs in this controller.
         remaps: names of its topics, and what they are to be instead.
+        scheme: that it runs; "" that of its name.
     """
 
     executable: str
     own: Mapping[str, Any] = field(default_factory=dict)
     remaps: Mapping[str, str] = field(default_factory=dict)
+    scheme: str = ""
 
     def parameters(self, is_turned: bool = False, is_lockstep: bool = True) -> dict[str, Any]:
         """Return what it needs in lock-step, and where the start is turned off the reference."""
@@ -50,7 +52,7 @@ class NodeSetup:
 
     def _known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return those values of which the node has a parameter."""
-        known = fields_of(schemes()[self.executable].parameters)
+        known = fields_of(schemes()[self.scheme or self.executable].parameters)
         return {name: value for name, value in values.items() if name in known}
 
 
@@ -93,13 +95,14 @@ class ControllerSetup:
         return sum("reference" not in node.remaps for node in self.nodes)
 
 
-def _controller(scheme: SchemeInfo) -> ControllerSetup:
-    """Return the controller that is one scheme."""
-    node = NodeSetup(scheme.name)
+def _controller(scheme: SchemeInfo, executable: str = "") -> ControllerSetup:
+    """Return the controller that is one scheme, run by an executable of its name or another."""
+    node = NodeSetup(executable or scheme.name, scheme=scheme.name)
     return ControllerSetup((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
 
 
 CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
+    "as_shipped": _controller(schemes()["compliance_control"], "as_shipped"),
     "admittance": ControllerSetup(
         (
             NodeSetup("impedance_control", {"command_type": NO_COMMANDS}),
@@ -115,4 +118,5 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         ("compliant_frame",),
     )
 }
-"""The controllers by name: each scheme by itself, and what is made of several."""
+"""The controllers by name: each scheme by itself, what is made of several, and compliance control
+with laws ``as_shipped``."""

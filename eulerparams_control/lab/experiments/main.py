@@ -17,8 +17,9 @@ from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import Outcome
 from eulerparams_control.lab.experiments.model import Experiment, Task
 from eulerparams_control.lab.experiments.paper import (
+    COMPARISON,
+    claims_of,
     headline,
-    number_of,
     paper_experiments,
     paper_table,
     write_paper_page,
@@ -39,7 +40,7 @@ def main(args: list[str] | None = None) -> int:
         could not run or after an error.
     """
     options = _parse(args)
-    is_list = options.list or not (options.names or options.paper)
+    is_list = options.list or not (options.names or options.paper or options.compare)
     return run_experiments(partial(_list if is_list else _run, options))
 
 
@@ -85,6 +86,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="write one page of all of them; without names, the paper's claims and those beyond it",
     )
+    parser.add_argument(
+        "--compare", action="store_true", help="the same of the laws that packages ship"
+    )
     cores = len(os.sched_getaffinity(0))  # nodes in lock-step take one core together
     parser.add_argument("--jobs", type=whole_number(1), default=cores, help="runs at the same time")
     parser.add_argument("--again", action="store_true", help="run again what was run before")
@@ -100,19 +104,22 @@ def _list(_options: argparse.Namespace, console: Console) -> list[Outcome]:
 
 def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     """Run the experiments that were asked for; write the page of the paper if it was."""
-    experiments = _chosen(options.names, options.paper)
+    experiments = _chosen(options.names, options.paper, options.compare)
     out = options.out
+    one_page = options.paper or options.compare
     tasks = [Task(e, out / e.name, check_names(options.variant, e)) for e in experiments]
-    outcomes = run_tasks(tasks, options.jobs, console, not options.paper, options.again)
-    if options.paper:
-        _write_paper(out, outcomes, console)
+    outcomes = run_tasks(tasks, options.jobs, console, not one_page, options.again)
+    if one_page:
+        _write_paper(out, outcomes, console, options.compare)
     return outcomes
 
 
-def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
-    """Return the experiments of these names; without names, those of the paper."""
+def _chosen(names: Sequence[str], paper: bool, compare: bool) -> list[Experiment]:
+    """Return the experiments of these names; with none, those of the paper or the comparison."""
     if paper and not names:
         return paper_experiments()
+    if compare:
+        names = names or COMPARISON
     experiments = [load_experiment(name) for name in names]
     twice = {e.name for e in experiments if sum(o.name == e.name for o in experiments) > 1}
     if twice:
@@ -123,13 +130,15 @@ def _chosen(names: Sequence[str], paper: bool) -> list[Experiment]:
     return experiments
 
 
-def _write_paper(out: Path, outcomes: Sequence[Outcome], console: Console) -> None:
+def _write_paper(
+    out: Path, outcomes: Sequence[Outcome], console: Console, comparison: bool
+) -> None:
     page = out / "index.html"
-    write_paper_page(page, outcomes)
-    write_paper_summary(out / "summary.json", outcomes)
+    write_paper_page(page, outcomes, comparison)
+    write_paper_summary(out / "summary.json", outcomes, comparison)
     console.print(paper_table(outcomes, console.width))
-    if any(number_of(outcome.experiment) for outcome in outcomes):
-        say(console, headline(outcomes), "bold")
+    if claims_of(outcomes, comparison):
+        say(console, headline(outcomes, comparison), "bold")
     say(console, f"The page: {page.resolve()}")
 
 

@@ -17,11 +17,17 @@ from eulerparams_control.analysis.html import MISSING, write_html
 from eulerparams_control.analysis.verdict import groups
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import REPORT, Outcome
+from eulerparams_control.lab.experiments.laws_table import table_of_laws
 from eulerparams_control.lab.experiments.model import Experiment, equation
 from eulerparams_control.resources import config_names
 
 _CLAIM = re.compile(r"e(\d+)")
-_SHOWN_ELSEWHERE = ("demo",)  # two claims at once, for a first look
+_DEMO = "demo"  # two claims at once, for a first look
+COMPARISON = (
+    *("closed_path_contact", "closed_path_law", "joint_stiffness", "geometric", "large_errors"),
+    *("half_turn", "screw", "set_points", "log_filter"),
+)
+"""The experiments that compare laws: which one is in your controller?"""
 
 _OTHERS = 92  # characters of the columns beside the claim
 
@@ -34,7 +40,7 @@ def number_of(experiment: Experiment) -> str:
 
 def paper_experiments() -> list[Experiment]:
     """Return the experiments of the paper's claims in their order, then those beyond it."""
-    names = [name for name in config_names("experiments") if name not in _SHOWN_ELSEWHERE]
+    names = [name for name in config_names("experiments") if name not in (_DEMO, *COMPARISON)]
     experiments = [e for e in map(load_experiment, names) if not _is_in_real_time(e)]
     return sorted(experiments, key=lambda e: (not number_of(e), int(number_of(e)[1:] or 0)))
 
@@ -44,16 +50,26 @@ def _is_in_real_time(experiment: Experiment) -> bool:
     return any(variant.is_in_real_time for variant in experiment.variants.values())
 
 
-def headline(outcomes: Sequence[Outcome]) -> str:
-    """Return how many claims of the paper are met, in one sentence."""
-    claims = [outcome for outcome in outcomes if number_of(outcome.experiment)]
+def claims_of(outcomes: Sequence[Outcome], comparison: bool = False) -> list[Outcome]:
+    """Return those that are claims of the paper; of the comparison all are its claims."""
+    return [outcome for outcome in outcomes if comparison or number_of(outcome.experiment)]
+
+
+def headline(outcomes: Sequence[Outcome], comparison: bool = False) -> str:
+    """Return how many claims of the paper, or of the comparison, are met, in one sentence."""
+    claims = claims_of(outcomes, comparison)
     met = sum(outcome.met for outcome in claims)
-    text = f"{met} of {len(claims)} claims of the paper met"
-    if failed := [number_of(o.experiment) for o in claims if o.error]:
+    of = "comparison" if comparison else "paper"
+    text = f"{met} of {len(claims)} claims of the {of} met"
+
+    def name(outcome: Outcome) -> str:
+        return number_of(outcome.experiment) or outcome.experiment.name
+
+    if failed := [name(o) for o in claims if o.error]:
         text += f"; {', '.join(failed)} could not run"
-    if missed := [number_of(o.experiment) for o in claims if o.missed]:
+    if missed := [name(o) for o in claims if o.missed]:
         text += f"; not met: {', '.join(missed)}"
-    if unjudged := [number_of(o.experiment) for o in claims if not (o.verdicts or o.error)]:
+    if unjudged := [name(o) for o in claims if not (o.verdicts or o.error)]:
         text += f"; not judged: {', '.join(unjudged)}"
     return text + "."
 
@@ -80,7 +96,7 @@ def paper_table(outcomes: Sequence[Outcome], width: int) -> Table:
     return table
 
 
-def write_paper_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_paper_summary(path: Path, outcomes: Sequence[Outcome], comparison: bool = False) -> None:
     """Write summary.json of all experiments: claims, criteria with what was measured, errors."""
     rows = []
     for outcome in outcomes:
@@ -107,22 +123,24 @@ def write_paper_summary(path: Path, outcomes: Sequence[Outcome]) -> None:
                 "criteria": criteria,
             }
         )
-    content = {"headline": headline(outcomes), "experiments": rows}
+    content = {"headline": headline(outcomes, comparison), "experiments": rows}
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def write_paper_page(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_paper_page(path: Path, outcomes: Sequence[Outcome], comparison: bool = False) -> None:
     """Write the page.
 
     Args:
         path: of the file; results of experiments are in folders beside it.
         outcomes: of the experiments.
+        comparison: whether it is that of the comparison, with its table of laws.
     """
-    claims = [outcome for outcome in outcomes if number_of(outcome.experiment)]
+    claims = claims_of(outcomes, comparison)
     write_html(
         path,
         "paper.html",
-        headline=headline(outcomes),
+        headline=headline(outcomes, comparison),
+        laws=table_of_laws() if comparison else (),
         claims=claims,
         beyond=[outcome for outcome in outcomes if outcome not in claims],
         number_of=number_of,

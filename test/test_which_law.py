@@ -1,0 +1,148 @@
+"""The laws for comparison, the experiments without nodes, and an implementation by others."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from representations import make
+from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
+from tolerances import ALGEBRAIC, assert_close
+
+import eulerparams_control.lab.as_shipped  # noqa: F401  registers its laws
+from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.laws_table import table_of_laws
+from eulerparams_control.lab.experiments.library import run_library
+from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
+from eulerparams_control.lab.experiments.result import judge
+from eulerparams_control.lab.maps.base import MapVariant
+from eulerparams_control.lab.maps.set_points_map import astray, between
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws.orientation.relative_quaternion import RelativeTurn
+from eulerparams_control.laws.rotations import EulerParameters, exp, product, quaternion
+from eulerparams_control.parameters.schemes import schemes
+
+K = np.diag([50.0, 20.0, 5.0])
+IN_THE_LIBRARY = [name for name in COMPARISON if not load_experiment(name).variants]
+
+
+def moment(name, R, K_o=K):
+    """Return the elastic moment (3,) of a law at R = R_d' R_c, desired axes."""
+    law = representation(name)
+    return -law.spring(np.eye(3), R, K_o, law.options.values).moment
+
+
+# --- laws as shipped ---------------------------------------------------------------------------
+@pytest.mark.parametrize("theta", [1e-3, 0.5, 2.0, 3.1])
+def test_a_law_as_shipped_is_the_stiffness_times_the_displacement(theta):
+    f = {"eps": 2 * math.sin(theta / 2), "theta": theta, "sin": math.sin(theta)}
+    for r, K_o in zip(unit_vectors(10), positive_definite(10, 3, 5, 50), strict=True):
+        for name, length in f.items():
+            found = moment(f"as_shipped_{name}", rodrigues(theta, r), K_o)
+            assert_close(found, K_o @ (length * r), 100 * ALGEBRAIC)
+
+
+def test_about_an_axis_of_the_stiffness_it_is_that_of_the_gradient_for_theta_r_only():
+    R = rodrigues(1.0, np.array([1.0, 0.0, 0.0]))
+    assert_close(moment("as_shipped_theta", R), moment("rotation_vector", R))
+    assert_close(moment("as_shipped_geometric", R), moment("euler_parameters", R))
+    assert abs(moment("as_shipped_eps", R) - moment("euler_parameters", R)).max() > 1.0
+
+
+def test_no_node_of_a_robot_offers_a_law_as_shipped():
+    code = (
+        "from eulerparams_control.parameters.fields import from_mapping\n"
+        "from eulerparams_control.parameters.schemes import schemes\n"
+        "for s in schemes().values():\n"
+        "    try: from_mapping(s.parameters, {'orientation': 'as_shipped_eps'})\n"
+        "    except Exception as error: print(type(error).__name__)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["UnknownNameError"] * len(schemes())
+
+
+# --- experiments without nodes -----------------------------------------------------------------
+def test_the_comparison_has_a_page_of_its_own():
+    assert not {e.name for e in paper_experiments()} & set(COMPARISON)
+
+
+@pytest.mark.parametrize("name", IN_THE_LIBRARY)
+def test_each_claim_of_the_comparison_without_nodes_is_met(name):
+    experiment = load_experiment(name)
+    verdicts = judge(experiment, {}, run_library(experiment.library).numbers)
+    assert len(verdicts) == len(experiment.criteria) > 0
+    assert all(v.predicted for v in verdicts)
+    assert not [(v.text, v.measured, v.bound) for v in verdicts if not v.met]
+
+
+def test_the_table_has_each_law_and_says_which_make_energy():
+    rows = {row["law"]: row for row in table_of_laws()}
+    assert set(ORIENTATIONS) < set(rows)
+    makes = {name for name, row in rows.items() if row["conservative"] == "no"}
+    assert makes == {"as_shipped_eps", "as_shipped_theta", "as_shipped_sin"}
+    singular = {name: row["singular at"] for name, row in rows.items()}
+    assert singular["euler_parameters"] == "nowhere"
+    assert singular["rodrigues"] == "errors of 180°"
+    assert singular["angle_axis"] == "errors of 90°, 180°"
+    assert singular["euler_angles"] == "poles of the frames"
+
+
+# --- set-points by component -------------------------------------------------------------------
+VARIANTS = [
+    *(MapVariant(n, n) for n in ("rotation_vector", "euler_parameters", "rodrigues")),
+    *(MapVariant("modified_rodrigues", "modified_rodrigues"), MapVariant("XYZ", "euler_angles")),
+    MapVariant("ZYZ", "euler_angles", "ZYZ"),
+]
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda v: v.label)
+def test_set_points_by_component_begin_and_end_at_both(variant):
+    for R_1, R_2 in zip(uniform(5), uniform(5, key=1), strict=True):
+        first, last = between(variant, R_1, R_2)[[0, -1]]
+        assert_close(first, R_1, 100 * ALGEBRAIC)
+        assert_close(last, R_2, 100 * ALGEBRAIC)
+
+
+def test_tool_down_rotation_vectors_lead_astray_and_elsewhere_hardly():
+    down = np.array([0.6, 0.8, 0.0])
+    variant = VARIANTS[0]
+    across = astray(variant, rodrigues(math.pi - 0.01, down), rodrigues(math.pi + 0.01, down))
+    assert across == pytest.approx(180.0 - math.degrees(0.01), abs=1.0)
+    assert astray(variant, rodrigues(1.0, down), rodrigues(1.02, down)) < 1e-6
+
+
+# --- an implementation by others ---------------------------------------------------------------
+def test_eqs_59_and_60_agree_with_sdu_controllers():
+    """Their admittance holds {eta_cd, eps_cd}, omega_cd and integrates by explicit steps."""
+    sdu = pytest.importorskip("sdu_controllers", reason="pip install sdu_controllers")
+    dt, own = 1e-3, make("euler_parameters")
+    for key, (M, D, K_o) in enumerate(
+        zip(
+            positive_definite(3, 1),
+            positive_definite(3, 2),
+            positive_definite(3, 3, 5, 50),
+            strict=True,
+        )
+    ):
+        theirs = sdu.controllers.AdmittanceControllerPosition(1 / dt)
+        theirs.set_mass_matrix_orientation(np.asfortranarray(M))
+        theirs.set_damping_matrix_orientation(np.asfortranarray(D))
+        theirs.set_stiffness_matrix_orientation(np.asfortranarray(K_o))
+        Z, y = Impedance(M, D, K_o), RelativeTurn(EulerParameters(1.0, np.zeros(3)), np.zeros(3))
+        desired = quaternion(uniform(1, key=key)[0])
+        rate, phase = 5 * generator(77, key).normal(size=(2, 3))
+        largest = 0.0
+        for step in range(1000):
+            mu = 20 * np.sin(rate * step * dt + phase)
+            dy = own.compliance.rate(y, mu, Z.values, own.options.values)
+            x = y.x + dt * np.asarray(dy.x)
+            Q = product(quaternion(exp(dt * x)), y.Q_cd)
+            y = RelativeTurn(Q, x)
+            theirs.step(np.zeros(3), mu, np.zeros(3), np.array([desired.eta, *desired.eps]))
+            c, found = product(desired, Q), theirs.get_output()[3:]
+            sign = math.copysign(1.0, found @ [c.eta, *c.eps])
+            assert_close(sign * found, [c.eta, *c.eps])
+            largest = max(largest, 2 * math.acos(min(1.0, abs(Q.eta))))
+        assert largest > 0.3
