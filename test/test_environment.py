@@ -23,6 +23,7 @@ from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, 
 from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
 from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import read_environment
+from sim_bridge.environment.forces import SensorMotion
 from sim_bridge.environment.push import Push
 from sim_bridge.environment.springs import Spring, TorsionSpring
 from sim_bridge.parameters import SimulatorParameters
@@ -63,6 +64,11 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "spring": {**POSE, "stiffness": [1, 2, 3], "damping": 10, **TIMES, "point": [0, 0, 0.1]},
     "torsion_spring": {
         "orientation": [0, 0, 0, 1], "stiffness": 500, **TIMES, "damping": [1.0, 2, 3],
+        "offset": [0, 0, 0],  # a path would need an end
+        "amplitude": [0, 0, 0],
+        "phase": [0.0, 0.5, 0.0],
+        "turns": 2.0,
+        "ramp": 0.5,
     },
     "push": {
         "force": [1, 2, 3], "moment": [0, 0, 1], "frame": "tool", "point": [0, 0, 0.1],
@@ -281,6 +287,34 @@ def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(
         assert moved == pytest.approx(tau - own.friction(before.dq), abs=1e3 * TORQUE)
     assert np.abs(acting).max() > 0.1
     sim.close()
+
+
+def test_a_torsion_spring_leads_the_tool_around_a_closed_path():
+    path = {"offset": [0.1, 0.2, 0.0], "amplitude": [0.3, 0.0, 0.5], "phase": [0.5, 0.0, 1.0]}
+    told = {"shape": "torsion_spring", "orientation": [0, 0, 0, 1], "stiffness": 2.0}
+    times = {"start": 1.0, "end": 9.0, "ramp": 2.0}
+    there, back = (
+        read_environment({"hand": {**told, **path, **times, "turns": turns}})["hand"]
+        for turns in (1.0, -1.0)
+    )
+    rest = SensorMotion(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+
+    def led(spring, t):
+        return spring.exerted(t, rest)[1] / 2.0  # the rotation vector of R_a
+
+    a_0 = np.array([0.1, 0.2, 0.0]) + np.array([0.3, 0.0, 0.5]) * np.sin([0.5, 0.0, 1.0])
+    for t, share in ((1.0, 0.0), (2.0, 0.5), (3.0, 1.0), (7.0, 1.0), (8.0, 0.5), (9.0, 0.0)):
+        np.testing.assert_allclose(led(there, t), share * a_0, atol=FORMULA)
+    middle = np.array([0.1, 0.2, 0.0]) - np.array([0.3, 0.0, 0.5]) * np.sin([0.5, 0.0, 1.0])
+    np.testing.assert_allclose(led(there, 5.0), middle, atol=FORMULA)
+    np.testing.assert_allclose(led(there, 4.0), led(back, 6.0), atol=FORMULA)
+    assert np.abs(led(there, 4.0) - led(back, 4.0)).max() > 0.1
+
+
+def test_a_path_without_an_end_is_refused():
+    told = {"shape": "torsion_spring", "orientation": [0, 0, 0, 1], "stiffness": 2.0}
+    with pytest.raises(ConfigurationError, match="two ramps"):
+        read_environment({"hand": {**told, "amplitude": [0.1, 0.0, 0.0]}})
 
 
 def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end():

@@ -266,7 +266,7 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
         (changed(summary="{peak_effort.third}"), "unknown variant in the summary 'third'"),
         (criterion(spread=["first"]), "spread: expected two variants or more"),
         (criterion(spread=PAIR, ratio=PAIR), "expected one of 'variants', 'ratio', 'difference'"),
-        (changed(library="e99"), "unknown library experiment 'e99'; known: e1, e2, e4, e5"),
+        (changed(library="e99"), "unknown library experiment 'e99'; known: closed_path_law, e1"),
         (changed(criteria=[{"number": "slope", "above": 0}]), "'slope' needs the key 'library'"),
         (changed(predictions={"value": 1}), "predictions: expected a list"),
         (changed(predictions=[{"quantity": "force", "value": 1}]), "the key 'text' is missing"),

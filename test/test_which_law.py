@@ -10,12 +10,12 @@ from representations import make
 from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
 from tolerances import ALGEBRAIC, assert_close
 
-import eulerparams_control.lab.as_shipped  # noqa: F401  registers its laws
+import eulerparams_control.lab.as_shipped.laws  # noqa: F401  registers its laws
 from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.experiments.evaluate import judge
 from eulerparams_control.lab.experiments.laws_table import table_of_laws
 from eulerparams_control.lab.experiments.library import run_library
 from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
-from eulerparams_control.lab.experiments.result import judge
 from eulerparams_control.lab.maps.base import MapVariant
 from eulerparams_control.lab.maps.set_points_map import astray, between
 from eulerparams_control.laws.impedance_matrices import Impedance

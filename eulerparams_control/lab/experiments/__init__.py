@@ -1,3 +1,3 @@
 """Experiments: YAML files that define runs, and the code that runs and judges them."""
 
-import eulerparams_control.lab.as_shipped  # noqa: F401  bags may be of its laws
+import eulerparams_control.lab.as_shipped.laws  # noqa: F401  bags may be of its laws

@@ -102,7 +102,9 @@ def _controller(scheme: SchemeInfo, executable: str = "") -> ControllerSetup:
 
 
 CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
-    "as_shipped": _controller(schemes()["compliance_control"], "as_shipped"),
+    "as_shipped": _controller(
+        schemes()["compliance_control"], "eulerparams_control.lab.as_shipped.as_shipped_node"
+    ),
     "admittance": ControllerSetup(
         (
             NodeSetup("impedance_control", {"command_type": NO_COMMANDS}),

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from eulerparams_control.lab.as_shipped import PREFIX
+from eulerparams_control.lab.as_shipped.laws import PREFIX
 from eulerparams_control.lab.experiments.library._arms import ur5
 from eulerparams_control.lab.experiments.library.closed_path_law import SHIPPED, closed_path, work
 from eulerparams_control.laws.clik import Clik, ClikLaw

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -105,7 +106,8 @@ def between(variant: MapVariant, R_1: Array, R_2: Array, shares: Array = _SHARES
     to, back = _OF_Q[name]
     Q = back(_way(to(Q_1), to(Q_2), shares))
     Q = Q / np.linalg.norm(Q, axis=1, keepdims=True)
-    return matrix(EulerParameters(Q[:, 0], Q[:, 1:]))
+    eta: Any = Q[:, 0]
+    return matrix(EulerParameters(eta, Q[:, 1:]))
 
 
 def _way(x_1: Array, x_2: Array, shares: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.lab.experiments.library import Number, Result
-from eulerparams_control.lab.experiments.library._samples import generator, rotations
+from eulerparams_control.lab.experiments.library.e1 import generator, rotations
 from eulerparams_control.laws.orientation.euler_parameters import elastic_energy, elastic_moment
 from eulerparams_control.laws.rotations import Array, quaternion
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-import eulerparams_control.lab.as_shipped  # noqa: F401  registers its laws
+import eulerparams_control.lab.as_shipped.laws  # noqa: F401  registers its laws
 from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import ur5
