@@ -15,7 +15,7 @@ from eulerparams_control.analysis.quantities.base import (
     told,
 )
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.errors import SingularityError
+from eulerparams_control.errors import BagError, SingularityError
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
