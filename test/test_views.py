@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from in_process import World
 from ros_processes import FRAMES
 
 VIEWS = Path(__file__).parents[1] / "config" / "views"
@@ -51,14 +50,13 @@ PANELS = {
 
 
 @pytest.fixture(scope="module")
-def topics(tmp_path_factory):
+def topics(shared_world):
     """Return the types of the topics that there are, of the bridge and of all controllers."""
-    with World(tmp_path_factory.mktemp("views")) as world:
-        world.start("pybullet_bridge", {"mode": "lockstep"})
-        for name in CONTROLLERS:
-            world.start(name, FRAMES)
-        found = dict(world.peer.node.get_topic_names_and_types())
-    return {name: types[0] for name, types in found.items()}
+    shared_world.start("pybullet_bridge", {"mode": "lockstep"})
+    for name in CONTROLLERS:
+        shared_world.start(name, FRAMES)
+    found = shared_world.peer.node.get_topic_names_and_types()
+    return {name: types[0] for name, types in found}
 
 
 def test_rviz_shows_what_there_is(topics):
