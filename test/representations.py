@@ -1,5 +1,7 @@
 """The representations of the orientation by name, and frames where their laws are regular."""
 
+import math
+
 import pytest
 from samples import Array, uniform
 from tolerances import POLE_CLEARANCE
@@ -29,6 +31,14 @@ OF_THE_QUATERNION = tuple(
     if issubclass(OrientationRepresentation.registry[name], RelativeQuaternionRepresentation)
 )  # fmt: skip
 of_the_quaternion = pytest.mark.parametrize("name", OF_THE_QUATERNION)
+# f, df/dtheta and psi of the displacements f(theta) r.
+FUNCTIONS = {
+    "angle_axis": (math.sin, math.cos, 0.5),
+    "euler_parameters": (lambda x: math.sin(x / 2), lambda x: math.cos(x / 2) / 2, 2.0),
+    "modified_rodrigues": (lambda x: 4 * math.tan(x / 4), lambda x: math.cos(x / 4) ** -2, 0.5),
+    "rodrigues": (lambda x: 2 * math.tan(x / 2), lambda x: math.cos(x / 2) ** -2, 0.5),
+    "rotation_vector": (lambda x: x, lambda x: 1.0, 0.5),
+}
 
 
 def make(name, sequence="XYZ", sign="hysteretic", initial=1) -> OrientationRepresentation:

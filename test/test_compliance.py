@@ -18,6 +18,7 @@ import tolerances as tol
 from arms import assert_no_jump
 from representations import (
     DEPENDS_ON_THE_BASE,
+    FUNCTIONS,
     OF_THE_QUATERNION,
     every_representation,
     make,
@@ -130,15 +131,6 @@ def turned(x):
 
 
 # --- the formulas, independent of the code -----------------------------------------------------
-
-# f, df/dtheta and psi of the displacements f(theta) r.
-FUNCTIONS = {
-    "angle_axis": (math.sin, math.cos, 0.5),
-    "euler_parameters": (lambda x: math.sin(x / 2), lambda x: math.cos(x / 2) / 2, 2.0),
-    "modified_rodrigues": (lambda x: 4 * math.tan(x / 4), lambda x: math.cos(x / 4) ** -2, 0.5),
-    "rodrigues": (lambda x: 2 * math.tan(x / 2), lambda x: math.cos(x / 2) ** -2, 0.5),
-    "rotation_vector": (lambda x: x, lambda x: 1.0, 0.5),
-}
 
 
 def printed_moment(name, theta, r, K):

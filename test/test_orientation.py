@@ -17,6 +17,7 @@ import pytest
 import tolerances as tol
 from representations import (
     DEPENDS_ON_THE_BASE,
+    FUNCTIONS,
     OF_ANGLES,
     every_representation,
     every_sequence,
@@ -63,12 +64,7 @@ FIRST_ORDER_FACTOR = {"euler_parameters": 0.5}
 # Those whose error is zero at 180 deg too.
 VANISHES_AT_PI = {"angle_axis"}
 # f(theta) of those that pull along the axis of the error, (28), (40), by f(theta) r.
-ALONG = {
-    "euler_parameters": lambda theta: math.sin(theta / 2),
-    "modified_rodrigues": lambda theta: 4 * math.tan(theta / 4),
-    "rodrigues": lambda theta: 2 * math.tan(theta / 2),
-    "rotation_vector": lambda theta: theta,
-}
+ALONG = {name: f for name, (f, _, _) in FUNCTIONS.items() if name != "angle_axis"}
 # The angles of the error [rad] at which a law is singular wherever the frames are.
 SINGULAR_ERRORS = {"angle_axis": (RIGHT, math.pi)} | {
     name: (math.pi,) for name in ALONG if name != "euler_parameters"

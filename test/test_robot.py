@@ -13,6 +13,7 @@ import pytest
 import yaml
 from arms import reduced_model
 from samples import about, generator
+from test_simulator import ODD_ROBOT
 from tolerances import assert_close
 
 from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
@@ -223,27 +224,10 @@ def test_an_arm_of_which_the_formulas_make_another_one_is_refused(monkeypatch):
         Robot(ARM, "base", "hand")
 
 
-# A bead of 2 kg slides on a rod of 3 kg that turns about the horizontal y.
-BEAD = """
-<robot name="bead"> <link name="world"/>
-  <link name="rod"><inertial> <origin xyz="0.4 0 0"/> <mass value="3"/>
-    <inertia ixx="0.1" iyy="0.16" izz="0.16" ixy="0" ixz="0" iyz="0"/> </inertial></link>
-  <link name="bead"><inertial> <mass value="2"/>
-    <inertia ixx="0.01" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/> </inertial></link>
-  <joint name="turn" type="continuous"> <parent link="world"/> <child link="rod"/>
-    <axis xyz="0 1 0"/> <limit velocity="9" effort="99"/> <dynamics damping="0.3" friction="0.7"/>
-  </joint>
-  <joint name="slide" type="prismatic"> <parent link="rod"/> <child link="bead"/>
-    <axis xyz="1 0 0"/> <limit lower="0" upper="1" velocity="9" effort="99"/>
-    <dynamics damping="4"/> </joint>
-</robot>
-"""
-
-
 def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
-    friction = Robot(BEAD, "", "bead", ("slide", "turn")).friction
-    assert friction.viscous.tolist() == [0.3, 4.0]
-    assert friction.coulomb.tolist() == [0.7, 0.0]
+    friction = Robot(ODD_ROBOT, "", "tip", ("slide", "turn")).friction
+    assert friction.viscous.tolist() == [3.0, 5.0]
+    assert friction.coulomb.tolist() == [0.0, 2.0]
     assert not friction.is_none
     assert Robot(ARM, "base", "hand").friction.is_none
     assert not JointFriction(np.zeros(2), np.ones(2)).is_none
@@ -433,26 +417,6 @@ def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits_or_an_
     )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ("robot", "sdf", "the root element is <sdf>, expected <robot>"),
-        ('<link name="finger"/>', "", "no link 'finger' as child"),
-        ('<child link="finger"/>', "", "joint 'slide' has no <child>"),
-        ('<link name="base"/>', "<link/>", "a <link> has no attribute 'name'"),
-        ('lower="0.5"', 'lower="2"', "impossible limits of joint 'swing'"),
-        ('lower="0.5"', 'lower="half"', "limits of joint 'swing': could not convert"),
-        ('velocity="2"', 'velocity="-2"', "impossible limits of joint 'swing'"),
-        ('"revolute"', '"fixed"', "joints must be some of"),
-    ],
-)
-def test_a_broken_urdf_is_refused(old, new, reason, tmp_path):
-    assert old in TWO_LINKS
-    with pytest.raises(RobotError, match=re.escape(reason)) as caught:
-        load_urdf(TWO_LINKS.replace(old, new), tmp_path)
-    assert "robot 'my'" in str(caught.value)
-
-
 def test_a_limit_that_is_not_stated_is_infinite():
     stated = UrdfTree(TWO_LINKS).joints["swing"]
     assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)
@@ -463,6 +427,8 @@ def test_a_limit_that_is_not_stated_is_infinite():
 
 
 def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
+    with pytest.raises(RobotError, match=r"robot 'my'.*joints must be some of"):
+        load_urdf(TWO_LINKS.replace('"revolute"', '"fixed"'), tmp_path)
     with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
         load_robot(str(tmp_path / "missing.urdf"))
     (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
