@@ -582,8 +582,12 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("after", sorted(LAWS))
-@pytest.mark.parametrize("before", sorted(LAWS))
+# Each law comes after three others.
+FIRST = sorted(LAWS)
+PAIRS = [pair for k in (1, 2, 5) for pair in zip(FIRST, FIRST[k:] + FIRST[:k], strict=True)]
+
+
+@pytest.mark.parametrize(("before", "after"), PAIRS)
 def test_another_law_goes_on_from_the_same_frame_and_velocities(before, after):
     desired_at, dt, wrench_at = desired_by(clear_motions(1)[0]), 2e-3, contact(4)
     compliant = begun(LAWS[before], desired_at(0.0), desired_at(0.0))

@@ -591,8 +591,9 @@ def on_a_plane(name: str, shape: str, others: Any = None, **contact: Any) -> tup
 
 
 @pytest.mark.parametrize("control", ["torque", "position"])
-@pytest.mark.parametrize("shape", ["sphere", "box", "cylinder", "capsule"])
-@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize(
+    ("name", "shape"), [*(("ur5", shape) for shape in SIZES), ("panda", "box")]
+)
 def test_the_sensor_reads_the_sum_of_the_contact_forces_with_sign_axes_and_moment(
     name, shape, control
 ):
