@@ -72,8 +72,6 @@ UNBOUNDED = 1e10
 DISTINCT = 1e-2
 # Axes printed with 4 digits are off by half of the last one in each of three components.
 AXES_OF_4_DIGITS = 1e-4
-# (62) is wrong for Euler angles away from phi = 0 by this at least, for 10 to 100 Nm/rad.
-PRINTED_62_FAILS = 1.0
 # A velocity changes in a tick by what the accelerations before and after it say, and their change.
 BEYOND_A_STEP = 1.3
 
