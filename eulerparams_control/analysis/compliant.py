@@ -9,7 +9,7 @@ node impedance_control, which may be off the tip.  What they leave of a recorded
 they hold.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -115,10 +115,22 @@ class ActingImpedance(NamedTuple):
     numbers: Array
 
 
+class Impedances(NamedTuple):
+    """M, D, K (N, 3, 3) of one of the two equations of an impedance, at N instants."""
+
+    M: Array
+    D: Array
+    K: Array
+
+    def at(self, place: int) -> Impedance:
+        """Return the one at an instant."""
+        return Impedance(self.M[place], self.D[place], self.K[place])
+
+
 def impedances(
     t: Array, told: ImpedanceParameters, acting: ActingImpedance | None
-) -> Iterator[tuple[NDArray[np.intp], Impedance, Impedance]]:
-    """Yield the places in t (N,) [s] at which an impedance acted, its translation and rotation.
+) -> tuple[Impedances, Impedances]:
+    """Return the impedances of translation and rotation that acted at instants t (N,) [s].
 
     Args:
         t: instants.
@@ -126,24 +138,21 @@ def impedances(
         acting: those recorded; None if there are none.
 
     Raises:
-        ConfigurationError: if one is impossible.
+        ConfigurationError: if the parameters are impossible.
     """
-    last = np.full(len(t), -1)
+    Z_p, Z_o = told.translation(), told.rotation()
+    found = np.empty((len(t), 6, 3, 3))
+    found[:] = [Z_p.M, Z_p.D, Z_p.K, Z_o.M, Z_o.D, Z_o.K]
     if acting is not None:
         last = np.searchsorted(acting.t, t, side="right") - 1
-    for place in np.unique(last):
-        Z_p, Z_o = told.translation(), told.rotation()
-        if acting is not None and place >= 0:
-            Z_p, Z_o = (_impedance_of(part) for part in np.split(acting.numbers[place], 2))
-        yield np.flatnonzero(last == place), Z_p, Z_o
-
-
-def _impedance_of(numbers: Array) -> Impedance:
-    """Return M, D, K of the upper triangles (18,)."""
-    matrices = np.zeros((3, 3, 3))
-    rows, columns = np.triu_indices(3)
-    matrices[:, rows, columns] = matrices[:, columns, rows] = numbers.reshape(3, 6)
-    return Impedance(*matrices)
+        numbers = acting.numbers[last[last >= 0]].reshape(-1, 6, 6)
+        rows, columns = np.triu_indices(3)
+        matrices = np.empty((len(numbers), 6, 3, 3))
+        matrices[..., rows, columns] = matrices[..., columns, rows] = numbers
+        found[last >= 0] = matrices
+    return Impedances(*np.moveaxis(found[:, :3], 1, 0)), Impedances(
+        *np.moveaxis(found[:, 3:], 1, 0)
+    )
 
 
 class PressedForce(NamedTuple):
@@ -226,10 +235,6 @@ class CompliantMotion:
     def at(self, t: Array) -> Frames:
         """Return the compliant frame at each of the instants t (M,) [s], none where is none."""
         return self.frames.at(self.t, t)
-
-    def take(self, places: NDArray[np.intp]) -> "CompliantMotion":
-        """Return the motion at some of the instants."""
-        return CompliantMotion(self.t[places], self.frames.take(places), self.desired.take(places))
 
     def carrying(self, point: Placement) -> "CompliantMotion":
         """Return the motion of what both frames carry rigidly at ``point``."""
@@ -350,7 +355,9 @@ class _Displacement(NamedTuple):
     ddx: Array
 
 
-def translational_residual(compliant: CompliantMotion, f: Array, Z: Impedance, frame: str) -> Array:
+def translational_residual(
+    compliant: CompliantMotion, f: Array, Z: Impedance | Impedances, frame: str
+) -> Array:
     """Return f - (M_p ddx + D_p dx + K_p x) (N, 3) [N], eq. (52); NaN without a desired frame.
 
     Args:
@@ -363,11 +370,11 @@ def translational_residual(compliant: CompliantMotion, f: Array, Z: Impedance, f
     in_base = frame == "base"
     x, dx, ddx = _in_base(c, d) if in_base else _in_desired(c, d)
     f = f if in_base else np.matvec(d.R.mT, f)
-    residual: Array = f - (ddx @ Z.M.T + dx @ Z.D.T + x @ Z.K.T)
+    residual: Array = f - (np.matvec(Z.M, ddx) + np.matvec(Z.D, dx) + np.matvec(Z.K, x))
     return residual
 
 
-def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> Array:
+def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance | Impedances) -> Array:
     """Return mu^d - (M_o dx + D_o x + K_o' eps_cd_d) (N, 3) [Nm], eq. (59).
 
     NaN without a desired frame.
@@ -378,10 +385,10 @@ def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance) -> 
         Z: M_o, D_o, K_o.
     """
     eta, eps = compliant.Q_cd[:, :1], compliant.Q_cd[:, 1:]
-    K_eps = eps @ Z.K.T
+    K_eps = np.matvec(Z.K, eps)
     mu_E = 2 * (eta * K_eps + np.cross(eps, K_eps))  # 2 E' K_o eps, eqs. (60), (66)
     mu_d = np.matvec(compliant.desired.R.mT, mu)
-    residual: Array = mu_d - (compliant.dx @ Z.M.T + compliant.x @ Z.D.T + mu_E)
+    residual: Array = mu_d - (np.matvec(Z.M, compliant.dx) + np.matvec(Z.D, compliant.x) + mu_E)
     return residual
 
 

@@ -303,9 +303,13 @@ def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Arra
     _require_two(motion.t[known])
     orientation = recording.orientation(told.orientation)
     R_cd, x, mu_d = motion.R_cd[known], motion.x[known], impedance.mu_d[known]
+    _, Z = impedances(motion.t[known], told, recording.acting)
+    numbers = np.hstack([matrix.reshape(-1, 9) for matrix in Z])
+    _, first, which = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
     value: Any = np.full((2, len(x)), np.nan)
-    for there, _, Z in impedances(motion.t[known], told, recording.acting):
-        found = orientation.lyapunov_3(R_cd[there], x[there], Z, mu_d[there])
+    for group, place in enumerate(first.tolist()):
+        there = which == group
+        found = orientation.lyapunov_3(R_cd[there], x[there], Z.at(place), mu_d[there])
         if found is None:
             return motion.t[known], None
         value[:, there] = found

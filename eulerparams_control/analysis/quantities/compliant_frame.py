@@ -154,10 +154,9 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     (52) is not the law: those instants are left out.
     """
     run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
-    left, frame = np.full((len(run.motion.t), 3), np.nan), parameters.translational_frame
     with parameters_to_blame(parameters.scheme.name):
-        for there, Z, _ in impedances(run.motion.t, parameters, recording.acting):
-            left[there] = translational_residual(run.motion.take(there), run.f[there], Z, frame)
+        Z, _ = impedances(run.motion.t, parameters, recording.acting)
+    left = translational_residual(run.motion, run.f, Z, parameters.translational_frame)
     left[_is_pressed(recording, run.motion.t)] = np.nan
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
@@ -173,10 +172,9 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
     if (used := parameters.orientation) != "euler_parameters":
         raise BagError(f"{recording.path}: (59) is of euler_parameters, not {used}")
-    left = np.full((len(run.motion.t), 3), np.nan)
     with parameters_to_blame(parameters.scheme.name):
-        for there, _, Z in impedances(run.motion.t, parameters, recording.acting):
-            left[there] = rotational_residual(run.motion.take(there), run.mu[there], Z)
+        _, Z = impedances(run.motion.t, parameters, recording.acting)
+    left = rotational_residual(run.motion, run.mu, Z)
     return float(np.linalg.norm(known(run.motion.t, left, after, before)[1], axis=1).max())
 
 
