@@ -13,7 +13,7 @@ from test_contact_watch import LOOPS, START, Admittance, wall
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode, Why
-from eulerparams_control.errors import ConfigurationError, ContactError
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
@@ -38,7 +38,9 @@ class Pressing:
         f, x, v: [N], [m], [m/s] along z of the tool: what it exerts, its way, its speed.
     """
 
-    def __init__(self, name="ur5", rate=1000, gap=GAP, stiffness=1e4, solid=None, **parameters):
+    def __init__(
+        self, name="ur5", rate=1000, gap=GAP, stiffness=1e4, solid=None, noise=0.0, **parameters
+    ):
         about = load_robot(name)
         frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
         p = ImpedanceParameters(**frames, max_approach_speed=SPEED, **parameters)
@@ -47,17 +49,25 @@ class Pressing:
         arm = self.robot.state(q, np.zeros_like(q))
         self.start = DesiredFrame(arm.p_e, arm.R_e)
         eta, eps = quaternion(arm.R_e @ np.diag([1.0, -1.0, -1.0]))  # faces the tool
+        solid = solid or {}
+        depth = gap + BALL + solid.get("radius", 0.0)
         wall = {
             "shape": "plane",
-            "position": [float(p) for p in arm.p_e + arm.R_e[:, 2] * (gap + BALL)],
+            "position": [float(p) for p in arm.p_e + arm.R_e[:, 2] * depth],
             "orientation": [*map(float, eps), float(eta)],
             "stiffness": stiffness,
             "damping": 5e-4 * stiffness,
-        } | (solid or {})
+        } | solid
+        if "radius" in solid:
+            del wall["orientation"]
         self.each = 1000 // rate  # steps of the simulation a tick
         ball = {"tool_shape": "sphere", "tool_size": (BALL,)}
         simulated = SimulatorParameters(
-            control="torque", rate=rate * self.each, environment={"wall": wall}, **ball
+            control="torque",
+            rate=rate * self.each,
+            environment={"wall": wall},
+            noise_force=noise,
+            **ball,
         )
         self.simulator = Simulator(about, simulated)
         self.simulator.reset(q)
@@ -213,9 +223,37 @@ def test_more_damping_is_a_lower_bandwidth_of_the_force():
     assert arm.ripple < 2.0
 
 
-def test_a_contact_that_oscillates_in_spite_of_it_stops_the_motion():
-    with pytest.raises(ContactError, match="oscillates"):
-        pressed("sensor 30 ms late", 1e5)
+def test_a_contact_that_oscillates_in_spite_of_it_is_calmed_further():
+    arm = pressed("sensor 30 ms late", 1e5)
+    assert [times for _, times in arm.found] == [3.0, 9.0]
+    assert arm.f[-1] == pytest.approx(-FORCE, rel=0.01)
+    assert arm.ripple < 0.1
+
+
+def slid(stiffness, rate):
+    """Return an arm that slid by 45 mm over a sphere of 0.2 m with 0.05 m/s, and its error [1]."""
+    arm = Pressing(rate=rate, gap=0.0005, stiffness=stiffness, stiffest_contact=stiffness,
+                   max_linear_speed=0.05, solid={"shape": "sphere", "radius": 0.2})  # fmt: skip
+    arm.press(1.0)
+    across = arm.start.R_d @ np.array([0.06, 0.0, 0.0])
+    arm.controller.aim(DesiredFrame(arm.start.p_d + across, arm.start.R_d))
+    arm.press(1.0)
+    return arm, arm.error(lambda _: FORCE, 0.95) / FORCE
+
+
+def test_sliding_over_a_sphere_leaves_the_force_within_5_percent():
+    arm, error = slid(1e5, 500)
+    assert error < 0.05
+    assert arm.scheme.damping == 1.0
+
+
+def test_noise_of_the_sensor_is_no_contact():
+    arm = Pressing(rate=500, gap=0.01, stiffest_contact=1e5, noise=0.3).press(2.5)
+    touched = int(np.argmax(np.array(arm.f) > 3.0))
+    assert touched > 0
+    assert np.abs(arm.v[:touched]).max() < 0.0115  # as without noise, (FC5)
+    assert np.mean(arm.f[-200:]) == pytest.approx(FORCE, rel=0.02)
+    assert arm.scheme.damping == 1.0
 
 
 def test_impossible_options_are_refused():

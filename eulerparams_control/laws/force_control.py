@@ -14,13 +14,19 @@ contact as learned, ``v_s, a_s`` [m/s, m/s^2] velocity and acceleration of the s
     df = K (dx_e - v_s),  dv_s = a_s,  da_s = 0, observed with three poles at -2 w         (FC2)
     K = (S_xf + s sqrt(S_xx)) / S_xx until the force is reached: an upper bound            (FC3)
     K = S_gf / S_gx from then on, g the changes of f_d: the surface makes none of them     (FC4)
-    |dx| <= min(v_max, |f_d| / (K_max T)) without contact, <= v_max + v_t in it            (FC5)
+    |dx| <= min(v_max, |f_d| / (K_max T)) without contact, <= v_max + v_t in one           (FC5)
+    f(t + dt) = f + K (dx - v_s) dt is what (48) compensates along n in contact            (FC6)
 
 S_xf is the mean product of the changes of x_e and f within some 30 ms, s that of the noise of f.
 On a contact (FC1) with df = K dx is df = w (f_d - f) + df_d: the same on every stiffness.  With
 T = sqrt(M / K_max) a mass M that hits a stiffness K_max makes the force f_d; T is a period dt at
 least, in which the law cannot answer.  v_t is the speed of the desired frame across n, which a
-slope of 45 deg turns into one along it.
+slope of 45 deg turns into one along it; (FC5) goes over from the one to the other bound as far as
+K is proven, so that noise and a bias, which are no contact, make no haste.
+
+A contact is stiffer than the motion loop, whose efforts move the tip by (FC6) rather than by its
+errors: of these only Lambda k_P / (K dt) [1/s] is left, 4 where Lambda = 4 kg meets 1e6 N/m at
+200 Hz.  So in contact the frame returns to the tip, too, with the rate w / 2.
 """
 
 import math
@@ -69,6 +75,10 @@ _SLEW, _SMOOTH = 200.0, 0.005
 # at half of that.
 _TOUCH, _NOISE = 0.05, 0.5
 
+# It begins beyond so many standard deviations of what is felt without contact, too, the variance of
+# which [N^2] is known after this time [s], and is this one before.
+_NOISES, _LISTENS, _FIRST_VARIANCE = 6.0, 0.1, 0.1
+
 # Changes are those within the first time [s]; what was learned counts for the next ones [s], while
 # the force is not yet reached to within this part, and from then on.
 _CHANGES, _FIRST, _LATER, _REACHED = 0.03, 0.1, 0.3, 0.1
@@ -79,6 +89,12 @@ _SURE = 0.5
 # Times [s] in which the stiffness follows what is learned, of both kinds, and the trust in it.
 _FOLLOWS, _FOLLOWS_LATER, _TRUSTS = 0.005, 0.1, 0.05
 
+# With this part of w the frame returns to the tip in contact.
+_RETURNS = 0.5
+
+# From no speed to the whole one (FC5): the trust in the stiffness, 3 deviations of what proves it.
+_UNPROVEN, _PROVEN = 0.05, 0.3
+
 # The mass [kg] of the compliant frame along a force axis: it scales what drives it alone.
 _MASS = 1000.0
 
@@ -88,8 +104,9 @@ _SOFTEST, _STIFFER = 100.0, 10.0
 # A surface gets to its speed in this time [s] at least.
 _FASTEST = 0.02
 
-# Without contact the frame gathers speed by no more [m/s^2].
-_ACCELERATION = 0.5
+# The frame gathers speed by no more [m/s^2], and without contact with this time constant [s]: so
+# the tip, which is a tick late, is not faster.
+_ACCELERATION, _GATHERS = 0.5, 0.05
 
 # It bounces where so many contacts begin within this time [s].
 _CONTACTS, _WITHIN = 3, 2.0
@@ -142,7 +159,7 @@ class _Learned(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """What is known along an axis; ``v`` is the speed that was asked for without contact."""
+    """What is known along an axis; ``v`` is the speed that was asked for last."""
 
     is_on: bool
     touches: bool
@@ -150,20 +167,22 @@ class _Axis(NamedTuple):
     v: float
     wanted: _SetPoint
     surface: _Surface
+    variance: float  # [N^2] of f without contact
     means: _Changes
     learned: _Learned
 
 
 class _Wanted(NamedTuple):
-    """Velocity and acceleration that the compliant frame is to have along an axis."""
+    """Velocity and acceleration that the compliant frame is to have, and the change (FC6)."""
 
     v: float
     a: float
+    change: float
 
 
 _width, _read, _put, _pack, _unpack = layout(_Axis)
 _, _read_law, _put_law = layout(LawNumbers)[:3]
-_TOUCHES = 1  # where in the row of an axis
+_TOUCHES, _SPEED = 1, 3  # where in the row of an axis
 _read_numbers = layout(_Numbers).read
 
 
@@ -291,42 +310,46 @@ def _moved(
     """
     wanted, x_e = _set(axis.wanted, target, dt), axis.x_e + dx
     f_d, surface, means, know = wanted.f_d, axis.surface, axis.means, axis.learned
-    least = max(_TOUCH * abs(f_d), _NOISE)
+    least = max(_TOUCH * abs(f_d), _NOISE, _NOISES * math.sqrt(axis.variance))
     touches = abs(f) > (0.5 * least if axis.touches else least)
-    T = max(math.sqrt(options.M / options.K_max), dt)
-    fast = min(options.v_max, max(abs(f_d), _NOISE) / (options.K_max * T))
-    v = fast * _clipped(3.0 * (f_d - f) / max(abs(f_d), _NOISE), 1.0)  # (FC5)
-    if touches:
-        v = 0.0
-    elif abs(v) > abs(axis.v):
-        v = axis.v + _clipped(v - axis.v, _ACCELERATION * dt)
-    if touches and not axis.touches:  # nothing is learned yet
+    share, variance = -math.expm1(-dt / _CHANGES), axis.variance
+    x, g = means.x + share * (x_e - means.x), means.g + share * (f_d - means.g)
+    means = _Changes(x, means.f + share * (f - means.f), g)
+    by = _Changes(x_e - means.x, f - means.f, f_d - means.g)
+    if touches != axis.touches:  # nothing is learned yet
         surface, means = _Surface(f, 0.0, 0.0), _Changes(x_e, f, f_d)
         know = _Learned(options.K_max, 0.0, False, 0.0, 0.0)
-    elif touches:
+    elif not touches:
+        variance -= math.expm1(-dt / _LISTENS) * (by.f * by.f - variance)
+    else:
         surface = _observed(surface, know, f, dx, options.v_max + across, options.w, dt)
-        share = -math.expm1(-dt / _CHANGES)
-        x, g = means.x + share * (x_e - means.x), means.g + share * (f_d - means.g)
-        means = _Changes(x, means.f + share * (f - means.f), g)
-        by = _Changes(x_e - means.x, f - means.f, f_d - means.g)
         if know.is_reached:
             know = _landed(know, by, options.K_max, dt)
         else:
             left = abs(f_d - f) / max(abs(f_d), _NOISE)
             know = _landing(know, by, left, options.K_max, dt)
-    return _Axis(True, touches, x_e, v, wanted, surface, means, know)
+    return _Axis(True, touches, x_e, axis.v, wanted, surface, variance, means, know)
 
 
 @formula
 def _asked(axis: _Axis, f: float, across: float, options: _Numbers, dt: float) -> _Wanted:
     """Return what the frame is to do along an axis; see :func:`_moved`."""
-    if not axis.touches:
-        return _Wanted(axis.v, 0.0)
-    wanted, surface = axis.wanted, axis.surface
-    u = (options.w * (wanted.f_d - f) + wanted.df_d) / axis.learned.K  # (FC1)
-    u += surface.v_s + surface.a_s * dt  # until the next tick
-    v = _clipped(u, options.v_max + across)  # (FC5)
-    return _Wanted(v, surface.a_s if u == v else 0.0)
+    wanted, surface, know = axis.wanted, axis.surface, axis.learned
+    T, f_d = max(math.sqrt(options.M / options.K_max), dt), max(abs(wanted.f_d), _NOISE)
+    most = min(options.v_max, f_d / (options.K_max * T))  # (FC5)
+    v_s, a_s, share = 0.0, 0.0, -math.expm1(-dt / _GATHERS)
+    u = most * _clipped(3.0 * (wanted.f_d - f) / f_d, 1.0)
+    if axis.touches:
+        v_s, a_s = surface.v_s + surface.a_s * dt, surface.a_s  # until the next tick
+        share = 1.0
+        proven = max(0.0, min(1.0, (know.trust - _UNPROVEN) / (_PROVEN - _UNPROVEN)))
+        most += proven * (options.v_max + across - most)
+        u = v_s + (options.w * (wanted.f_d - f) + wanted.df_d) / know.K  # (FC1)
+    v = _clipped(u, most)
+    if abs(v) > abs(axis.v):
+        v = axis.v + _clipped(share * (v - axis.v), _ACCELERATION * dt)
+    change = know.K * (v - v_s) * dt if axis.touches else 0.0
+    return _Wanted(v, a_s if u == v else 0.0, change)
 
 
 # --- all axes ------------------------------------------------------------------------------
@@ -334,27 +357,29 @@ def _asked(axis: _Axis, f: float, across: float, options: _Numbers, dt: float) -
 
 @entry
 def _drive(
-    R: Inputs, d: Input, w: Input, target: Input, dp_d: Input, ddp_d: Input, numbers: Input,
- dt: float, state: Rows, found: Row,
+    R: Inputs, d: Input, off: Input, w: Input, target: Input, dp_d: Input, ddp_d: Input,
+    numbers: Input, dt: float, state: Rows, found: Row,
 ) -> float:  # fmt: skip
-    """Fill what drives the frame, instead of the wrench: f, mu, the commanded swing of f.
+    """Fill what drives the frame, instead of the wrench: f, mu; the swing of f_d; the change (FC6).
 
     Args:
         R: (3, 3) whose columns are the axes.
         d: (3,) [m] that the tip went since the tick before.
+        off: (3,) [m] of the tip from the compliant frame.
         w: (6,) contact on the tool, about the centre.
         target: (3,) [N] what the tool is to exert, along the axes.
         dp_d, ddp_d: of the desired frame.
         numbers: the options.
         dt: [s] since the tick before.
         state: (3, _) of the axes; it moves on.
-        found: (9,) to be filled.
+        found: (12,) to be filled.
 
     Returns:
         the rate r [1/s] of (FC1).
     """
     options, axes = _read_numbers(numbers, 0), mat(R)
     r, f, swing = _FRAME * options.w, read_vec(w, 0), Vec(0.0, 0.0, 0.0)
+    ahead = Vec(0.0, 0.0, 0.0)
     v_d, a_d, force = vec(dp_d), vec(ddp_d), f
     for i in range(3):
         axis, n = _read(state[i], 0), column(axes, i)
@@ -365,12 +390,16 @@ def _drive(
                 axis = _moved(axis, target[i], exerted, n @ vec(d), across, options, dt)
                 _put(state[i], 0, axis)
             wanted = _asked(axis, exerted, across, options, dt)
-            drive = _MASS * (r * (wanted.v - n @ v_d) + wanted.a - n @ a_d)
+            state[i, _SPEED] = wanted.v
+            back = _RETURNS * options.w * (n @ vec(off)) if axis.touches else 0.0
+            drive = _MASS * (r * (wanted.v + back - n @ v_d) + wanted.a - n @ a_d)
             force = force + (drive + exerted) * n
             swing = swing + (axis.wanted.f_d - axis.wanted.mean) * n
+            ahead = ahead + wanted.change * n
     put_vec(found, 0, force)
     put_vec(found, 3, read_vec(w, 3))
     put_vec(found, 6, swing)
+    put_vec(found, 9, ahead)
     return r
 
 
@@ -407,6 +436,7 @@ class ForceControl:
         is_on: whether there is one; a restart of the scheme ends it.
         axes: (3, 3) whose columns are the axes, base frame, as they were last.
         swing: (3,) [N] by which what is asked for is off its slow mean, base frame.
+        ahead: (3,) [N] by which what is exerted is to change until the next tick, base frame.
     """
 
     def __init__(self, options: ForceOptions) -> None:
@@ -424,7 +454,7 @@ class ForceControl:
         self._p: Array | None = None
         self._time, self._touched = 0.0, False
         self._contacts: deque[float] = deque(maxlen=_CONTACTS)
-        self.swing = np.zeros(3)
+        self.swing = self.ahead = np.zeros(3)
 
     def press(self, target: Array) -> None:
         """Exert a force (3,) [N] on the environment, axes of the compliance, from now on."""
@@ -434,17 +464,25 @@ class ForceControl:
         f, on = -(R.T @ w[:3]), self.options.are_on
         for i in range(3):
             know = _Learned(self.options.stiffest, 0.0, False, 0.0, 0.0)
-            known = _SetPoint(f[i], 0.0, f[i]), _Surface(0, 0, 0), _Changes(0, 0, 0), know
+            known = (
+                _SetPoint(f[i], 0.0, f[i]),
+                _Surface(0, 0, 0),
+                _FIRST_VARIANCE,
+                _Changes(0, f[i], f[i]),
+                know,
+            )
             self._state[i] = _pack(_Axis(on[i], False, 0.0, 0.0, *known))
 
     def drive(
-        self, dt: float, actual: DesiredFrame, desired: DesiredFrame, w: Array, times: float
-    ) -> tuple[Array, float]:
+        self, dt: float, actual: DesiredFrame, compliant: DesiredFrame, desired: DesiredFrame,
+        w: Array, times: float,
+    ) -> tuple[Array, float]:  # fmt: skip
         """Return what drives the compliant frame, dt [s] after the last time.
 
         Args:
             dt: 0 or more.
             actual: the frame of the centre of compliance as measured.
+            compliant: that of the last tick.
             desired: that which leads it.
             w: (6,) [N, Nm] contact on the tool, about the centre, base frame.
             times: how many times the damping there is.
@@ -456,12 +494,12 @@ class ForceControl:
         if self._p is None:
             self._begin(R, w)
             self._p = p
-        found, d, self._p = np.empty(9), p - self._p, p
+        found, d, self._p = np.empty(12), p - self._p, p
         values, state = self.options.values(times), self._state
-        rates = desired.dp_d, desired.ddp_d
-        r = _drive(R, d, w, self._target, *rates, values, dt, state, found)
+        off, rates = p - compliant.p_d - dt * compliant.dp_d, (desired.dp_d, desired.ddp_d)
+        r = _drive(R, d, off, w, self._target, *rates, values, dt, state, found)
         self._count_contacts(dt)
-        self.axes, self.swing = R * self.options.are_on, found[6:]
+        self.axes, self.swing, self.ahead = R * self.options.are_on, found[6:9], found[9:]
         return found[:6], r
 
     def freed(self, R_d: Array, rate: float, numbers: Array) -> Array:

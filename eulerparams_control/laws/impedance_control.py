@@ -423,7 +423,7 @@ class ImpedanceControl(Scheme):
         self._feel(arm, row, dt)
         self._calm(arm, dt)
         compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
-        tick = self.motion.tick_at(dt, row, compliant, self._h)  # eq. (48)
+        tick = self.motion.tick_at(dt, row, compliant, self._h + self._ahead(arm))  # eq. (48)
         command = JointCommand(effort=tick.command.effort, frame=compliant)
         orientation, w = self.law.compliance.orientation, None if self.is_frozen else self._w
         # of the tip from the desired frame, not from the compliant one
@@ -506,6 +506,13 @@ class ImpedanceControl(Scheme):
             self._compliant.change_impedance(self.law.compliance.damped(times))
             self.damping, self._free = times, 0.0
 
+    def _ahead(self, arm: RobotState) -> Array:
+        """Return by what (6,) the contact is to change until the next tick, about the tip."""
+        if not self.force.is_on:
+            return _NO_WRENCH
+        ahead = np.concatenate((self.force.ahead, np.zeros(3)))
+        return at_point(ahead, -(arm.R_e @ self.law.centre.p))
+
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
         law, frame, w = self.law, self._compliant, self._w
@@ -524,7 +531,9 @@ class ImpedanceControl(Scheme):
             return frame.step(0.0, desired, w)
         if not self.force.is_on:
             return frame.step(dt, desired, w)
-        drive, rate = self.force.drive(dt, _actual(arm, centre), desired, w, self.damping)
+        actual, before = _actual(arm, centre), frame.now
+        assert before is not None
+        drive, rate = self.force.drive(dt, actual, before, desired, w, self.damping)
         now = frame.step(dt, desired, drive, partial(self.force.freed, desired.R_d, rate))
         self._reach = float(np.linalg.norm(now.p_d - desired.p_d))
         return now
