@@ -33,7 +33,7 @@ _ORIENTATION = ("euler_sequence", "quaternion_sign", "hysteresis", "quaternion_i
 def recorded[P: ControlParameters](
     parameters: Parameters, kind: type[P], needed: tuple[str, ...] = ()
 ) -> P | None:
-    """Return what the first controller with parameters of a kind was told; None if none ran.
+    """Return the parameters of the first controller with a kind of them; None if none ran.
 
     Names that it has not are those of another version, and are left out.
 
@@ -59,7 +59,7 @@ def recorded[P: ControlParameters](
 
 @contextmanager
 def parameters_to_blame(node: str) -> Iterator[None]:
-    """Turn each ConfigurationError into a BagError that says whose parameters are impossible."""
+    """Turn each ConfigurationError into a BagError that names the node."""
     try:
         yield
     except ConfigurationError as error:
@@ -67,7 +67,7 @@ def parameters_to_blame(node: str) -> Iterator[None]:
 
 
 def options_of(parameters: Parameters) -> OrientationOptions:
-    """Return what the controller was told of its representation; the defaults if none ran.
+    """Return the options of the controller's representation; the defaults if none ran.
 
     Raises:
         ConfigurationError: if that is impossible.
@@ -179,7 +179,7 @@ class Options:
 
 
 class Arm:
-    """An arm, as a bag tells of it.
+    """An arm as it was recorded in a bag.
 
     Args:
         bag: the bag.
@@ -192,7 +192,7 @@ class Arm:
         parameters: by node and name.
         orientation: how the controller represents it.
         urdf, robot: its model.
-        flaws: what is wrong, the keys in the order in which it was found.
+        flaws: of the recording, as keys, in the order in which they were found.
 
     Raises:
         BagError: if there is no such arm, or nothing tells its frames.
@@ -241,7 +241,7 @@ class Arm:
             return OrientationOptions()
 
     def warn(self, kind: BagFlaw, text: str) -> None:
-        """Keep what is wrong, once."""
+        """Add a flaw, once."""
         self.flaws[BagWarning(kind, text)] = None
 
     def _frames(self) -> tuple[str, str]:

@@ -36,7 +36,7 @@ class SensorSeries(NamedTuple):
 
     Attributes:
         t: (N,) [s] from the beginning of the recording.
-        w: (N, 6) [N, Nm] as it came, in the frame of the same index and about its origin.
+        w: (N, 6) [N, Nm] as measured, in the frame of the same index and about its origin.
         frames: (N,) names of links.
     """
 
@@ -74,13 +74,13 @@ class Wrenches(NamedTuple):
 def at_the_tip(
     sensed: SensorSeries, measured: Series, parameters: Mapping[str, Mapping[str, Any]]
 ) -> Wrenches:
-    """Return what a sensor said as the contact wrench at the tip.
+    """Return the contact wrench at the tip from the measurements of a sensor.
 
     Without the weight of the tool and the bias that the node impedance_control was told.  Dead
     bands, the low-pass and a tare, which concern its law, are left out.
 
     Args:
-        sensed: what the sensor said.
+        sensed: the measurements.
         measured: motion of the arm; its last state before each instant counts.
         parameters: of the recorded nodes, by node and name.
 

@@ -31,7 +31,7 @@ NEAR = math.radians(5)
 """Angle [rad] to the pole below which a plot is shaded."""
 
 NEAR_SINGULAR = 0.05
-"""Smallest singular value of J below which a plot is shaded, if no controller says its own."""
+"""Smallest singular value of J below which a plot is shaded, if no controller has its own."""
 
 _MOST = 50  # most intervals that are shaded: a noisy run may have very many
 
@@ -112,10 +112,10 @@ def _computed(row: TableNumber, recording: Recording) -> float | None:
 
 
 BINS = 700
-"""Of a curve: more than a screen has pixels for."""
+"""Bins of a curve: more than a screen has pixels."""
 
 STEPS = 3000
-"""Of a track, at most."""
+"""Most instants of a track."""
 
 
 class Curve(NamedTuple):
@@ -173,8 +173,8 @@ class Digest:
         numbers: of the table, by their place in it; None where not recorded.
         track: for the replay.
         namespace: of the arm; "" if it has none.
-        reports: what its nodes said of themselves; of one that said very much not all.
-        reports_left_out: how many they are less.
+        reports: of its nodes; of a node with very many the first and the last.
+        reports_left_out: how many are not among them.
     """
 
     path: Path
@@ -200,7 +200,7 @@ class Digest:
 
     @property
     def warning(self) -> str:
-        """What is wrong with the bag, in words; "" if nothing."""
+        """The warnings in one line; "" if there are none."""
         return in_words(self.warnings)
 
     @property

@@ -255,7 +255,7 @@ def drawn_robot(urdf: str, base: str, tip: str, joints: tuple[str, ...], most: i
 
 
 class Shapes(NamedTuple):
-    """What is seen of the links of a robot.
+    """Visual shapes of the links of a robot.
 
     Attributes:
         visuals: each with its link, its place in it, its colour, and a ``mesh`` by index or a

@@ -71,7 +71,7 @@ def fill(text: str, recordings: Mapping[str, Recording], options: Options = _no_
 def describe(digests: Sequence[Digest]) -> str:
     """Return a sentence for any runs: their contact force, orientation error, or joint speed.
 
-    What all runs have is preferred; the error is that of the arm itself beside a command.
+    Quantities that all runs have come first; beside a command the error is that of the arm itself.
     """
     for has in (all, any):
         for name, metric in _DESCRIBED.items():

@@ -18,7 +18,7 @@ PREDICTION_DASHES = ("dash", "dashdot", "dot")
 
 
 class NamedRun(Protocol):
-    """A run that can be named."""
+    """A run with what its name is made of."""
 
     @property
     def path(self) -> Path:

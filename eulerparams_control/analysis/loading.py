@@ -38,7 +38,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
-_ANSWERED = 500_000_000  # [ns] by which the answers to a state are in the bag
+_ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
 _MOST = 10  # messages of a topic in a part, for each state that it was to have
 _OFTEN = 10_000  # messages between two calls of progress
 
@@ -47,7 +47,7 @@ BLOCK = 20_000
 
 
 Progress = Callable[[float], None]
-"""Is told the part of the work that is done, 0 to 1."""
+"""Called with the share of the work that is done, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class _Reader:
             )
 
     def _fill_reports(self) -> None:
-        """Take what the nodes said, and when a motion came later than it was sent to be."""
+        """Put the reports of the nodes on the time of the run."""
         said, options = self._topics.get(Diagnostics.name), self._options
         reports = said.reports if isinstance(said, Diagnostics) else Reports()
         stamps, sent = self._states.times()
@@ -356,7 +356,7 @@ class _Reader:
             self._displacements = self._displacements_at(whole, math.inf)
 
     def _said(self, end: float) -> tuple[list[Report], Array]:
-        """Return what was said up to an instant [s], and how time ran; forget it."""
+        """Take out the reports up to an instant [s], and the rates of time."""
         n = bisect_right(self._told, end, key=lambda report: report.t)
         told, self._told = self._told[:n], self._told[n:]
         k = int(np.searchsorted(self._rates[:, 0], end, side="right"))

@@ -48,7 +48,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     )
     add = parser.add_argument
     add("bags", nargs="+", metavar="BAG", help="folder or .mcap file of a bag")
-    add("--out", default="analysis.html", metavar="FILE", help="the page; others go beside it")
+    add("--out", default="analysis.html", metavar="FILE", help="the page; tables go beside it")
     add("--no-page", action="store_true", help="no page")
     add("--from", dest="start", type=_seconds, default=0.0, metavar="S", help="begin there [s]")
     add("--to", dest="end", type=_seconds, default=math.inf, metavar="S", help="end there [s]")
@@ -203,7 +203,7 @@ def _say_which_end_early(digests: list[Digest], console: Console) -> None:
     for name, digest in zip(labels(digests), digests, strict=True):
         if digest.end < 0.98 * longest:
             text = f"{name} ends at {digest.end:.3f} s, the longest run at {longest:.3f} s"
-            say(console, f"{text}: what is called end is there", "yellow")
+            say(console, f"{text}: its values at the end are of that time", "yellow")
 
 
 def _first(digests: list[Digest]) -> str:

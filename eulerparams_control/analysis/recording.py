@@ -87,7 +87,7 @@ class Recording:
         before: displacements, by representation, before the first instant of a later part of a run.
         options: of the representation; None: as the parameters say.
         began: [ns] stamp of the first joint_states of the recording.
-        reports: what its nodes said of themselves.
+        reports: of its nodes.
         shaped: from ~/desired; None if there is none.
     """
 
@@ -114,7 +114,7 @@ class Recording:
 
     @property
     def warning(self) -> str:
-        """What is wrong with the bag, in words; "" if nothing."""
+        """The warnings in one line; "" if there are none."""
         return in_words(self.warnings)
 
     @property
@@ -144,7 +144,7 @@ class Recording:
 
     @cached_property
     def wrench(self) -> Wrenches | None:
-        """The contact wrench at the tip; None where ``why_no_wrench`` says."""
+        """The contact wrench at the tip; None if unknown, see ``why_no_wrench``."""
         return None if isinstance(self._wrench, str) else self._wrench
 
     @property
@@ -218,7 +218,7 @@ class Recording:
 
     @cached_property
     def lyapunov(self) -> LyapunovSeries | None:
-        """V of the controller that ran, (30), (42) or (68); None where ``why_no_lyapunov`` says."""
+        """V of the controller that ran, (30), (42) or (68); None: see ``why_no_lyapunov``."""
         return None if isinstance(self._lyapunov, str) else self._lyapunov
 
     @property

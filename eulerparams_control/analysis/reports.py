@@ -28,7 +28,7 @@ class Report(NamedTuple):
         node: its name.
         level: a name of ``LEVELS``, or its number.
         message: what happened.
-        remedy: what to do; "" if it did not say.
+        remedy: what to do; "" if the node named nothing.
     """
 
     t: float
@@ -39,11 +39,11 @@ class Report(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What was said in a run.
+    """The reports of a run.
 
     Attributes:
         reports: in their order.
-        rates: (K, 4) what the controller said: time [s], rate of time, slowest rate of its
+        rates: (K, 4) as the controller reported: time [s], rate of time, slowest rate of its
             trajectory, saturated ticks.
         delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
     """
@@ -54,7 +54,7 @@ class Told(NamedTuple):
 
 
 class Reports:
-    """Takes what nodes say, and keeps what is new.
+    """The reports of nodes as they come; those that repeat the last one are left out.
 
     Args:
         controller: the node whose rates of time are kept; "" is none.
@@ -90,13 +90,13 @@ class Reports:
         self._rates = [one for one in self._rates if one[0] < sent]
 
     def told(self, sent: NDArray[np.int64], t: Array, start: float, end: float) -> Told:
-        """Return what was said, by the times of the run.
+        """Return the reports by the times of the run.
 
         Args:
             sent: (N,) [ns] when the states were sent.
             t: (N,) [s] their times.
-            start, end: [s] of the run that is looked at; of a node that had said something before
-                the start the last is told, too.
+            start, end: [s] of the run that is looked at; the last report of each node before the
+                start counts, too.
         """
         order = np.argsort(sent, kind="stable")
         sent, t = sent[order], t[order]
@@ -115,7 +115,7 @@ class Reports:
 
 
 class Kept:
-    """The reports of a run that are shown: of a node that flickers the first and the last."""
+    """The reports that are shown: of a node with very many the first and the last."""
 
     def __init__(self) -> None:
         self._first: dict[tuple[str, bool], list[Report]] = {}

@@ -19,13 +19,13 @@ _NEAR, _ALIGNED, _AS_ASKED = 1e-3, float(np.radians(0.1)), 0.995
 
 @dataclass(frozen=True)
 class ShapedMotion:
-    """What was asked, and what was made of it.
+    """The motion that the references asked for, and as it was shaped.
 
     Attributes:
         t: (N,) [s] from the beginning of the recording.
         asked: the N desired frames by the references; NaN where there is none.
         made: the N frames of ``~/desired``.
-        rates: (K, 4) what the controller said: time [s], rate of time, slowest rate of the
+        rates: (K, 4) as the controller reported: time [s], rate of time, slowest rate of the
             trajectory, saturated ticks.
     """
 
@@ -37,7 +37,7 @@ class ShapedMotion:
 
 @dataclass
 class Departure:
-    """How far what was made of the references is from what was asked, so far.
+    """Largest differences so far between the shaped motion and the references.
 
     Attributes:
         distance, angle: largest ones [m], [rad].
@@ -59,7 +59,7 @@ class Departure:
 
     @property
     def words(self) -> str:
-        """What it is, for people; "" if the motion is as it was asked."""
+        """Description in words; "" if the motion is as the references asked."""
         found = {
             f"by {1e3 * self.distance:.3g} mm at most": self.distance > _NEAR,
             f"by {np.degrees(self.angle):.3g} deg at most": self.angle > _ALIGNED,

@@ -66,7 +66,7 @@ _REFERENCE = re.compile(r'(id="|href="#|url\(#)')
 
 
 def svg(figure: Figure) -> str:
-    """Return a figure as SVG: the same text each time; it can be a file or stand in a page.
+    """Return a figure as SVG: the same text each time, for a file or a page.
 
     Its ids, and so its style, are its own: they are made from its content.
     """
@@ -104,7 +104,7 @@ def plain(text: str, longest: int = _LONGEST) -> str:
 def _image(figure: Figure, name: str, **how: Any) -> bytes:
     buffer = io.BytesIO()
     with mpl.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: a box stands for it
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: a box is drawn
         figure.savefig(buffer, format=name, **how)
     return buffer.getvalue()
 

@@ -30,7 +30,7 @@ class Row(NamedTuple):
 def rows(digests: Sequence[Digest]) -> list[Row]:
     """Return the numbers of each run, those left out that none can have.
 
-    They are of the commanded motion if there is one, where they do not say measured.
+    They are of the commanded motion if there is one, unless they say measured.
     """
     columns = [digest.numbers for digest in digests]
     return [

@@ -184,7 +184,7 @@ def finite(values: Iterable[NDArray[Any]]) -> NDArray[np.bool_]:
 
 
 class RecordedArm(Protocol):
-    """What a topic has to know of its arm."""
+    """What a topic needs of its arm."""
 
     robot: Robot
     namespace: str
@@ -498,10 +498,10 @@ class SentReferences(ShapedFrames):
 
 
 class Diagnostics(RecordedTopic):
-    """What the nodes say, and when a controller said that a reference began.
+    """Reports of the nodes, and when references began.
 
     Attributes:
-        reports: what the nodes said.
+        reports: of the nodes.
         began: stamps [ns] at which references began, by the time of sending of the news.
     """
 
@@ -517,7 +517,7 @@ class Diagnostics(RecordedTopic):
         self._begins: set[str] = set()
 
     def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
-        """Keep what the nodes say; there are no rows."""
+        """Keep the reports; there are no rows."""
         valid = 0
         for message in messages:
             try:

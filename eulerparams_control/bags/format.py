@@ -39,7 +39,7 @@ _NEVER = 2**63 - 1  # the starting time of a bag without messages
 
 
 class BagFlaw(StrEnum):
-    """A kind of what can be wrong."""
+    """Kind of a flaw of a bag."""
 
     UNFINISHED = "unfinished"  # a file has no end: its recorder was killed
     DAMAGED = "damaged"  # a part of a file cannot be read
@@ -52,19 +52,19 @@ class BagFlaw(StrEnum):
 
 
 class BagWarning(NamedTuple):
-    """One thing that is wrong: its kind, and what it is, for people."""
+    """A flaw of a bag: its kind, and its description."""
 
     kind: BagFlaw
     text: str
 
 
 def in_words(warnings: Iterable[BagWarning]) -> str:
-    """Return what is wrong in a line, for people; "" if nothing is."""
+    """Return the descriptions in one line; "" if there are none."""
     return "; ".join(warning.text for warning in warnings)
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Makes of scalars what JSON has; others, as dates, stay text."""
+    """Reads scalars as JSON has them; others, such as dates, stay text."""
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -95,7 +95,7 @@ def _plain(text: str) -> Any:
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
-    """Return the number of values that a node stands for; by the nodes whose number is known."""
+    """Return to how many values a node expands; ``known`` has those of other nodes."""
     if id(node) not in known:
         known[id(node)] = -1  # until it is known: who meets it again is within it
         known[id(node)] = 1 + sum(_size(child, known) for child in _children(node))

@@ -77,12 +77,12 @@ class Bag:
 
     @property
     def warnings(self) -> tuple[BagWarning, ...]:
-        """What is wrong with the bag, as far as it was read until now."""
+        """The flaws that were found so far."""
         return tuple(self._flaws)
 
     @property
     def warning(self) -> str:
-        """The same in words; "" if nothing is wrong."""
+        """The same in one line; "" if there are none."""
         return in_words(self._flaws)
 
     @property

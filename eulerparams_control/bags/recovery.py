@@ -25,7 +25,7 @@ from eulerparams_control.errors import BagError
 
 _COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4}
 _ADVICE = "nothing was changed; make room, then try again"
-# What metadata.yaml must say rightly; its version and the rest may be older.
+# Keys of metadata.yaml that must agree with the files; the others may be older.
 _AGREEING = ("storage_identifier", "message_count", "relative_file_paths")
 # An end shorter than this is the chunk that was being written; more may be worth a look.
 _LAST_CHUNK_BYTES = 2**20

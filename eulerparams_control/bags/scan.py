@@ -1,7 +1,7 @@
 """Read MCAP files record by record, also those that end anywhere or hold damaged bytes.
 
 Chunks are unpacked within bounds: a few kilobytes can unpack to more than there is memory, and
-what a chunk says of its size is worth what its writer is.
+the size that a chunk states may be wrong.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time, 
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, checksum; magic
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
 _READ = _IN_CHUNKS | {Opcode.CHUNK, Opcode.ATTACHMENT}
-_MOST_DAMAGE = 20  # phrases; a file that is damaged everywhere is not told of record by record
+_MOST_DAMAGE = 20  # phrases, at most: a file may be damaged everywhere
 _LONGEST_REASON = 200  # characters
 
 
@@ -75,7 +75,7 @@ def _unpack(compression: str, data: bytes, size: int) -> bytes:
 class Scan:
     """One pass over an MCAP file; iterating gives its channels and messages in file order.
 
-    What cannot be read is left out and told in ``damage``.  Memory is bounded by the
+    What cannot be read is left out and listed in ``damage``.  Memory is bounded by the
     largest record.
 
     Args:
@@ -195,7 +195,7 @@ def _attachment(body: bytes) -> Attachment:
 
 @contextlib.contextmanager
 def open_mcap(path: Path) -> Iterator[BinaryIO]:
-    """Open an MCAP file behind its first bytes, which say that it is one.
+    """Open an MCAP file, at the place behind its magic bytes.
 
     Raises:
         BagError: if it cannot be read, is empty, or is something else.
@@ -335,7 +335,7 @@ def _add_topic(contents: FileContents, channel: Channel, schemas: dict[int, Sche
 
 
 def topic_of(channel: Channel, schema: Schema | None) -> Topic:
-    """Return what a channel and its schema say of a topic; a broken QoS profile counts as none."""
+    """Return the topic of a channel with its schema; a broken QoS profile counts as none."""
     try:
         profiles = load_yaml(channel.metadata.get("offered_qos_profiles", ""), channel.topic)
     except BagError:

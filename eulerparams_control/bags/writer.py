@@ -88,7 +88,7 @@ def _prefixes() -> list[str]:
     return [prefix for prefix in ament if prefix] + [sys.prefix]
 
 
-# mcap's name of its list, which it appends to, and writes one by one at the end.
+# Private list of mcap's writer, to which it appends each index, and which it writes at the end.
 _LIST = "_Writer__chunk_indices"
 
 # What a killed process loses: the chunk in progress, no larger and no older than this.

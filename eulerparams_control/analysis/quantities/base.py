@@ -31,7 +31,7 @@ JOINTS: tuple[str, ...] = ("each joint",)
 """In place of components: one for each joint of the arm."""
 
 type Axis = Sequence[float]
-"""Three numbers, of any length but 0; none at all means no axis."""
+"""Three numbers, not all 0; empty: no axis."""
 
 type Samples = tuple[Array, Array]
 """Instants (N,) [s] and values."""
@@ -49,7 +49,7 @@ class Quantity:
         unit: for single values.
         floor: values below are rounding, not motion; 0 never makes the axis logarithmic.
         of: returns instants (N,) [s] and values; raises BagError if it was not recorded.
-        limits: returns (n,) limits of the URDF to draw; None has none.
+        limits: returns (n,) limits of the URDF to draw; None if there are none.
         components: the names of the m components, or ``JOINTS``; () is one line.
         group: its heading in the page.
         logarithmic: whether the axis is logarithmic in any case.
@@ -358,7 +358,7 @@ def needed(recording: Recording, name: str) -> Any:
 
 
 def told[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
-    """Return what the controller was told; raises BagError if none with such parameters ran."""
+    """Return the parameters of the controller; raises BagError if none of that kind ran."""
     found = recorded(recording.parameters, kind)
     if found is None:
         name = kind.scheme.name

@@ -74,7 +74,7 @@ def position_error(recording: Recording, of: str = "leading", against: str = "de
 @drawn(
     14, "Servo", "command - measured [deg]",
     "Largest angle of a joint between joint_reference and joint_states of the same stamp: how "
-    "well the robot does what it is told, with the noise of its sensors.",
+    "well the robot follows its commands, with the noise of its sensors.",
     unit="deg", floor=1e-6,
 )  # fmt: skip
 @reduced({"peak": "servo_lag"}, "deg", "angle of a joint between command and measurement")

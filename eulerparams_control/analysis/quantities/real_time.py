@@ -72,7 +72,7 @@ class Unanswered(StrEnum):
 
 
 class NodeSample(NamedTuple):
-    """What the process of a node has taken so far; NaN where that was not looked at.
+    """Resources that the process of a node has used so far; NaN where not sampled.
 
     Attributes:
         t: [ns] when.
@@ -95,7 +95,7 @@ class NodeSample(NamedTuple):
 
 
 class ModeReport(NamedTuple):
-    """What a controller said of itself at t [s]: mode and cause, and its counters."""
+    """Report of a controller at t [s]: mode, cause and counters."""
 
     t: float
     mode: str
@@ -134,8 +134,8 @@ class RealTimeRun:
         sent: (N,) [s] when they were sent, from the first sample of the nodes on.
         latency: (N,) [s] of the round trip; NaN where no command answers.
         commands: (M,) [s] when commands were received.
-        said: what the controller said of itself.
-        samples: what the nodes took.
+        said: reports of the controller.
+        samples: resources that the nodes used.
     """
 
     t: Array
@@ -184,7 +184,7 @@ class RealTimeRun:
             before[sample.pid] = t
 
     def used(self, node: str) -> tuple[Array, Array]:
-        """Return when [s] (K,) what a node took was looked at, and RSS, USS, CPU (K, 3).
+        """Return when [s] (K,) a node was sampled, and its RSS, USS, CPU (K, 3).
 
         Of the longest of its processes.  ``node`` is one of ``NODES``.
         """
@@ -239,7 +239,7 @@ def reasons(
 
     Args:
         missed: (K,) when they were sent [s], in order.
-        said: what the controller said of itself.
+        said: reports of the controller.
         waits: begin and end of intervals, and the longest wait for a processor in each [s].
         queue: [s] that the queue of the controller lasts.
     """
@@ -287,7 +287,7 @@ def _silences(said: Sequence[ModeReport], starved: Any) -> Iterator[tuple[float,
 
 
 def is_in_real_time(recording: Recording) -> bool:
-    """Return whether a bag has what the nodes of a run in real time took."""
+    """Return whether a bag has samples of the nodes: it is of a run in real time."""
     return (recording.path / USAGE).is_file()
 
 
@@ -328,7 +328,7 @@ def _read(path: Path, namespace: str, _version: int) -> RealTimeRun:
 
 
 def _said(bag: Bag, controllers: set[str], origin: int) -> Iterator[ModeReport]:
-    """Yield what the controller said on /diagnostics; its times are from ``origin`` [ns] on."""
+    """Yield the reports of the controller on /diagnostics, with times from ``origin`` [ns] on."""
     for message in bag.messages({"/diagnostics"} & bag.topics.keys()):
         for status in message.message.status:
             if status.name.rpartition("/")[2] in controllers:

@@ -37,7 +37,7 @@ def _draw_speed(place: float, of: str, column: str, what: str, unit: str, *title
 
 
 def _draw_said(place: float, column: int, caption: str, *title: str) -> None:
-    """Register what the controller said of its ticks: it holds until it says something else."""
+    """Register what the controller reported of its ticks: it holds until the next report."""
 
     def said(recording: Recording) -> Samples:
         shaped = recording.shaped

@@ -179,7 +179,7 @@ class BagRecorder(Node):
         self.create_timer(_PUBLISHERS_SECONDS, self._ask_publishers, clock=steady)
 
     def close(self) -> None:
-        """Make the bag whole and say what it holds.
+        """Finish the bag and log what it holds.
 
         Raises:
             BagError: if it could not be recorded or made whole.
