@@ -373,7 +373,7 @@ def test_v_is_infinite_where_the_velocities_of_the_tip_are_beyond_all_numbers():
                     Frames.of([frame] * 3))  # fmt: skip
     assert np.isfinite(motion.omega_e).all(axis=1).tolist() == [True, False, False]
     parameters = {"/dynamic_control": GAINS}
-    V = lyapunov_series(Recording(Path(), robot, motion, None, None, parameters, ()))
+    V = lyapunov_series(Recording(Path(), robot, parameters, (), motion))
     assert V.V[0] == pytest.approx(100.0 * 2 * (1 - math.cos(0.05)))
     assert V.V[1:].tolist() == [math.inf, math.inf]
     assert V.dV[1:].tolist() == [-math.inf, -math.inf]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.arm import parameters_to_blame, recorded
+from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, RobotError

@@ -6,7 +6,7 @@ Each topic is decoded once into columns on the disk; a part of a run has the row
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
-from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.frames import Frames, moved
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.series import Departure, Efforts, Series, ShapedMotion
+from eulerparams_control.analysis.series import Departure
 from eulerparams_control.analysis.topics import (
     LATEST,
     NO_START,
@@ -316,7 +315,7 @@ class _Reader:
         end = len(self._states) - 1
         if not size:
             return end
-        last, stamp = first + size, self._states.stamp(first)
+        last, stamp = first + size - 1, self._states.stamp(first)
         for _, topic in self._timed():
             place = topic.after(stamp) + _MOST * size
             if place < len(topic):
@@ -384,58 +383,30 @@ class _Reader:
         before: dict[str, Any],
         said: tuple[list[Report], Array],
     ) -> Recording:
-        def series(found: Rows | None) -> Series | None:
-            if found is None:
-                return None
-            q, dq = found.values
-            there = frames.at(own, found.stamp)
-            return Series(self._arm.robot, self._times(found.stamp), q, dq, there)
-
-        motion = series(measured)
-        assert motion is not None
-        efforts = sensed = compliant = targets = acting = None
-        if found := taken.get("joint_effort"):
-            efforts = Efforts(self._times(found.stamp), found.values[0])
-        if found := taken.get("wrench"):
-            sensed = SensorSeries(self._times(found.stamp), *found.values)
-        if found := taken.get("target_wrench"):
-            targets = SensorSeries(self._times(found.stamp), *found.values)
-        if found := taken.get("impedance"):
-            acting = ActingImpedance(self._times(found.stamp), found.values[0])
-        if found := taken.get("compliant_frame"):
-            there = frames.at(own, found.stamp)
-            compliant = CompliantMotion(self._times(found.stamp), Frames(*found.values), there)
-        shaped = self._shaped(self._within(taken.get("desired")), own, frames, said[1])
+        fields: dict[str, Any] = {}
+        others: dict[str, Any] = {}
+        for name, rows in {"joint_states": measured, **taken}.items():
+            if rows is not None:
+                topic, t = self._topics[name], self._times(rows.stamp)
+                made = topic.series(rows, t, frames.at(own, rows.stamp))
+                (fields if topic.field else others)[topic.field or name] = made
+        if shaped := fields.get("shaped"):
+            fields["shaped"] = replace(shaped, rates=said[1])
+            self._departure.take(fields["shaped"])
         return Recording(
             self._bag.path,
             self._arm.robot,
-            motion,
-            series(taken.get("joint_reference")),
-            efforts,
             self._arm.parameters,
             self._warnings(),
-            sensed=sensed,
-            compliant=compliant,
-            targets=targets,
-            acting=acting,
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             before=before,
             options=self._arm.orientation,
             began=self._start,
             reports=said[0],
-            shaped=shaped,
+            others=others,
+            **fields,
         )
-
-    def _shaped(
-        self, found: Rows | None, own: Stamps, frames: Frames, rates: Array
-    ) -> ShapedMotion | None:
-        if found is None:
-            return None
-        made, asked = Frames(*found.values), frames.at(own, found.stamp)
-        shaped = ShapedMotion(self._times(found.stamp), asked, made, rates)
-        self._departure.take(shaped)
-        return shaped
 
     def _within(self, found: Rows | None) -> Rows | None:
         """Return what is within the time that is looked at; None if nothing is."""

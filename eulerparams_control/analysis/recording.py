@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.arm import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.compliant import (
     ActingImpedance,
     CompliantMotion,
@@ -28,6 +27,7 @@ from eulerparams_control.analysis.compliant import (
     impedances,
     pressed_force,
 )
+from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion, comparable
@@ -71,11 +71,11 @@ class Recording:
     Attributes:
         path: of the bag.
         robot: the arm.
+        parameters: of the recorded nodes, by node and name.
+        warnings: what is wrong with the bag.
         measured: from joint_states.
         command: from joint_reference; None if there is none.
         effort: from joint_effort; None if there is none.
-        parameters: of the recorded nodes, by node and name.
-        warnings: what is wrong with the bag.
         diverged: [s] when the simulation ended because its state became non-finite, or its
             controller gave up; None if it did not.
         sensed: from wrench; None if there is none.
@@ -89,15 +89,16 @@ class Recording:
         began: [ns] stamp of the first joint_states of the recording.
         reports: of its nodes.
         shaped: from ~/desired; None if there is none.
+        others: what topics without a field here have, by their names.
     """
 
     path: Path
     robot: Robot
-    measured: Series
-    command: Series | None
-    effort: Efforts | None
     parameters: dict[str, dict[str, Any]]
     warnings: tuple[BagWarning, ...]
+    measured: Series
+    command: Series | None = None
+    effort: Efforts | None = None
     diverged: float | None = None
     sensed: SensorSeries | None = None
     compliant: CompliantMotion | None = None
@@ -111,6 +112,7 @@ class Recording:
     began: int = 0
     reports: Sequence[Report] = ()
     shaped: ShapedMotion | None = None
+    others: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def warning(self) -> str:

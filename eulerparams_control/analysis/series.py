@@ -32,7 +32,7 @@ class ShapedMotion:
     t: Array
     asked: Frames = field(repr=False)
     made: Frames = field(repr=False)
-    rates: Array = field(repr=False)
+    rates: Array = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The topics of an arm, decoded once into columns on the disk.
 
-A topic is a class here: its type, and the rows of numbers that its messages are.  What is not
-valid, as the controllers check messages, is left out and counted.
+A topic is a class here: its type, the rows of numbers that its messages are, and what a recording
+has of them.  What is not valid, as the controllers check messages, is left out and counted.
 """
 
 import math
@@ -13,8 +13,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Reports
+from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
@@ -203,6 +205,7 @@ class RecordedTopic:
         name: of the topic, without a namespace.
         type: of its messages.
         is_timed: whether each part of a run has the rows of its time.
+        field: of the recording that has them; "": they are among its ``others``, by name.
         invalid: how many messages were not valid.
         repeated: how many had the stamp of another one, but not its values.
         jumped: when the message was sent [ns] at which the stamps jump back; None if they do not.
@@ -213,6 +216,7 @@ class RecordedTopic:
     name: ClassVar[str] = ""
     type: ClassVar[str] = ""
     is_timed: ClassVar[bool] = True
+    field: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         """Register a topic by its name."""
@@ -238,6 +242,10 @@ class RecordedTopic:
     def is_valid(self, values: Columns) -> NDArray[np.bool_]:
         """Return which rows (N,) are of numbers that can be used."""
         return finite(values)
+
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """Return what a recording has of rows (N,), given their times [s] and desired frames."""
+        return t, *rows.values
 
     def groups(self, messages: Sequence[RawMessage]) -> Iterator[tuple[Group, Stamps]]:
         """Yield messages of one layout each, and when [ns] they were sent."""
@@ -356,6 +364,7 @@ class JointStates(RecordedTopic):
 
     name = "joint_states"
     type = "sensor_msgs/msg/JointState"
+    field = "measured"
     fields: ClassVar[tuple[str, ...]] = ("position", "velocity")
 
     def rows_of(self, group: Group) -> Columns:
@@ -366,25 +375,37 @@ class JointStates(RecordedTopic):
         """See RecordedTopic."""
         return finite(values[:1])
 
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """See RecordedTopic."""
+        q, dq = rows.values
+        return Series(self._robot, t, q, dq, desired)
+
 
 class JointReferences(JointStates):
     """Commanded positions and velocities."""
 
     name = "joint_reference"
+    field = "command"
 
 
 class JointEfforts(JointStates):
     """Commanded efforts (N, n)."""
 
     name = "joint_effort"
+    field = "effort"
     fields = ("effort",)
+
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """See RecordedTopic."""
+        return Efforts(t, *rows.values)
 
 
 class SensedWrenches(RecordedTopic):
-    """Force and moment (N, 6), and the names of the frames that they are in."""
+    """Force and moment (N, 6), and numbers of the frames that they are in."""
 
     name = "wrench"
     type = "geometry_msgs/msg/WrenchStamped"
+    field = "sensed"
 
     def __init__(self, bag: Bag, arm: RecordedArm) -> None:
         super().__init__(bag, arm)
@@ -397,17 +418,17 @@ class SensedWrenches(RecordedTopic):
         frame = self._frames.setdefault(group.texts["header.frame_id"], len(self._frames))
         return [w, np.full(len(w), frame)]
 
-    def rows(self, begin: int = 0, end: int | None = None) -> Rows:
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
         """See RecordedTopic."""
-        found = super().rows(begin, end)
-        w, frame = found.values
-        return Rows(found.stamp, found.sent, (w, np.array([*self._frames], dtype=object)[frame]))
+        w, frame = rows.values
+        return SensorSeries(t, w, np.array([*self._frames], dtype=object)[frame])
 
 
 class TargetWrenches(SensedWrenches):
     """What the tool is to exert: force and moment (N, 6), and the frames that they are in."""
 
     name = "target_wrench"
+    field = "targets"
 
 
 class PublishedImpedance(RecordedTopic):
@@ -415,10 +436,15 @@ class PublishedImpedance(RecordedTopic):
 
     name = "impedance"
     type = "sensor_msgs/msg/JointState"
+    field = "acting"
 
     def rows_of(self, group: Group) -> Columns:
         """See RecordedTopic."""
         return [*joint_rows(group, IMPEDANCE, ("position",))]
+
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """See RecordedTopic."""
+        return ActingImpedance(t, *rows.values)
 
 
 class ShapedFrames(RecordedTopic):
@@ -426,16 +452,26 @@ class ShapedFrames(RecordedTopic):
 
     name = "desired"
     type = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+    field = "shaped"
 
     def rows_of(self, group: Group) -> Columns:
         """See RecordedTopic."""
         return [*frame_rows(group, self._robot.base_frame, self._robot.tip_frame)]
+
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """See RecordedTopic."""
+        return ShapedMotion(t, desired, Frames(*rows.values))
 
 
 class CompliantFrames(ShapedFrames):
     """The compliant frame."""
 
     name = "compliant_frame"
+    field = "compliant"
+
+    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
+        """See RecordedTopic."""
+        return CompliantMotion(t, Frames(*rows.values), desired)
 
 
 class SentReferences(ShapedFrames):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.arm import recorded
+from eulerparams_control.analysis.controllers import recorded
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Series
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError

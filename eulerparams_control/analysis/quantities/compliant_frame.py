@@ -9,7 +9,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.arm import parameters_to_blame
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     ImpedanceRun,
@@ -17,6 +16,7 @@ from eulerparams_control.analysis.compliant import (
     rotational_residual,
     translational_residual,
 )
+from eulerparams_control.analysis.controllers import parameters_to_blame
 from eulerparams_control.analysis.quantities.base import (
     XYZ,
     Axis,

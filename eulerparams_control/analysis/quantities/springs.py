@@ -6,7 +6,7 @@ frame.
 
 import numpy as np
 
-from eulerparams_control.analysis.arm import parameters_to_blame
+from eulerparams_control.analysis.controllers import parameters_to_blame
 from eulerparams_control.analysis.quantities.base import (
     Samples,
     drawn,
