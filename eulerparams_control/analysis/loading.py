@@ -339,7 +339,8 @@ class _Reader:
         own = np.unique(np.concatenate(stamps))
         frames = self._desired.at(own)
         if shaped := taken.get("desired"):  # those before were in the last part
-            taken["desired"] = shaped.take(shaped.stamp >= begin) if first else shaped
+            shaped = shaped.take(shaped.stamp >= begin) if first else shaped
+            taken["desired"] = self._within(shaped)
         inside = self._within(measured)
         until = math.inf if is_last else float(self._times(measured.stamp[-1:])[0])
         said = self._said(until if inside is not None else -math.inf)
