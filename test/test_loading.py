@@ -15,10 +15,11 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from eulerparams_control.analysis import arm
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
-from eulerparams_control.analysis.topics import NO_START
+from eulerparams_control.analysis.topics import NO_START, RecordedTopic
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
@@ -191,6 +192,27 @@ def test_topics_may_have_other_names(tmp_path):
         load(bag, names={"joint_states": "/arm/measurd"}, **options)
     with pytest.raises(BagError, match="is std_msgs/msg/String; expected"):
         load(bag, names={"joint_states": "/chatter"}, **options)
+
+
+def test_a_new_topic_is_one_class(tmp_path, monkeypatch):
+    monkeypatch.setattr(RecordedTopic, "registry", {**RecordedTopic.registry})
+
+    class OtherForces(RecordedTopic):
+        name = "other_wrench"
+        type = "geometry_msgs/msg/WrenchStamped"
+
+        def rows_of(self, group: Any) -> list[np.ndarray]:
+            return [np.column_stack([group.numbers[f"wrench.force.{axis}"] for axis in "xyz"])]
+
+    monkeypatch.setitem(arm.TYPES, OtherForces.name, OtherForces.type)
+    source = runs.write_run(tmp_path / "source", [0.1] * 5, wrenches=[[k] * 6 for k in range(5)])
+    topics = {name.replace("/w", "/other_w"): kind for name, kind in runs.topics_of(source).items()}
+    messages = [m._replace(topic=m.topic.replace("/w", "/other_w")) for m in Bag(source).read_raw()]
+    run = load(runs.write_messages(tmp_path / "run", topics, messages), tip_frame="tip")
+    t, f = run.others["other_wrench"]
+    np.testing.assert_array_equal(t, run.measured.t)
+    assert f.tolist() == [[k] * 3 for k in range(5)]
+    assert run.sensed is None
 
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path):
