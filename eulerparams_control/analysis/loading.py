@@ -101,10 +101,10 @@ class DesiredFrames:
             self._held_from = int(ticks[received[0]])
             self._held = Frames.of([held(self._held_from)])
         self._trajectories: dict[int, Trajectory] = {}
-        for k, place in enumerate(self._place.tolist()):
-            if place in references.trajectories:
-                last = self._of(k - 1, self._begins[k : k + 1]).frame(0)
-                self._trajectories[k] = references.trajectories[place].from_frame(last)
+        for k in np.flatnonzero(np.isin(self._place, [*references.trajectories])).tolist():
+            last = self._of(k - 1, self._begins[k : k + 1]).frame(0)
+            trajectory = references.trajectories[int(self._place[k])]
+            self._trajectories[k] = trajectory.from_frame(last)
 
     @property
     def knows_trajectories(self) -> bool:
@@ -250,8 +250,8 @@ class _Reader:
                 before = int(np.searchsorted(times, news, side="right"))
                 if before:
                     start[before - 1] = stamp
-            places = enumerate(times.tolist())
-            found = {k: sent.trajectories[at] for k, at in places if at in sent.trajectories}
+            places = ((np.flatnonzero(times == at), m) for at, m in sent.trajectories.items())
+            found = {k: motion for some, motion in places for k in some.tolist()}
             references = RecordedReferences(times, start, sent.frames, found)
         lasting = self._arm.lasting()
         return DesiredFrames(references, *self._topics[ticking].times(), lasting, self._pose)
