@@ -16,14 +16,13 @@ from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rew
 from eulerparams_control.analysis.charts import axis, symmetric_axis
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.labels import labels, number, quantity
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure, quotient
 from eulerparams_control.analysis.quantities.base import drawn, metric, row
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
-from eulerparams_control.analysis.series import Series
+from eulerparams_control.analysis.series import Frames, Series
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage

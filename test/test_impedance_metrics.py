@@ -23,11 +23,11 @@ from eulerparams_control.analysis.compliant import (
     translational_residual,
 )
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME, measure
 from eulerparams_control.analysis.quantities.contact import desired_rotations
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, exp

@@ -17,8 +17,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from eulerparams_control.analysis import arm
 from eulerparams_control.analysis.arm import Options
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
+from eulerparams_control.analysis.series import Frames
 from eulerparams_control.analysis.topics import NO_START, RecordedTopic
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
-from eulerparams_control.analysis.frames import Frames
-from eulerparams_control.analysis.series import Series
+from eulerparams_control.analysis.series import Frames, Series
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.decimation import decimate
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.quantities import EVERYTHING, NUMBERS, TableNumber, get_metric
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Kept, Report
+from eulerparams_control.analysis.series import Frames
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import EulerSequence

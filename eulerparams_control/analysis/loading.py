@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
-from eulerparams_control.analysis.frames import Frames, moved
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.series import Departure
+from eulerparams_control.analysis.series import Departure, Frames, moved
 from eulerparams_control.analysis.topics import (
     LATEST,
     NO_START,

@@ -28,9 +28,8 @@ from eulerparams_control.analysis.compliant import (
     pressed_force,
 )
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Report
-from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion, comparable
+from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion, comparable
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.orientation import (

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.reports import Reports
-from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
+from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError

@@ -276,22 +276,15 @@ def _number(
     return number
 
 
-def _peak(
-    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
-) -> float:
-    return float(np.abs(_scalars(known(t, y, after, before)[1], axis)).max())
+def _over(of: Callable[[Array], float]) -> Callable[..., float]:
+    """Return a reduction of what is known in a window."""
 
+    def reduction(
+        t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
+    ) -> float:
+        return float(of(_scalars(known(t, y, after, before)[1], axis)))
 
-def _least(
-    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
-) -> float:
-    return float(_scalars(known(t, y, after, before)[1], axis).min())
-
-
-def _rms(
-    t: Array, y: Array, axis: Axis = (), after: float = 0.0, before: float = math.inf
-) -> float:
-    return math.sqrt(np.mean(_scalars(known(t, y, after, before)[1], axis) ** 2))
+    return reduction
 
 
 def _final(
@@ -310,9 +303,9 @@ def _last(parts: list[float]) -> float:
 
 
 _REDUCTIONS: Mapping[str, tuple[str, Callable[..., float], Callable[[list[float]], float]]] = {
-    "peak": ("largest {}", _peak, max),
-    "least": ("smallest {}", _least, min),
-    "rms": ("root mean square of the {}", _rms, max),
+    "peak": ("largest {}", _over(lambda y: np.abs(y).max()), max),
+    "least": ("smallest {}", _over(np.min), min),
+    "rms": ("root mean square of the {}", _over(lambda y: math.sqrt(np.mean(y**2))), max),
     "final": ("{} at the end", _final, _last),
 }
 

@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from eulerparams_control.analysis.compliant import CompliantMotion
-from eulerparams_control.analysis.frames import Frames
 from eulerparams_control.analysis.quantities.base import (
     Samples,
     compared,
@@ -25,7 +24,7 @@ from eulerparams_control.analysis.quantities.base import (
     series_of,
 )
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.series import Series
+from eulerparams_control.analysis.series import Frames, Series
 from eulerparams_control.errors import BagError, UnknownNameError
 
 
