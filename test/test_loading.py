@@ -15,7 +15,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from eulerparams_control.analysis import arm
+from eulerparams_control.analysis import arm, topics
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
 from eulerparams_control.analysis.series import Frames
@@ -46,9 +46,19 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
+def on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let short columns be on the disk, decoded and searched in small steps."""
+    for name, value in {"_IN_MEMORY": 64, "_STRIDE": 16, "_BATCH": 32}.items():
+        monkeypatch.setattr(topics, name, value)
+
+
+@pytest.mark.parametrize("is_long", [False, True])
 @pytest.mark.parametrize("size", [1, 7, 50, 399, 400, 1000])
-def test_the_parts_of_a_run_are_the_run(bag, size):
-    whole, parts = load(bag), list(blocks(bag, size=max(size, 2)))
+def test_the_parts_of_a_run_are_the_run(bag, size, is_long, monkeypatch):
+    whole = load(bag)
+    if is_long:
+        on_the_disk(monkeypatch)
+    parts = list(blocks(bag, size=max(size, 2)))
     assert len(parts) > 1 or size > 350
     for part, after in itertools.pairwise(parts):
         assert part.measured.t[-1] == after.measured.t[0]  # they share a sample
@@ -206,9 +216,9 @@ def test_a_new_topic_is_one_class(tmp_path, monkeypatch):
 
     monkeypatch.setitem(arm.TYPES, OtherForces.name, OtherForces.type)
     source = runs.write_run(tmp_path / "source", [0.1] * 5, wrenches=[[k] * 6 for k in range(5)])
-    topics = {name.replace("/w", "/other_w"): kind for name, kind in runs.topics_of(source).items()}
+    kinds = {name.replace("/w", "/other_w"): kind for name, kind in runs.topics_of(source).items()}
     messages = [m._replace(topic=m.topic.replace("/w", "/other_w")) for m in Bag(source).read_raw()]
-    run = load(runs.write_messages(tmp_path / "run", topics, messages), tip_frame="tip")
+    run = load(runs.write_messages(tmp_path / "run", kinds, messages), tip_frame="tip")
     t, f = run.others["other_wrench"]
     np.testing.assert_array_equal(t, run.measured.t)
     assert f.tolist() == [[k] * 3 for k in range(5)]
@@ -259,10 +269,14 @@ def test_samples_without_stamps_are_counted(tmp_path):
     assert "29 messages of joint_states have the stamp of another" in load(run).warning
 
 
-def test_a_state_that_is_sent_again_is_no_loss(tmp_path):
-    source = runs.write_run(tmp_path / "source", [0.1] * 5)
+def test_a_state_that_is_sent_again_is_no_loss(tmp_path, monkeypatch):
+    on_the_disk(monkeypatch)
+    q = [0.01 * k for k in range(50)]
+    source = runs.write_run(tmp_path / "source", q)
     twice = [message for message in Bag(source).read_raw() for _ in range(2)]
-    assert load(runs.write_messages(tmp_path / "run", runs.topics_of(source), twice)).warning == ""
+    run = load(runs.write_messages(tmp_path / "run", runs.topics_of(source), twice))
+    assert run.warning == ""
+    assert run.measured.q[:, 0].tolist() == q
 
 
 def test_the_measured_motion_has_a_desired_frame_after_the_controller_died(tmp_path):
