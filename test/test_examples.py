@@ -6,15 +6,14 @@ import sys
 from contextlib import ExitStack
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from gymnasium.utils.env_checker import check_env
 from pyarrow import parquet
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from ros_processes import SpunPeer
 
 from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.laws.orientation import ORIENTATIONS
@@ -128,19 +127,15 @@ def test_it_goes_back_where_nothing_is(presses):
 
 
 @pytest.fixture
-def way(presses):
-    """Yield the example on its way, its nodes and targets; a push, and what awaits the end.
+def way(presses, closing):
+    """Return the example on its way, its nodes and targets; a push, and what awaits the end.
 
     The push is on the tool along z [N], as the environment would.
     """
     running, nodes = presses(0.5)
-    context = Context()
-    rclpy.init(context=context, domain_id=int(nodes.environment["ROS_DOMAIN_ID"]))
-    node, targets = rclpy.create_node("hand", context=context), []
-    node.create_subscription(PoseStamped, "target_pose", targets.append, 10)
-    hand = node.create_publisher(WrenchStamped, "external_wrench", 10)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    peer = closing(SpunPeer(SimpleNamespace(domain=int(nodes.environment["ROS_DOMAIN_ID"]))))
+    targets = peer.listen(PoseStamped, "target_pose")
+    hand = peer.publisher(WrenchStamped, "external_wrench")
 
     def push(force):
         msg = WrenchStamped()
@@ -150,19 +145,14 @@ def way(presses):
     def ends(word):
         """Assert that it says so at its end, and that it has gone back to the start."""
         while running.poll() is None:
-            executor.spin_once(timeout_sec=0.1)
+            peer.spin_once()
         assert word in said(running, 1)
         assert targets[-1].pose.position.z < targets[0].pose.position.z
 
-    try:
-        while len(targets) < 3 or not hand.get_subscription_count():
-            executor.spin_once(timeout_sec=1.0)
-            assert running.poll() is None, said(running)
-        yield running, nodes, targets, push, ends
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.shutdown()
+    while len(targets) < 3 or not hand.get_subscription_count():
+        peer.spin_once()
+        assert running.poll() is None, said(running)
+    return running, nodes, targets, push, ends
 
 
 def test_it_goes_back_when_contact_is_lost(way):

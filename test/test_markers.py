@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from in_process import World
 from ros_processes import FRAMES, HOME, Controlled, pose, values
 from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
 from visualization_msgs.msg import InteractiveMarkerUpdate, Marker, MarkerArray
@@ -19,32 +18,23 @@ P_E, R_E = pose(HOME)
 PUSH = (3.0, -2.0, 4.0, 0.1, 0.2, -0.3)
 
 
-def xyz(point):
-    return np.array([point.x, point.y, point.z])
-
-
 @pytest.fixture
-def shown(tmp_path):
-    """Yield what runs a controller while somebody watches; it returns the last markers by name."""
-    with World(tmp_path) as world:
+def shown(world):
+    """Return what runs a controller while somebody watches; it returns the last markers by name."""
 
-        def show(controller, *push, **parameters):
-            running = Controlled(world, controller, FRAMES | parameters)
-            arrays = world.peer.listen(MarkerArray, f"{controller}/markers")
-            if push:
-                running.arm.tick()
-                running.arm.push(*push)
+    def show(controller, *push, **parameters):
+        running = Controlled(world, controller, FRAMES | parameters)
+        arrays = world.peer.listen(MarkerArray, f"{controller}/markers")
+        if push:
+            running.arm.tick()
+            running.arm.push(*push)
 
-            def seen():
-                running.arm.tick()
-                return len(arrays) > 3
+        world.until(lambda: (running.arm.tick(), len(arrays) > 3)[1], "some markers")
+        for marker in arrays[-1].markers:
+            assert marker.header.frame_id == FRAMES["base_frame"]
+        return {marker.ns: marker for marker in arrays[-1].markers}
 
-            world.until(seen, "some markers")
-            for marker in arrays[-1].markers:
-                assert marker.header.frame_id == FRAMES["base_frame"]
-            return {marker.ns: marker for marker in arrays[-1].markers}
-
-        yield show
+    return show
 
 
 def test_frames_are_drawn_where_they_are_and_the_poles_of_euler_angles(shown):
@@ -52,14 +42,14 @@ def test_frames_are_drawn_where_they_are_and_the_poles_of_euler_angles(shown):
     assert markers.keys() == {"desired", "actual", "poles", "axis at a pole"}
     for marker in (markers["desired"], markers["actual"]):
         assert marker.type == Marker.LINE_LIST
-        starts, ends = (np.array([xyz(p) for p in marker.points[k::2]]) for k in (0, 1))
+        starts, ends = (np.array([vector_from_ros(p) for p in marker.points[k::2]]) for k in (0, 1))
         assert starts == pytest.approx(np.array([P_E] * 3), abs=1e-6)
         assert pytest.approx(R_E, abs=1e-6) == (ends - starts).T / 0.1
         assert len(marker.colors) == len(marker.points)
-    top, bottom = map(xyz, markers["poles"].points)
+    top, bottom = map(vector_from_ros, markers["poles"].points)
     assert top - P_E == pytest.approx(np.array([0.0, 0.0, 0.12]), abs=1e-6)
     assert top + bottom == pytest.approx(2 * P_E, abs=1e-6)
-    start, end = map(xyz, markers["axis at a pole"].points)
+    start, end = map(vector_from_ros, markers["axis at a pole"].points)
     assert (end - start) / 0.12 == pytest.approx(R_E[:, 2], abs=1e-6)
 
 
@@ -67,56 +57,56 @@ def test_wrench_and_stiffness_are_drawn(shown):
     K_p = [1000.0, 500.0, 250.0]
     markers = shown("impedance_control", *PUSH, K_p=K_p)
     assert {"desired", "actual", "compliant", "force", "moment", "stiffness"} == markers.keys()
-    start, end = map(xyz, markers["force"].points)
+    start, end = map(vector_from_ros, markers["force"].points)
     assert (end - start) / 0.005 == pytest.approx(np.array(PUSH[:3]), abs=1e-6)
-    start, end = map(xyz, markers["moment"].points)
+    start, end = map(vector_from_ros, markers["moment"].points)
     assert (end - start) / 0.05 == pytest.approx(np.array(PUSH[3:]), abs=1e-6)
-    scale = sorted(xyz(markers["stiffness"].scale))
+    scale = sorted(vector_from_ros(markers["stiffness"].scale))
     assert scale == pytest.approx([0.05, 0.1, 0.2])  # diameters, as the stiffnesses
 
 
-def test_what_is_shown_is_never_old(tmp_path, monkeypatch):
+def test_what_is_shown_is_never_old(world, monkeypatch):
     name = "impedance_control"
-    with World(tmp_path) as world:
-        running = Controlled(world, name, FRAMES, namespace="/left")
-        views, frames = running.process.node._views, []  # as with tf2_msgs, which pip has not
-        views._message, views._transforms = SimpleNamespace, SimpleNamespace(publish=frames.append)
-        arrays = world.peer.listen(MarkerArray, f"/left/{name}/markers")
+    running = Controlled(world, name, FRAMES, namespace="/left")
+    views, frames = running.process.node._views, []  # as with tf2_msgs, which pip has not
+    views._message, views._transforms = SimpleNamespace, SimpleNamespace(publish=frames.append)
+    arrays = world.peer.listen(MarkerArray, f"/left/{name}/markers")
 
-        def seen(count):
-            running.arm.tick()
-            return len(frames) >= count and len(arrays) >= count
+    def seen(count):
+        running.arm.tick()
+        return len(frames) >= count and len(arrays) >= count
 
-        world.until(lambda: seen(3), "some markers")
-        names = {each.child_frame_id for each in frames[-1].transforms}
-        assert names == {f"left/{name}/{of}" for of in ("desired", "actual", "compliant")}
-        assert {each.header.frame_id for each in frames[-1].transforms} == {FRAMES["base_frame"]}
-        world.advance(1.0)  # no states come
-        old = len(frames), len(arrays)
-        world.advance(2.0)
-        assert (len(frames), len(arrays)) == old
-        monkeypatch.setattr(Controller, "fault", "stopped")
-        world.until(lambda: seen(old[0] + 3), "markers of an arm that is stopped")
-        (shown,) = frames[-1].transforms
-        assert shown.child_frame_id == f"left/{name}/actual"
-        assert xyz(shown.transform.translation) == pytest.approx(pose(running.arm.q)[0], abs=1e-6)
-        assert [marker.ns for marker in arrays[-1].markers] == ["actual"]
-        stamps = [each.transforms[0].header.stamp for each in frames]
-        assert len({(each.sec, each.nanosec) for each in stamps}) == len(stamps)
+    world.until(lambda: seen(3), "some markers")
+    names = {each.child_frame_id for each in frames[-1].transforms}
+    assert names == {f"left/{name}/{of}" for of in ("desired", "actual", "compliant")}
+    assert {each.header.frame_id for each in frames[-1].transforms} == {FRAMES["base_frame"]}
+    world.advance(1.0)  # no states come
+    old = len(frames), len(arrays)
+    world.advance(2.0)
+    assert (len(frames), len(arrays)) == old
+    monkeypatch.setattr(Controller, "fault", "stopped")
+    world.until(lambda: seen(old[0] + 3), "markers of an arm that is stopped")
+    (shown,) = frames[-1].transforms
+    assert shown.child_frame_id == f"left/{name}/actual"
+    assert vector_from_ros(shown.transform.translation) == pytest.approx(
+        pose(running.arm.q)[0], abs=1e-6
+    )
+    assert [marker.ns for marker in arrays[-1].markers] == ["actual"]
+    stamps = [each.transforms[0].header.stamp for each in frames]
+    assert len({(each.sec, each.nanosec) for each in stamps}) == len(stamps)
 
 
-def test_nothing_is_made_for_nobody_and_frames_need_tf2_msgs(tmp_path, monkeypatch):
+def test_nothing_is_made_for_nobody_and_frames_need_tf2_msgs(world, monkeypatch):
     made = []
     monkeypatch.setattr("eulerparams_control.ros.views.HAS_TF", False)
     monkeypatch.setattr("eulerparams_control.ros.control_node.HAS_TF", False)
     monkeypatch.setattr("eulerparams_control.ros.views.markers_to_ros", lambda *_: made.append(1))
-    with World(tmp_path) as world:
-        running = Controlled(world, "clik", FRAMES | {"publish_tf": True})
-        for _ in range(100):
-            running.arm.tick()
-            world.advance(0.01)
-        assert not made
-        assert "tf2_msgs" in running.process.log
+    running = Controlled(world, "clik", FRAMES | {"publish_tf": True})
+    for _ in range(100):
+        running.arm.tick()
+        world.advance(0.01)
+    assert not made
+    assert "tf2_msgs" in running.process.log
 
 
 # --- the target, which the mouse moves -------------------------------------------------------
@@ -127,13 +117,12 @@ PLACE = "clik/target/"
 
 
 @pytest.fixture
-def clik(tmp_path):
-    with World(tmp_path) as world:
-        clik = Controlled(world, "clik", FRAMES | {"require_reference": False})
-        clik.updates = world.peer.listen(InteractiveMarkerUpdate, PLACE + "update")
-        clik.mouse = world.peer.publisher(Feedback, PLACE + "feedback")
-        clik.arm.tick()
-        yield clik
+def clik(world):
+    clik = Controlled(world, "clik", FRAMES | {"require_reference": False})
+    clik.updates = world.peer.listen(InteractiveMarkerUpdate, PLACE + "update")
+    clik.mouse = world.peer.publisher(Feedback, PLACE + "feedback")
+    clik.arm.tick()
+    return clik
 
 
 def feedback(kind, p=P_E, frame_id=FRAMES["base_frame"]):
