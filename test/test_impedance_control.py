@@ -167,7 +167,7 @@ def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(ar
         motion.reset(q)
         free = motion.tick(DT, q, dq, desired).command.effort
         motion.reset(q)
-        touched = motion.tick_at(DT, motion.row_at(q, dq), desired, -w).command.effort
+        touched = motion.tick(DT, q, dq, desired, -w).command.effort
         expected = plant.acceleration(q, dq, free, NO_WRENCH)
         assert_close(plant.acceleration(q, dq, touched, w), expected, ERROR_EQUATION)
         tau = motion.dynamics.effort(robot, state.arm, expected, w)
@@ -613,7 +613,7 @@ def test_a_contact_that_is_too_large_is_a_fault_that_holds_the_arm(bound, w, tex
     assert re.search(text, controller.fault)
     assert_close(command.frame.p_d, UR5.state(q, STILL).p_e, KINEMATICS)
     assert np.isfinite(command.effort).all()
-    scheme.law.refuse_wrench(np.array([28.9, 0, 0, 28.9, 0, 0]))  # is allowed
+    scheme.law.refuse_wrench(28.9, 28.9)  # is allowed
 
 
 # --- holding, and going on -----------------------------------------------------------------------

@@ -25,7 +25,7 @@ from eulerparams_control.control.mode import (
     transition,
 )
 from eulerparams_control.control.modes import Distrusting, Holding, Releasing, Waiting
-from eulerparams_control.control.speed_scaling import LEAST, Nearness, SpeedScaling
+from eulerparams_control.control.speed_scaling import LEAST, LOOK, Nearness, SpeedScaling
 from eulerparams_control.errors import InvalidMessageError, SingularityError, UnsafeCommandError
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.laws.scheme import JointCommand
@@ -108,7 +108,8 @@ def jacobian(sigma):
 
 
 def update(pace, now, q, dq, J):
-    assert pace.advance(0.01)
+    pace.since += 0.01
+    assert pace.since >= LOOK
     pace.update(now, q, dq, J)
 
 

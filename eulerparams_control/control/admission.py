@@ -7,7 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.control import judge
-from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
+from eulerparams_control.control.clock import (
+    EARLY,
+    SECONDS,
+    Clock,
+    Instant,
+    Latency,
+    NominalPeriod,
+    late,
+    take_step,
+)
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.compiled import NONE
@@ -29,6 +38,8 @@ _SET_BACK = 3
 # loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
 # at which a verdict ends.
 _MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
+
+_NOT_FINE = -1.0, -1.0
 
 # The longest step that a law integrates over [usual periods].
 _LONGEST_STEP = 3.0
@@ -103,11 +114,14 @@ class RateCheck:
     Attributes:
         rate: the verdict.
         why: the arm is to be held, or a warning; Why() where the rate is fine.
+        fine: [s] of the longest period, and angle [rad] in it of a loop, with which a verdict
+            stays as it is; below 0 unless the rate is fine.
     """
 
     def __init__(self, period: NominalPeriod, timeout: float) -> None:
         self._period, self._timeout = period, timeout
         self.rate, self.why = Rate.FINE, Why()
+        self.fine = _NOT_FINE
         self._is_known = False  # the period, when this was said
 
     @property
@@ -122,9 +136,6 @@ class RateCheck:
         """
         period, gain = self._period.seconds, scheme.fastest_gain
         turn = 0.0 if gain is None else gain.rate * period
-        is_clear = turn <= _CLEAR * _FINE_TURN and period <= _CLEAR * _OF_TIMEOUT * self._timeout
-        if is_clear and self.rate is Rate.FINE and self._is_known:
-            return
         if period == 0 and scheme.hold_rate * self._period.least > 1:
             period = self._period.least
             turn = 0.0 if gain is None else gain.rate * period
@@ -139,6 +150,9 @@ class RateCheck:
         if (rate, is_known) == (self.rate, self._is_known):
             return
         self.rate, self._is_known, self.why = rate, is_known, Why()
+        is_fine = is_known and rate is Rate.FINE
+        fine = _CLEAR * _OF_TIMEOUT * self._timeout, _CLEAR * _FINE_TURN
+        self.fine = fine if is_fine else _NOT_FINE
         if rate is Rate.TOO_RARE:
             self.why = too_rare(period, self._timeout)
         elif rate is not Rate.FINE and gain is not None:
@@ -205,7 +219,11 @@ class Admission:
             InvalidMessageError: unless it can be one of the robot, and of now.
         """
         timeout, last, receipt = self._timeout, self.clock.last, at.receipt
-        dt, silence = self.clock.step(at)
+        latency, period = self._latency, self.period.row
+        dt = 0.0 if last is None else (at.stamp - last.stamp) / 1e9
+        # how far the stamps went on, and how long no state came [s]; 0 if that is not known
+        before = None if last is None else last.receipt
+        silence = 0.0 if receipt is None or before is None else receipt - before
         if -timeout < dt < 0:
             self._back = self._back + 1 if at.stamp > self._back_at else 1
             self._back_at = at.stamp
@@ -215,7 +233,7 @@ class Admission:
             )
         is_set_back = self._back >= _SET_BACK
         if is_set_back:  # nothing is late
-            self._latency.forget()
+            latency.forget()
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
@@ -225,7 +243,11 @@ class Admission:
         if code & (judge.FAST | judge.FAR):
             self._refuse_impossible(at, dt, q, dq, code)
         if receipt is not None and (dt != 0 or is_first):
-            self._refuse_late(at.stamp, dt, receipt, patient)
+            if dt < 0:
+                latency.forget()
+            delay = late(latency.row, receipt - at.stamp / 1e9, receipt, latency.most, patient)
+            if delay > latency.most:
+                self._refuse_late(delay)
         if last is not None and at.stamp == last.stamp:
             if is_set_back:  # its clock was here before
                 code |= judge.SAME
@@ -234,15 +256,15 @@ class Admission:
             return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
         if code & judge.WOUND:
             q = self._now[judge.Q].copy()
-        usual, restart = self.period.seconds, None
-        self.period.take(dt)
+        usual, restart = period.item(SECONDS), None
+        take_step(period, dt)
         if not goes_on:
             restart, dt = self._restart(at, dt, silence, usual, code), 0.0
         acted, lost, leapt = dt, 0.0, 0.0
         if receipt is not None:
             acted = dt if 0 < dt < silence else silence
             # by how much more the stamps went on than time, lost and late states apart
-            early, usual_now = self._latency.early, self.period.seconds
+            early, usual_now = latency.row.item(EARLY), period.item(SECONDS)
             if is_set_back:
                 leapt = dt - silence
             elif 0 < usual_now < 2 * early:
@@ -295,14 +317,11 @@ class Admission:
             f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"
         )
 
-    def _refuse_late(self, t: int, dt: float, now: float, patient: bool) -> None:
+    def _refuse_late(self, delay: float) -> None:
         """Raise InvalidMessageError for a state that comes too late to control by."""
-        if dt < 0:
-            self._latency.forget()
-        late, most = self._latency.of(t, now, patient=patient), self._latency.most
-        if late > most:
-            raise InvalidMessageError(
-                f"the state comes {late:.3f} s later than the best one, more than max_latency "
-                f"{most:g} s: is the network or the computer overloaded? If they stay so late, "
-                "deactivate and activate; a simulation that is not in real time needs use_sim_time"
-            )
+        raise InvalidMessageError(
+            f"the state comes {delay:.3f} s later than the best one, more than max_latency "
+            f"{self._latency.most:g} s: is the network or the computer overloaded? If they stay so "
+            "late, deactivate and activate; a simulation that is not in real time needs "
+            "use_sim_time"
+        )

@@ -8,8 +8,11 @@ is measured by :class:`NominalPeriod`, how late one is by :class:`Latency`.
 import math
 import time
 from collections.abc import Callable
-from statistics import median
 from typing import NamedTuple
+
+import numpy as np
+
+from eulerparams_control.laws.compiled import Row, entry
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
@@ -29,6 +32,12 @@ _PATIENCE, _PAUSE = 1.0, 0.2
 # Efforts tolerate no delay: for them the lateness has to last for the first time [s], and to be
 # constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
+
+# Rows: of a period, behind which its first steps lie, and of a latency: the least that a state was
+# behind, when one came last, since when they are late, and the least and the most that they were
+# behind since.
+SECONDS, _LEAST, _MISSED, _COUNT, _STEPS = range(5)
+_BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(6)
 
 _now: Callable[[], float] = time.monotonic
 
@@ -82,16 +91,6 @@ class Clock:
         """Whether the stamps count."""
         return self.last is None or self.last.receipt is None
 
-    def step(self, at: Instant) -> tuple[float, float]:
-        """Return how far the stamps went on, and how long no state came [s]; 0 if not known."""
-        last = self.last
-        if last is None:
-            return 0.0, 0.0
-        dt = (at.stamp - last.stamp) / 1e9
-        if last.receipt is None or at.receipt is None:
-            return dt, 0.0
-        return dt, at.receipt - last.receipt
-
     def time(self, receipt: float | None) -> float:
         """Return the time [s] of something that came at ``receipt`` [s]."""
         return Instant(0 if self.last is None else self.last.stamp, receipt).seconds
@@ -111,32 +110,51 @@ class NominalPeriod:
     """The usual time between two states, whatever is lost or late.
 
     Attributes:
-        seconds: [s] by the stamps; 0 until it is known.
-        least: [s] it is no shorter than that; 0 while nothing is known.
-        missed: states that never came: gaps in their stamps, in usual periods.
+        row: of :func:`take_step`.
     """
 
     def __init__(self) -> None:
-        self.seconds, self.least, self.missed = 0.0, 0.0, 0
-        self._first: list[float] = []
+        self.row = np.zeros(_STEPS + _FIRST)
+
+    @property
+    def seconds(self) -> float:
+        """[s] by the stamps; 0 until it is known."""
+        return self.row.item(SECONDS)
+
+    @property
+    def least(self) -> float:
+        """[s] it is no shorter than that; 0 while nothing is known."""
+        return self.row.item(_LEAST)
+
+    @property
+    def missed(self) -> int:
+        """States that never came: gaps in their stamps, in usual periods."""
+        return int(self.row.item(_MISSED))
 
     def take(self, step: float) -> None:
         """Take a step [s] of the stamps."""
-        if not 0 < step < _LONGEST_PERIOD:
-            return
-        if len(self._first) < _FIRST:
-            self._first.append(step)
-            if len(self._first) == _FIRST:
-                self.seconds = self.least = median(self._first)
-            elif len(self._first) >= _FEW:
-                self.least = min(self._first) / _JITTER
-            return
-        usual = self.seconds
-        if 1.5 * usual <= step < _LONGEST_LOSS:
-            self.missed += round(step / usual) - 1
-        if not usual / 2 <= step <= 2 * usual:
-            step = min(max(step, usual / 2), 2 * usual)
-        self.seconds = self.least = usual + _SMOOTHING * (step - usual)
+        take_step(self.row, step)
+
+
+@entry
+def take_step(row: Row, step: float) -> None:
+    """Let a period follow a step [s] of the stamps."""
+    if not 0.0 < step < _LONGEST_PERIOD:
+        return
+    count = int(row[_COUNT])
+    if count < _FIRST:
+        row[_STEPS + count], row[_COUNT] = step, count + 1
+        steps = np.sort(row[_STEPS : _STEPS + count + 1])
+        if count + 1 == _FIRST:
+            row[SECONDS] = row[_LEAST] = steps[_FIRST // 2]
+        elif count + 1 >= _FEW:
+            row[_LEAST] = steps[0] / _JITTER
+        return
+    usual = row[SECONDS]
+    if 1.5 * usual <= step < _LONGEST_LOSS:
+        row[_MISSED] += np.rint(step / usual) - 1.0
+    step = min(max(step, usual / 2.0), 2.0 * usual)
+    row[SECONDS] = row[_LEAST] = usual + _SMOOTHING * (step - usual)
 
 
 class Latency:
@@ -150,21 +168,16 @@ class Latency:
         most: [s] by which a state may be later than the best one.
 
     Attributes:
-        early: [s] by which the last state was earlier than the best one before: stamps that go on
-            alone make it so, but not those of a state that follows on late ones.
+        row: of :func:`late`.
     """
 
     def __init__(self, most: float) -> None:
-        self.most = most
+        self.most, self.row = most, np.zeros(6)
         self.forget()
 
     def forget(self) -> None:
         """Start again: another clock makes the stamps."""
-        self._least: float | None = None
-        self.early = 0.0
-        self._at = 0.0  # [s] when a state came last
-        self._late_since = 0.0  # [s]; and the least and the most that they were behind since
-        self._low, self._high = math.inf, -math.inf
+        self.row[:] = math.nan, 0.0, 0.0, 0.0, math.inf, -math.inf
 
     def of(self, t: int, now: float, *, patient: bool) -> float:
         """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
@@ -174,20 +187,29 @@ class Latency:
             now: when it came, steady clock [s].
             patient: whether states that stay late are accepted in the end.
         """
-        behind = now - t / 1e9
-        if self._least is None:
-            self._least, self._at = behind, now
-        pause = now - self._at
-        best = self._least + _DRIFT * pause
-        self._least, self.early = (behind, best - behind) if behind < best else (best, 0.0)
-        self._at, late = now, behind - self._least
-        if late <= self.most or pause > _PAUSE:
-            self._late_since, self._low, self._high = now, math.inf, -math.inf
-            return late
-        self._low, self._high = min(self._low, behind), max(self._high, behind)
-        if not patient and self._high - self._low > _STEADY:
-            self._late_since, self._low, self._high = now, behind, behind
-        elif now - self._late_since > (_PATIENCE if patient else _LONG_PATIENCE):
-            self._least = self._low
-            return behind - self._low
-        return late
+        return late(self.row, now - t / 1e9, now, self.most, patient)
+
+
+@entry
+def late(row: Row, behind: float, now: float, most: float, patient: bool) -> float:
+    """Return how late [s] a state is that came at ``now`` [s], so far behind the steady clock.
+
+    EARLY in the row is then by how much [s] it was earlier than the best one before: stamps that
+    go on alone make it so, but not those of a state that follows on late ones.
+    """
+    if math.isnan(row[_BEST]):
+        row[_BEST], row[_AT] = behind, now
+    pause = now - row[_AT]
+    best = row[_BEST] + _DRIFT * pause
+    row[_BEST], row[EARLY], row[_AT] = min(behind, best), max(best - behind, 0.0), now
+    by = behind - row[_BEST]
+    if by <= most or pause > _PAUSE:
+        row[_SINCE], row[_LOW], row[_HIGH] = now, math.inf, -math.inf
+        return by
+    row[_LOW], row[_HIGH] = min(row[_LOW], behind), max(row[_HIGH], behind)
+    if not patient and row[_HIGH] - row[_LOW] > _STEADY:
+        row[_SINCE], row[_LOW], row[_HIGH] = now, behind, behind
+    elif now - row[_SINCE] > (_PATIENCE if patient else _LONG_PATIENCE):
+        row[_BEST] = row[_LOW]
+        return behind - row[_LOW]
+    return by

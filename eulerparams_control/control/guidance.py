@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from eulerparams_control.control.options import ControllerOptions
-from eulerparams_control.control.speed_scaling import CREEP, SpeedScaling
+from eulerparams_control.control.speed_scaling import CREEP, LOOK, SpeedScaling
 from eulerparams_control.errors import FollowingError, SingularityError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
@@ -13,6 +13,7 @@ from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.time_scale import TimeScale
+from eulerparams_control.robot.chain import TIP
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
@@ -151,9 +152,12 @@ class Guidance:
         Raises:
             LawError: if the law has no finite answer, or the arm does not follow.
         """
-        scheme, motion, scale = self.scheme, self.motion, self.scale
+        scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace
         is_shaped, is_frozen = self._options.motion is not None, scheme.is_frozen
-        scale.advance(dt)
+        if scale.rate:
+            scale.advance(dt)
+        else:
+            scale.mean = scale.now
         if is_frozen and is_shaped:  # it comes to rest as the compliant frame does
             scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
         u = 0.0 if is_frozen and not is_shaped else scale.mean
@@ -162,18 +166,23 @@ class Guidance:
         desired = motion.sample(t - self._jump)
         if not is_frozen or is_shaped:
             # what is frozen has to start again from rest
-            wanted = min(self.pace.wanted, self._options.speed_override, motion.bearable)
+            wanted = min(pace.wanted, self._options.speed_override, motion.bearable)
             wanted = 0.0 if self.is_braking else scale.now if is_frozen else wanted
-            desired = scale.paced(dt, wanted, desired, motion.after)
+            if wanted == scale.now == 1.0 and not scale.rate:
+                scale.before = desired  # as it was planned
+            else:
+                desired = scale.paced(dt, wanted, desired, motion.after)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
         try:
             tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
             raise LawError(error) from error
-        if self.pace.advance(dt):
-            arm = tick.state
-            self.pace.update(scale.now, arm.q, arm.dq, arm.J)
+        pace.since += dt
+        if pace.since >= LOOK:
+            arm, n = tick.arm, tick.n
+            J = arm[2 * n + TIP : 8 * n + TIP].reshape(6, n)
+            pace.update(scale.now, arm[:n], arm[n : 2 * n], J)
         if self.is_braking:
             if scale.now == 0 or motion.is_at_rest:
                 motion.hold(motion.last)

@@ -12,7 +12,6 @@ from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
 from eulerparams_control.control.mode import (
     CALL_RESUME,
-    STREAM_ENDED,
     Cause,
     Latch,
     Mode,
@@ -72,13 +71,14 @@ class ControlMode:
 
     Attributes:
         why: why it was entered.
+        is_led: whether the law alone says what is commanded.
         is_halted: whether the arm is held still instead of moved.
         is_runaway: whether the arm has to come to rest before it is commanded again.
         latch: what leads out of it, if the arm is stopped.
     """
 
     mode: ClassVar[Mode]
-    is_halted = is_runaway = False
+    is_led = is_halted = is_runaway = False
     latch = Latch.NONE
 
     def __init__(self, why: Why) -> None:
@@ -130,27 +130,14 @@ class Holding(ControlMode):
     """The law at a frame at rest."""
 
     mode = Mode.HOLDING
-
-    def command(
-        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return the command of the law."""
-        return guidance.tick(t, dt, q, dq)
+    is_led = True
 
 
 class Following(ControlMode):
     """The law along a motion; where set-points have stopped, at the last one."""
 
     mode = Mode.FOLLOWING
-
-    def command(
-        self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return the command of the law."""
-        command = guidance.tick(t, dt, q, dq)
-        if guidance.motion.has_stopped(t):
-            self.why = STREAM_ENDED
-        return command
+    is_led = True
 
 
 class Stopped(ControlMode):

@@ -18,9 +18,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Input, Row, Rows, entry
-from eulerparams_control.laws.inverse import smallest_singular_value
-from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
+from eulerparams_control.laws.compiled import NONE, Input, Inputs, Row, Rows, entry, kernel
+from eulerparams_control.laws.inverse import sigma_min
+from eulerparams_control.laws.limits import POSITION_RATE, UNLIMITED, JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.motion_limits import MotionLimits
 
@@ -30,8 +30,8 @@ LEAST = 0.1
 CREEP = 1e-3
 """The slowest pace for limits of joint speeds: it is fast enough again as soon as they allow it."""
 
-# The arm is looked at again after this time [s]: it goes not far meanwhile.
-_LOOK = 0.005
+LOOK = 0.005
+"""The arm is looked at again after this time [s]: it goes not far meanwhile."""
 
 # Inside a singularity sigma is below this part of the threshold; a change of it by less than the
 # other part, relative to the threshold, is none.
@@ -44,8 +44,9 @@ _STOP_TIME = 0.2
 # limit it is there, and within the other one it is near.
 _SLOW, _AT_LIMIT, _NEAR_LIMIT = 1e-3, 0.01, 0.1
 
-# Rows of the limits.
+# Rows of the limits, and the row of the pace.
 _LOWER, _UPPER, _VELOCITY = range(3)
+_WANTED, _SIGMA, _SINGULARITY, _LIMIT, _JOINT = range(5)
 
 
 class Nearness(IntEnum):
@@ -55,6 +56,9 @@ class Nearness(IntEnum):
     APPROACHING = 1
     INSIDE = 2
     LEAVING = 3
+
+
+_CLEAR, _APPROACHES, _IS_INSIDE, _LEAVES = (float(near) for near in Nearness)
 
 
 class SpeedScaling:
@@ -68,8 +72,7 @@ class SpeedScaling:
 
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
-        singularity: how near the arm is to a kinematic singularity.
-        limit: how near it is to a limit of a joint, and ``joint``: the index of which.
+        since: [s] since the arm was looked at; it is due again after ``LOOK``.
     """
 
     def __init__(
@@ -85,18 +88,8 @@ class SpeedScaling:
 
     def forget(self) -> None:
         """Start again, at full pace."""
-        self.wanted = 1.0
-        self.singularity = self.limit = Nearness.CLEAR
-        self.joint = 0
-        self._near = np.zeros(2)
-        self._sigma: float | None = None
-        self._left = math.inf  # [s] until sigma is 0, as it falls now
-        self._since = _LOOK
-
-    def advance(self, dt: float) -> bool:
-        """Let dt [s] go by; return whether the arm is to be looked at again."""
-        self._since += dt
-        return self._since >= _LOOK
+        self.wanted, self.since = 1.0, LOOK
+        self._row = np.array([1.0, math.nan, _CLEAR, _CLEAR, 0.0])
 
     def update(self, now: float, q: Array, dq: Array, J: Array) -> None:
         """Choose the pace for the steps until it is due again.
@@ -106,63 +99,60 @@ class SpeedScaling:
             q, dq: (n,) positions and velocities at which the loop is closed.
             J: (6, n) there.
         """
-        self._look_at_singularity(J)
-        self._since = 0.0
-        self.wanted = min(
-            self._by_singularity(), self._by_braking(now, J, dq), self._by_limits(now, q, dq)
-        )
+        limits = UNLIMITED if self.limits is None else self.limits.rows
+        most = NONE if self.motion is None else self.motion.row
+        look(now, self.since, q, dq, J, self.threshold, self._length, limits, most, self._row)
+        self.wanted, self.since = self._row.item(_WANTED), 0.0
 
-    def _look_at_singularity(self, J: Array) -> None:
-        """Say how near the singularity is, and whether it comes nearer."""
-        sigma, before = smallest_singular_value(J, self._length), self._sigma
-        self._sigma = sigma
-        self._left = math.inf
-        if before is not None and sigma < before and self.threshold > 0:
-            self._left = sigma * self._since / (before - sigma)
-        if sigma >= self.threshold:
-            self.singularity = Nearness.CLEAR
-        elif sigma < _INSIDE * self.threshold:
-            self.singularity = Nearness.INSIDE
-        elif before is None or sigma < before - _SAME * self.threshold:
-            self.singularity = Nearness.APPROACHING
-        elif sigma > before + _SAME * self.threshold:
-            self.singularity = Nearness.LEAVING
-        elif self.singularity is Nearness.CLEAR:
-            self.singularity = Nearness.APPROACHING
+    @property
+    def singularity(self) -> Nearness:
+        """How near the arm is to a kinematic singularity."""
+        return Nearness(int(self._row[_SINGULARITY]))
 
-    def _by_singularity(self) -> float:
-        if self.singularity is Nearness.CLEAR or self._sigma is None:
-            return 1.0
-        ratio = self._sigma / self.threshold
-        return min(1.0, max(LEAST, 2 * ratio if self.singularity is Nearness.LEAVING else ratio))
+    @property
+    def limit(self) -> Nearness:
+        """How near it is to a limit of a joint."""
+        return Nearness(int(self._row[_LIMIT]))
 
-    def _by_braking(self, now: float, J: Array, dq: Array) -> float:
-        """Return the pace at which the tip, at v = J dq, can stop before a singularity.
-
-        That is v tau / 2 away if sigma, which is 0 in the time tau at the rate at which it falls,
-        goes as the root of the distance: so it does at the edge of the workspace.  The speed of
-        the tip comes to a distance d by v^2 + a T v = 2 a d: it brakes by a, then by v / T.
-        """
-        if self.motion is None or self._left == math.inf:
-            return 1.0
-        pace, v = 1.0, J @ dq
-        for part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
-            speed, aT = math.sqrt(part @ part), a * _STOP_TIME
-            if speed > 0 and math.isfinite(a):
-                bearable = (math.sqrt(aT**2 + 4 * a * speed * self._left) - aT) / 2
-                pace = min(pace, now * bearable / speed)
-        return max(LEAST, pace)
-
-    def _by_limits(self, now: float, q: Array, dq: Array) -> float:
-        """Return the pace at which no joint is faster than it may be so near to its limit."""
-        self.limit, near, pace = Nearness.CLEAR, self._near, 1.0
-        if self.limits is not None:
-            pace = float(_pace_of_limits(now, q, dq, self.limits.rows, near))
-            self.limit, self.joint = Nearness(int(near[0])), int(near[1])
-        return pace
+    @property
+    def joint(self) -> int:
+        """The index of the joint that is near its limit."""
+        return int(self._row[_JOINT])
 
 
-@entry
+# --- the formulas ---------------------------------------------------------------------------
+
+
+@kernel
+def _nearness(sigma: float, before: float, threshold: float, was: float) -> float:
+    """Return how near a singularity is; ``before`` is NaN, or sigma at the last look."""
+    if sigma >= threshold:
+        return _CLEAR
+    if sigma < _INSIDE * threshold:
+        return _IS_INSIDE
+    if math.isnan(before) or sigma < before - _SAME * threshold:
+        return _APPROACHES
+    if sigma > before + _SAME * threshold:
+        return _LEAVES
+    return _APPROACHES if was == _CLEAR else was
+
+
+@kernel
+def _by_braking(now: float, left: float, v: float, a: float) -> float:
+    """Return the pace at which a part of the tip, at the speed v, stops before a singularity.
+
+    That is v tau / 2 away if sigma, which is 0 in the time tau, ``left``, at the rate at which it
+    falls, goes as the root of the distance: so it does at the edge of the workspace.  The speed
+    of the tip comes to a distance d by v^2 + a T v = 2 a d: it brakes by a, then by v / T.
+    """
+    if not (v > 0.0 and math.isfinite(a)):
+        return 1.0
+    aT = a * _STOP_TIME
+    bearable = (math.sqrt(aT * aT + 4.0 * a * v * left) - aT) / 2.0
+    return now * bearable / v
+
+
+@kernel
 def _pace_of_limits(now: float, q: Input, dq: Input, limits: Rows, near: Row) -> float:
     """Return the pace for limits of the joints; fill ``near`` (2,): how near which joint is."""
     first, ratio, by_speed, fastest, nearest, least = 0, math.inf, math.inf, 0.0, 0, math.inf
@@ -176,15 +166,56 @@ def _pace_of_limits(now: float, q: Input, dq: Input, limits: Rows, near: Row) ->
             nearest, least, leaves = i, room, ahead > room and speed > _SLOW
         by_speed = min(by_speed, limits[_VELOCITY, i] / max(speed, _SLOW))
         fastest = max(fastest, speed)
-    near[0], near[1] = Nearness.CLEAR.value, nearest
+    near[0], near[1] = _CLEAR, nearest
     if least < _AT_LIMIT:
-        near[0] = Nearness.INSIDE.value
+        near[0] = _IS_INSIDE
     elif abs(dq[first]) > _SLOW and ratio < 1:
-        near[0], near[1] = Nearness.APPROACHING.value, first
+        near[0], near[1] = _APPROACHES, first
     elif least < _NEAR_LIMIT and leaves:
-        near[0] = Nearness.LEAVING.value
+        near[0] = _LEAVES
     if fastest <= _SLOW:
         return 1.0
     by_position = max(LEAST, now * ratio) if abs(dq[first]) > _SLOW else 1.0
     pace: float = min(1.0, min(by_position, max(CREEP, now * by_speed)))
     return pace
+
+
+@entry
+def look(
+    now: float, since: float, q: Input, dq: Input, J: Inputs, threshold: float, length: float,
+    limits: Rows, most: Input, row: Row,
+) -> None:  # fmt: skip
+    """Fill the row of the pace: what is wanted, and how near the arm is to what.
+
+    Args:
+        now: s.
+        since: [s] since the last look.
+        q, dq, J: of the arm.
+        threshold, length: of sigma.
+        limits: rows of the joints, or none.
+        most: limits of the tip, as :attr:`MotionLimits.row`; none: it does not brake.
+        row: is filled.
+    """
+    sigma, before, left, pace = sigma_min(J, length), row[_SIGMA], math.inf, 1.0
+    if sigma < before and threshold > 0.0:
+        left = sigma * since / (before - sigma)
+    near = _nearness(sigma, before, threshold, row[_SINGULARITY])
+    row[_SIGMA], row[_SINGULARITY] = sigma, near
+    if near != _CLEAR:
+        ratio = sigma / threshold
+        pace = min(1.0, max(LEAST, 2.0 * ratio if near == _LEAVES else ratio))
+    if len(most) > 0 and left < math.inf:
+        braked = 1.0
+        for part in range(2):
+            square = 0.0
+            for i in range(3 * part, 3 * part + 3):
+                v = 0.0
+                for k in range(len(dq)):
+                    v += J[i, k] * dq[k]
+                square += v * v
+            braked = min(braked, _by_braking(now, left, math.sqrt(square), most[2 + part]))
+        pace = min(pace, max(LEAST, braked))
+    row[_LIMIT] = _CLEAR
+    if limits.shape[1] > 0:
+        pace = min(pace, _pace_of_limits(now, q, dq, limits, row[_LIMIT:]))
+    row[_WANTED] = pace

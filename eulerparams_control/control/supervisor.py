@@ -1,10 +1,11 @@
 """Changes of the mode of a controller: by references, and by the measured states."""
 
 from contextlib import suppress
+from functools import partial
 
 from eulerparams_control.control import judge
 from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
-from eulerparams_control.control.clock import Instant
+from eulerparams_control.control.clock import SECONDS, Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance, LawError
 from eulerparams_control.control.mode import (
@@ -14,6 +15,7 @@ from eulerparams_control.control.mode import (
     ON_THE_PATH,
     REPORT_IT,
     SILENT,
+    STREAM_ENDED,
     Cause,
     Latch,
     Mode,
@@ -32,8 +34,8 @@ from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.references import Goal, Jog
 from eulerparams_control.motion.shaper import Reference
 
-# Time [s] in which efforts should have stopped an arm.
-_HALTED = 0.5
+# Time [s] in which efforts should have stopped an arm; codes of one that may run away.
+_HALTED, _FAST = 0.5, judge.SWINGS | judge.RUNS
 
 
 class Supervisor:
@@ -158,9 +160,12 @@ class Supervisor:
                 return
             self.change(ModeEvent.TRUST)
         if self._is_strict:
-            self.rate.judge(self._scheme)
-            if self.rate.rate is not Rate.FINE and self._is_rate_too_low():
-                return
+            rate, period = self.rate, self._admission.period.row.item(SECONDS)
+            longest, turn = rate.fine
+            if not (period <= longest and self._scheme.loop_rate * period <= turn):
+                rate.judge(self._scheme)
+                if rate.rate is not Rate.FINE and self._is_rate_too_low():
+                    return
         if state.code & judge.FROZEN:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
@@ -174,8 +179,10 @@ class Supervisor:
                 self.change(ModeEvent.RECOVERED)
             if mode.is_runaway:
                 return
-        if self._limiter.commands_efforts:
-            self._see_runaway(state, dq)
+        if self._limiter.commands_efforts and self._limiter.limits is not None:
+            self._halted = self._halted + state.dt if mode.is_halted else 0.0
+            if state.code & _FAST:
+                self._see_runaway(state, dq, self._limiter.limits.velocity)
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
@@ -199,16 +206,12 @@ class Supervisor:
             self.begin(q)
             self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
 
-    def _see_runaway(self, state: Accept, dq: Array) -> None:
-        """Release an arm that runs away under efforts, measured at dq (n,)."""
-        limits = self._limiter.limits
-        if limits is None:
-            return
-        self._halted = self._halted + state.dt if self.mode.is_halted else 0.0
+    def _see_runaway(self, state: Accept, dq: Array, limits: Array) -> None:
+        """Release an arm that runs away under efforts, measured at dq, of the limits (n,)."""
         swings = self._halted > _HALTED
         if state.code & (judge.SWINGS if swings else judge.RUNS):
             most = judge.SWINGING if swings else judge.RUNAWAY
-            excess = list(map(judge.runaway, dq, [most] * len(dq), limits.velocity))
+            excess = list(map(judge.runaway, dq, [most] * len(dq), limits))
             joint = excess.index(max(excess))
             why = runs_away(self._scheme.robot.joints[joint], dq[joint])
             self.change(ModeEvent.RUNS_AWAY, why)
@@ -216,6 +219,8 @@ class Supervisor:
     def _look_at_references(self, t: int) -> None:
         """Stop where a reference began that leaps, or where none of a stream begins, t [ns]."""
         motion = self._guidance.motion
+        if self.mode.mode is Mode.FOLLOWING and motion.has_stopped(t):
+            self.mode.why = STREAM_ENDED
         if motion.leap is not None:
             why, motion.leap = leaps(*motion.leap), None
             self.change(ModeEvent.FAULT, why)
@@ -234,9 +239,10 @@ class Supervisor:
         scheme = self._scheme
         try:
             try:
-                command = self.mode.command(self._guidance, t, dt, q, dq)
-                motion = self._guidance.motion
-                if motion.waiting or motion.leap is not None:
+                mode, guidance = self.mode, self._guidance
+                ask = guidance.tick if mode.is_led else partial(mode.command, guidance)
+                command, motion = ask(t, dt, q, dq), guidance.motion
+                if motion.waiting or motion.leap is not None or motion.ends is not None:
                     self._look_at_references(t)
                 return command
             except LawError as law:

@@ -5,10 +5,13 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import NONE, Array, Input, Row, kernel
+from eulerparams_control.laws.compiled import Array, Row, kernel
 
 # Smallest step that is blended [rad/s or rad/s^2].
 _NOTHING = 1e-12
+
+# What is where in the row of a blend; behind it the last command of the law before, and the step.
+_TIME, _IS_NEW, _IS_LEFT, _LAST = range(4)
 
 
 class Blend:
@@ -16,62 +19,52 @@ class Blend:
 
     Args:
         time: [s] of the decay.
+        n: number of values of a command.
+
+    Attributes:
+        row: as :func:`blend` takes it.
 
     Raises:
-        ConfigurationError: if it is not positive.
+        ConfigurationError: if the time is not positive.
     """
 
-    def __init__(self, time: float) -> None:
+    def __init__(self, time: float, n: int) -> None:
         if not 0 < time < math.inf:
             raise ConfigurationError(f"blend_time is {time}; expected a positive time")
-        self.time = time
-        self.reset()
+        self.row: Array = np.zeros(_LAST + 2 * n)
+        self.row[_TIME], self._n = time, n
 
     def reset(self) -> None:
         """Forget the step."""
-        self._left = self._last = NONE
+        self.row[_IS_NEW:] = 0.0
 
     def replace(self, last: Array) -> None:
         """Begin at the command ``last`` (n,): the next one is of a new law."""
-        self._last = last
-
-    def step(self, dt: float) -> tuple[Array, Array, float]:
-        """Return what :func:`add_left` takes, dt [s] after the last command."""
-        last, left = self._last, self._left
-        if left is not NONE and not np.any(np.abs(left) > _NOTHING):
-            self._left = left = NONE
-        if last is left is NONE:
-            return NONE, NONE, 1.0
-        if left is NONE:  # it begins: without a jump
-            self._left = left = np.zeros_like(last)
-            return last, left, 1.0
-        # it decays through further changes: laws replaced at each tick must act in the end
-        return last, left, math.exp(-dt / self.time)
-
-    def kept(self) -> None:
-        """Take the last command for one of the new law."""
-        self._last = NONE
-
-    def blended(self, dt: float, command: Array) -> Array:
-        """Return the command (n,) of the law, dt [s] after the last, with what is left."""
-        last, left, share = self.step(dt)
-        if left is not NONE:
-            command = command.copy()
-            add_left(last, left, share, command)
-        self.kept()
-        return command
+        self.row[_IS_NEW], self.row[_LAST : _LAST + self._n] = 1.0, last
 
 
 @kernel
-def add_left(last: Input, left: Row, share: float, command: Row) -> None:
-    """Add to a command (n,) of a law what is left of its step; ``left`` (0,) is nothing.
+def blend(row: Row, dt: float, command: Row) -> None:
+    """Add to a command (n,) of a law what is left of its step, dt [s] after the command before.
 
-    Args:
-        last: (n,) of the law before, where this is the first command of its follower; else (0,).
-        left: (n,) of the step, which moves on.
-        share: of it that stays.
-        command: (n,) of the law.
+    The step begins without a jump.  It decays through further changes: laws that are replaced at
+    each tick must act in the end.  The next command is of the same law once this one is ``kept``.
     """
-    for i in range(len(left)):
-        left[i] = share * (last[i] - command[i] if len(last) > 0 else left[i])
+    n, largest = len(command), 0.0
+    last, left = row[_LAST : _LAST + n], row[_LAST + n :]
+    for i in range(n):
+        largest = max(largest, abs(left[i]))
+    is_left = row[_IS_LEFT] != 0.0 and largest > _NOTHING
+    row[_IS_LEFT] = 1.0 if is_left or row[_IS_NEW] != 0.0 else 0.0
+    if row[_IS_LEFT] == 0.0:
+        return
+    share = math.exp(-dt / row[_TIME]) if is_left else 1.0
+    for i in range(n):
+        left[i] = share * (last[i] - command[i] if row[_IS_NEW] != 0.0 else left[i])
         command[i] += left[i]
+
+
+@kernel
+def kept(row: Row) -> None:
+    """Take the last command for one of the new law."""
+    row[_IS_NEW] = 0.0

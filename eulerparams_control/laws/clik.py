@@ -6,13 +6,13 @@ representation, ``k_Pp, k_Po`` [1/s] gains; all in the base frame.
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
-from eulerparams_control.laws.blend import Blend, add_left
+from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
@@ -28,6 +28,7 @@ from eulerparams_control.laws.compiled import (
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
     SHORTEST,
+    UNLIMITED,
     JointLimits,
     agree,
     excess,
@@ -299,7 +300,7 @@ def _tick(
     chain: Rows, q: Input, dq: Input,
     p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
     before: Input, dt: float, numbers: Input, posture: Input, turns: Rows,
-    loop: Input, limits: Rows, last: Input, left: Row, share: float, row: Row,
+    loop: Input, limits: Rows, step: Row, row: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick, see :class:`Clik`, and return what is found.
 
@@ -311,7 +312,7 @@ def _tick(
         dt: [s] since then.
         numbers, posture, turns: of the law.
         loop, limits: see :class:`_Loop`; and of the joints, there may be none of these.
-        last, left, share: see :func:`add_left`.
+        step: see :func:`blend`.
         row: is filled.
     """
     n, is_limited = len(q), limits.shape[1] > 0
@@ -339,12 +340,13 @@ def _tick(
     row[at] = 1.0
     if not is_found:
         return _SINGULAR
-    add_left(last, left, share, wanted)
+    blend(step, dt, wanted)
     if not is_finite(wanted):
         return _INFINITE
     if not is_limited:
         for i in range(n):
             dq_c[i] = wanted[i]
+        kept(step)
         return 0
     found = too_far(desired, tip.p_e, tip.R_e, closed.tip)
     if found:
@@ -352,6 +354,7 @@ def _tick(
     if not closed.is_internal:
         _slow_down(chain, q_c, wanted, dt, desired, most, work)
     row[at] = excess(limits, wanted)
+    kept(step)
     lasts = dt if dt > 0.0 else SHORTEST
     return _SATURATED if limit_velocity(limits, q_c, wanted, lasts, dq_0, dq_c) else 0
 
@@ -393,7 +396,7 @@ class Clik(Scheme):
             raise ConfigurationError(f"feedback is '{feedback}'; expected one of {FEEDBACKS}")
         self.robot = robot
         self.feedback = feedback
-        self._blend = Blend(blend_time)
+        self._blend = Blend(blend_time, robot.n)
         self._max_deviation = max_deviation
         self._places = tick_places(robot.n)
         self.keep_to(limits, max_error, motion)
@@ -413,6 +416,7 @@ class Clik(Scheme):
         self._step = law_of(_tick, _law, type(law.orientation))  # before it is ticked
         posture = NONE if law.posture is None else law.posture
         self._given = law.numbers, posture, rows_of(law.joints)
+        self._unpack, self.loop_rate = law.orientation.rows.unpack, law.fastest_gain.rate
 
     def replace_law(self, law: ClikLaw) -> None:
         """Go over to another law, without a jump of the command.
@@ -489,18 +493,21 @@ class Clik(Scheme):
             FollowingError: if the measured q is too far from the integrated one, or the tip from
                 the desired frame.
         """
-        row, bounds = np.empty(len(self._row)), (self._loop, rows_of(self.limits))
-        arm, blend = (self.robot.chain, *self.robot.checked(q, dq)), self._blend.step(dt)
-        found = self._step(*arm, *desired, self._row, dt, *self._given, *bounds, *blend, row)
+        robot, before, limits = self.robot, self._row, self.limits
+        if len(q) != robot.n or len(dq) != robot.n:
+            robot.refuse_size(q, dq)
+        row, joints = np.empty(len(before)), UNLIMITED if limits is None else limits.rows
+        found = self._step(
+            robot.chain, q, dq, *desired, before, dt, *self._given, self._loop, joints,
+            self._blend.row, row,
+        )  # fmt: skip
         if found < 0:
             raise self._error(found, row, q, desired)
-        self._blend.kept()
-        self._keep(row)
-        at, *_, at_x = self._places
-        look = partial(RobotState.of, row, self.robot.n)
-        displacement = partial(self.law.orientation.rows.unpack, row[at_x:])
+        at, at_q, at_dq, at_x = self._places
+        self._row, self._q, self._dq = row, row[at_q:at_dq], row[at_dq:at_x]
+        told = found > 0, row.item(at), None, row[at_x:]
         command = JointCommand(self._q, self._dq)
-        return Tick(command, desired, look, displacement, found > 0, row.item(at))
+        return Tick(command, desired, row, robot.n, self._unpack, *told)
 
     def _error(
         self, found: int, row: Array, q: Array, desired: DesiredFrame

@@ -29,8 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.blend import add_left
+from eulerparams_control.laws.blend import blend, kept
 from eulerparams_control.laws.compiled import (
+    NONE,
     Array,
     Input,
     Inputs,
@@ -78,6 +79,7 @@ from eulerparams_control.robot.chain import (
     dJ_dq,
     jacobian_in,
     joint_inertia,
+    put_arm,
     read_tip,
 )
 
@@ -161,6 +163,7 @@ _put_effects, _unpack_effects = layout(Effects).put, layout(Effects).unpack
 _read_effects = layout(Effects).read
 _put_pull, _unpack_pull = layout(Pull).put, layout(Pull).unpack
 effects_width, _pull_width = layout(Effects).width, layout(Pull).width
+_RATE = -3  # from the end of the row of a tick
 
 
 @formula
@@ -364,16 +367,18 @@ def _bearable(
 
 
 def _tick(
-    chain: Rows, work: Rows, row: Row,
+    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input,
     p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
     h: Input, previous: Input, numbers: Input, bounds: Input,
-    resolution: Input, posture: Input, turns: Rows, last: Input, left: Row, share: float,
+    resolution: Input, posture: Input, turns: Rows, step: Row,
     friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
     ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
 ) -> int:  # fmt: skip
     """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de."""
     n = len(work)
     at, at_ddq, at_tau, at_x = tick_places(n)
+    if len(q_now) > 0:
+        put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
     desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     given, most = _numbers(numbers, 0), read_bounds(bounds, 0)
@@ -413,7 +418,7 @@ def _tick(
     for i in range(n):
         for j in range(6):
             ddq[i] += M[i, n + j] * w[j]  # J' w, as what it accelerates
-    add_left(last, left, share, ddq)
+    blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
     row[at] = max(1.0, pull.stretch) if limits.shape[1] > 0 else 1.0
@@ -424,7 +429,10 @@ def _tick(
         chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, without_accelerations(limits),
         dt, dq_before, ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
-    return INFINITE_EFFORT if changed & INFINITE else changed
+    if changed & INFINITE:
+        return INFINITE_EFFORT
+    kept(step)
+    return changed
 
 
 @dataclass(frozen=True)
@@ -529,6 +537,18 @@ class ComplianceControl(DynamicControl):
     """Compliance control of one arm: the efforts of dynamic control, by another law."""
 
     law: ElasticLaw
+
+    def tick(
+        self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE
+    ) -> Tick:
+        """Return the efforts for this instant, see :meth:`DynamicControl.tick`."""
+        tick = super().tick(dt, q, dq, desired, h)
+        self.loop_rate = tick.details.item(_RATE)
+        return tick
+
+    def _forget_x(self) -> None:
+        super()._forget_x()
+        self.loop_rate = 0.0
 
     @property
     def fastest_gain(self) -> LoopGain | None:

@@ -57,12 +57,15 @@ class ContactWatch:
     Args:
         force, moment: [N], [Nm] ripple that a contact may have; infinite: none is too much.
         translation, rotation: the impedances, which say how far apart bounces may be.
+
+    Attributes:
+        most, state: rows of :func:`observe`, which moves the state on.
     """
 
     def __init__(
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
-        self._state = np.zeros((_BOOKS + 1, 6))
+        self.state = np.zeros((_BOOKS + 1, 6))
         self.expect(force, moment, translation, rotation)
         self.reset()
 
@@ -70,21 +73,22 @@ class ContactWatch:
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
         """Go on with another law."""
-        self._most = np.array([force, moment, _gap(translation), _gap(rotation)])
+        self.most = np.array([force, moment, _gap(translation), _gap(rotation)])
 
     def expect_changes(self) -> None:
         """Let only quick bounces count: a program swings the stiffness, and so the contact."""
-        self._most[2:] = _NEXT_PRESS
+        self.most[2:] = _NEXT_PRESS
 
     def reset(self) -> None:
         """Start again: nothing was given."""
-        self._state[:] = 0.0
-        self._look_again()
+        self.state[:] = 0.0
+        self.look_again()
 
-    def _look_again(self) -> None:
-        self._state[_TURN:_BOOKS] = 0.0
-        self._state[[_TURN + 1, _PRESS + 1]] = -math.inf
-        self._state[_BOOKS, _GIVEN:_TIME] = 0.0
+    def look_again(self) -> None:
+        """Look for an oscillation from the start again; the energy goes on."""
+        self.state[_TURN:_BOOKS] = 0.0
+        self.state[[_TURN + 1, _PRESS + 1]] = -math.inf
+        self.state[_BOOKS, _GIVEN:_TIME] = 0.0
 
     def take(self, w: Array, v: Array, omega: Array, dt: float) -> Oscillation:
         """Return whether the contact oscillates.
@@ -96,15 +100,15 @@ class ContactWatch:
             v, omega: (3,) of the tip.
             dt: [s] since the last one.
         """
-        found = Oscillation(_observe(w, v, omega, dt, self._most, self._state))
+        found = Oscillation(observe(w, v, omega, dt, self.most, self.state))
         if found:
-            self._look_again()
+            self.look_again()
         return found
 
     @property
     def energy(self) -> float:
         """What the tool has given to the contact [J], less what it took, since the restart."""
-        return self._state.item(_BOOKS, _ENERGY)
+        return self.state.item(_BOOKS, _ENERGY)
 
 
 def _gap(Z: Impedance) -> float:
@@ -156,7 +160,7 @@ def _found(i: int, swing: float, ripple: float, gap: float, books: Row, state: R
 
 
 @entry
-def _observe(w: Input, v: Input, omega: Input, dt: float, most: Input, state: Rows) -> int:
+def observe(w: Input, v: Input, omega: Input, dt: float, most: Input, state: Rows) -> int:
     """Take one sample, see :class:`ContactWatch`; return the :class:`Oscillation`."""
     books, left, found = state[_BOOKS], math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)

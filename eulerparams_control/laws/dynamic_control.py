@@ -8,13 +8,13 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
-from eulerparams_control.laws.blend import Blend, add_left
+from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
@@ -38,7 +38,13 @@ from eulerparams_control.laws.inverse_dynamics import (
     fitted,
     resolve_acceleration,
 )
-from eulerparams_control.laws.limits import SHORTEST, JointLimits, excess_after, rows_of
+from eulerparams_control.laws.limits import (
+    SHORTEST,
+    UNLIMITED,
+    JointLimits,
+    excess_after,
+    rows_of,
+)
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates, law_of
@@ -71,8 +77,8 @@ from eulerparams_control.robot.chain import (
     TipState,
     dJ_dq,
     jacobian_in,
+    put_arm,
     read_tip,
-    state,
 )
 from eulerparams_control.robot.robot import Robot, RobotState
 
@@ -176,29 +182,32 @@ def is_bounded(values: Row) -> bool:
 
 
 def _tick(
-    chain: Rows, work: Rows, row: Row,
+    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input,
     p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
     h: Input, previous: Input, numbers: Input, bounds: Input,
-    resolution: Input, posture: Input, turns: Rows, last: Input, left: Row, share: float,
+    resolution: Input, posture: Input, turns: Rows, step: Row,
     friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
     ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
 ) -> int:  # fmt: skip
-    """Fill the row of a tick, of which that of the arm is known; return what is found.
+    """Fill the row of a tick; return what is found.
 
     Args:
         chain, work: of the arm; ``work`` has where its joints are.
         row: is filled: the arm, the excess, ddq and tau (n,), x_de.
+        q_now, dq_now: (n,) of the arm; (0,): it is in ``row`` and ``work`` already.
         p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         previous: x_de of the tick before.
         numbers, bounds: of the law, and of its errors.
         resolution, posture, turns: see :func:`resolve_acceleration`.
-        last, left, share: see :func:`add_left`.
+        step: see :func:`blend`.
         friction, gravity, coriolis, limits, dt, dq_before, ddq_before, drift, rate, lasts, before:
             see :func:`commanded`.
     """
     n = len(work)
     at, at_ddq, at_tau, at_x = tick_places(n)
+    if len(q_now) > 0:
+        put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
     desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
     given, most, drifts, a = _numbers(numbers, 0), read_bounds(bounds, 0), np.zeros(6), np.empty(6)
@@ -217,7 +226,7 @@ def _tick(
         return _STEEP
     ddq = np.empty(n)
     resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
-    add_left(last, left, share, ddq)
+    blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
     row[at] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
@@ -225,7 +234,10 @@ def _tick(
         chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt, dq_before,
         ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
-    return INFINITE_EFFORT if changed & INFINITE else changed
+    if changed & INFINITE:
+        return INFINITE_EFFORT
+    kept(step)
+    return changed
 
 
 class EffortLaw(Protocol):
@@ -389,6 +401,10 @@ class DynamicControl(Scheme):
             the robot begins, see :meth:`start_from`.
         blend_time: [s] in which the command goes over to a law that replaces another.
 
+    Attributes:
+        work: where the joints are, as :func:`place` fills it; see :meth:`tick_at`.
+        width: of the row of a tick.
+
     Raises:
         ConfigurationError: if the posture or the friction has the wrong size.
         RobotError: if the model of the robot cannot give its efforts.
@@ -405,9 +421,9 @@ class DynamicControl(Scheme):
         blend_time: float = 0.1,
     ) -> None:
         self.robot = robot
-        self._blend = Blend(blend_time)
+        self._blend = Blend(blend_time, robot.n)
         self._start: Array | None = None
-        self._places, self._work = tick_places(robot.n), np.empty((robot.n, WORK))
+        self._places, self.work = tick_places(robot.n), np.empty((robot.n, WORK))
         self._take(law, fitted(dynamics, robot), limits)
         check_model(robot)
         self.reset(np.zeros(robot.n))
@@ -430,6 +446,9 @@ class DynamicControl(Scheme):
         self._step = law.step  # it is compiled before it is ticked
         posture = NONE if dynamics.posture is None else dynamics.posture
         self._resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
+        self.width, self._unpack = self._places[3] + law.width, law.orientation.rows.unpack
+        gain = law.fastest_gain
+        self.loop_rate = 0.0 if gain is None else gain.rate
 
     def _forget_x(self) -> None:
         self._x_de = np.zeros(self.law.width)
@@ -527,57 +546,53 @@ class DynamicControl(Scheme):
         """Return the pose of the tip at the measured q."""
         return self.frame_at(self._q)
 
-    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
-        """Return the efforts for this instant.
-
-        Raises:
-            SingularityError: if the law has no finite answer.
-            FollowingError: if the tip is too far from the desired frame.
-        """
-        return self.tick_at(dt, self.row_at(q, dq), desired)
-
-    def row_at(self, q: Array, dq: Array) -> Array:
-        """Return the row of a tick at q, dq (n,), of which that of the arm is filled in.
-
-        Raises:
-            RobotError: if q or dq has not n elements.
-        """
-        row = np.empty(self._places[3] + self.law.width)
-        state(self.robot.chain, *self.robot.checked(q, dq), self._work, row)
-        return row
-
-    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
+    def tick(
+        self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE
+    ) -> Tick:
         """Return the efforts for this instant, also against a contact, eq. (48).
 
         Args:
             dt: [s] after the tick before.
-            row: from the last :meth:`row_at`; it becomes that of the command, and serves once.
+            q, dq: (n,) measured.
             desired: the desired frame.
             h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
 
         Raises:
+            RobotError: if q or dq has not n elements.
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        n, limits = self.robot.n, self.limits
-        at, at_ddq, at_tau, at_x = self._places
-        self._q, self._braked = row[:n], None
+        n = self.robot.n
+        if len(q) != n or len(dq) != n:
+            self.robot.refuse_size(q, dq)
+        return self.tick_at(dt, np.empty(self.width), desired, h, q, dq)
+
+    def tick_at(
+        self, dt: float, row: Array, desired: DesiredFrame, h: Array,
+        q: Array = NONE, dq: Array = NONE,
+    ) -> Tick:  # fmt: skip
+        """Return the efforts for this instant, see :meth:`tick`.
+
+        Args:
+            row: (width,) becomes that of the tick; without q, dq it begins with that of the arm,
+                and ``work`` was filled, too.
+            dt, desired, h, q, dq: as :meth:`tick` takes them.
+        """
+        robot, limits = self.robot, self.limits
+        n, (at, at_ddq, at_tau, at_x) = robot.n, self._places
         law = self._x_de, self.law.numbers, limits.bounds, *self._resolution
         past = self._past(dt, self.dynamics)
         found = self._step(
-            self.robot.chain, self._work, row, *desired, h, *law, *self._blend.step(dt), *past
+            robot.chain, self.work, row, q, dq, *desired, h, *law, self._blend.row, *past
         )
+        self._q, self._braked = row[:n], None
         if found < 0:
             raise self._error(found, row, desired)
-        self._blend.kept()
         self._saturated = found != 0
         self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
-        self._x_de = row[at_x:]
-        look = partial(RobotState.of, row, n)
-        displacement = partial(self.law.orientation.rows.unpack, self._x_de)
-        command = JointCommand(effort=self._tau)
-        told = self._saturated, row.item(at), None, self._x_de
-        return Tick(command, desired, look, displacement, *told)
+        self._x_de = x_de = row[at_x:]
+        told = self._saturated, row.item(at), None, x_de
+        return Tick(JointCommand(effort=self._tau), desired, row, n, self._unpack, *told)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame
@@ -598,8 +613,9 @@ class DynamicControl(Scheme):
         before, lasts = NONE if start is None else start, max(dt, SHORTEST)
         if self._tau is not None:
             before, lasts = self._tau, dt
-        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis, rows_of(limits.joints)
-        return *given, dt, self._dq, self._ddq, self._drift, limits.rates, lasts, before
+        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis
+        joints = UNLIMITED if limits.joints is None else limits.joints.rows
+        return *given, joints, dt, self._dq, self._ddq, self._drift, limits.rates, lasts, before
 
     def _command(
         self, q: Array, dq: Array, ddq: Array, dt: float, dynamics: InverseDynamics

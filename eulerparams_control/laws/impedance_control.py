@@ -9,16 +9,27 @@ wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, ContactError, FollowingError
-from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.compiled import NONE
+from eulerparams_control.laws.blend import Blend, blend, kept
+from eulerparams_control.laws.compiled import (
+    NONE,
+    Array,
+    Input,
+    Inputs,
+    Row,
+    Rows,
+    entry,
+    layout,
+    slot,
+)
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
-from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
+from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation, observe
 from eulerparams_control.laws.dynamic_control import (
     DynamicControl,
     EffortLimits,
@@ -28,18 +39,37 @@ from eulerparams_control.laws.force_control import ForceControl, ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.linear import mat
 from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array, angle_between, exp
+from eulerparams_control.laws.orientation.base import Coordinates, entry_of
+from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
-from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, WrenchOptions, at_point
+from eulerparams_control.laws.wrench import (
+    SensedWrench,
+    WrenchChain,
+    WrenchOptions,
+    at_point,
+    feel,
+)
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
-from eulerparams_control.robot.chain import WORK, arm_width, dJ_dq, state
+from eulerparams_control.robot.chain import (
+    TIP,
+    WORK,
+    arm_width,
+    dJ_dq,
+    jacobian_in,
+    put_arm,
+    read_tip,
+)
 from eulerparams_control.robot.robot import Robot, RobotState
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
 
-_NO_WRENCH = np.zeros(6)
+_NOT_SENSED = SensedWrench(NONE, AT_ORIGIN)
+
+_TOO_LARGE = -1
+"""Of a contact; else what is sensed has the code of an :class:`Oscillation`."""
 
 # The part of its bound that the displacement has reached where it is at its end.
 _AT_ITS_END = 0.99
@@ -59,8 +89,9 @@ class NoMotionLoop:
 
     def __init__(self, robot: Robot, limits: EffortLimits) -> None:
         self.robot, self.limits = robot, limits
+        self.work, self.width = np.empty((robot.n, WORK)), arm_width(robot.n)
 
-    fastest_gain, hold_rate = None, 0.0  # the loops are those of the robot
+    fastest_gain, hold_rate, loop_rate = None, 0.0, 0.0  # the loops are those of the robot
 
     @property
     def bounds(self) -> Bounds:
@@ -89,17 +120,10 @@ class NoMotionLoop:
         """Return no command."""
         return JointCommand()
 
-    def row_at(self, q: Array, dq: Array) -> Array:
-        """Return the row of the arm at q, dq (n,)."""
-        row, work = np.empty(arm_width(self.robot.n)), np.empty((self.robot.n, WORK))
-        state(self.robot.chain, *self.robot.checked(q, dq), work, row)
-        return row
-
-    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
+    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
-        arm = RobotState.of(row, self.robot.n)
-        self.limits.refuse_error(desired, arm)
-        return Tick(JointCommand(), desired, lambda: arm, lambda: None, False)
+        self.limits.refuse_error(desired, RobotState.of(row, self.robot.n))
+        return Tick(JointCommand(), desired, row, self.robot.n, tuple, False)
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -144,7 +168,15 @@ class ImpedanceLaw:
     force: ForceOptions = field(default_factory=ForceOptions)
 
     def __post_init__(self) -> None:
-        self.compliance.orientation.prepare()
+        kind = type(self.compliance.orientation)
+        object.__setattr__(self, "displaced", entry_of(_displaced, kind))
+
+    displaced: Callable[..., None] = field(init=False, repr=False, compare=False)
+
+    @cached_property
+    def most(self) -> Array:
+        """The largest force and moment of the contact."""
+        return np.array([self.max_force, self.max_moment])
 
     @property
     def watched(self) -> tuple[float, float, Impedance, Impedance]:
@@ -152,13 +184,12 @@ class ImpedanceLaw:
         law = self.compliance
         return self.ripple_force, self.ripple_moment, law.translation, law.rotation
 
-    def refuse_wrench(self, w: Array) -> None:
-        """Raise FollowingError for a contact wrench (6,) that is too large."""
-        for part, most, unit, name in (
-            (w[:3], self.max_force, "N", "max_contact_force"),
-            (w[3:], self.max_moment, "Nm", "max_contact_torque"),
+    def refuse_wrench(self, force: float, moment: float) -> None:
+        """Raise FollowingError for a contact of a force [N] or moment [Nm] that is too large."""
+        for size, most, unit, name in (
+            (force, self.max_force, "N", "max_contact_force"),
+            (moment, self.max_moment, "Nm", "max_contact_torque"),
         ):
-            size = math.sqrt(part @ part)
             if not size <= most:
                 raise FollowingError(
                     f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "
@@ -176,6 +207,66 @@ class ImpedanceLaw:
                 f"{self.max_jump_position:g} m, {self.max_jump_rotation:g} rad (max_jump_position, "
                 "max_jump_rotation) are allowed: send the reference again"
             )
+
+
+@entry
+def _sense(
+    chain: Rows, q: Input, dq: Input, work: Rows, row: Row,
+    w_s: Input, R_s: Inputs, p_s: Input, numbers: Input, felt: Row, found: Row, before: Input,
+    most: Input, change: Row, fade: Row, swing: Input, contact: Input, watch: Rows, dt: float,
+    sensed: Row,
+) -> int:  # fmt: skip
+    """Fill the row of an arm, and what it senses; return what the contact does.
+
+    Args:
+        chain, q, dq, work, row: see :func:`put_arm`.
+        w_s, R_s, p_s, numbers, felt, found: see :func:`feel`; w_s (0,): nothing is measured.
+        before: (n,) speeds in the tick before, whose change is the acceleration; or (0,).
+        most: [N], [Nm] of the contact.
+        change, fade: blends of w and of h.
+        swing: (3,) [N] of the contact that is commanded: that is no oscillation.
+        contact, watch: see :func:`observe`.
+        dt: [s] after the tick before.
+        sensed: (12,) w and h.
+    """
+    n, w, h, acceleration, watched = len(q), sensed[:6], sensed[6:], np.empty(0), np.empty(6)
+    tip = row[2 * n : 2 * n + TIP]
+    put_arm(chain, q, dq, work, row)
+    if len(w_s) == 0:  # what is not known any more fades away
+        felt[6] = 0.0
+        w[:] = 0.0
+    else:
+        if len(before) > 0 and dt > 0.0:
+            acceleration, J, bias = np.empty(6), jacobian_in(row, n), dJ_dq(row, n)
+            for i in range(6):
+                acceleration[i] = bias[i]
+                for k in range(n):
+                    acceleration[i] += J[i, k] * ((dq[k] - before[k]) / dt)  # J ddq + dJ dq
+        R_e = tip[3:12].reshape(3, 3)
+        feel(w_s, R_s, p_s, R_e, tip[15:18], acceleration, dt, numbers, felt, found)
+        if not (found[6] <= most[0] and found[7] <= most[1]):
+            return _TOO_LARGE
+        w[:] = found[:6]
+    blend(change, dt, w)
+    kept(change)
+    # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
+    h[:] = w
+    blend(fade, dt, h)
+    kept(fade)
+    for i in range(6):
+        h[i] = -h[i]
+        watched[i] = w[i] + swing[i] if i < 3 else w[i]
+    return observe(watched, tip[12:15], tip[15:18], dt, contact, watch)
+
+
+displacement = read = put = slot  # of a representation
+_read_options = layout(Coordinates).read
+
+
+def _displaced(row: Row, n: int, R_d: Inputs, previous: Input, options: Input, x_de: Row) -> None:
+    """Fill x_de of the arm in a row from the desired frame."""
+    before, given = read(previous, 0), _read_options(options, 0)
+    put(x_de, 0, displacement(mat(R_d), read_tip(row, 2 * n).R_e, before, given))
 
 
 class ImpedanceControl(Scheme):
@@ -207,10 +298,11 @@ class ImpedanceControl(Scheme):
         self.contact = ContactWatch(*law.watched)
         self.force = ForceControl(law.force)
         self.damping, self._free = 1.0, 0.0
-        self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
-        self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
+        self._blend = Blend(_BLEND_TIME, 6)  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME, 6)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
-        self._dq: Array | None = None  # of the tick before
+        self.is_frozen, self.loop_rate = True, motion.loop_rate
+        self._dq = NONE  # of the tick before
         self._w, self._h = np.zeros(6), np.zeros(6)
         self._balance = np.zeros(6)  # the contact at the last restart
         self.reset(np.zeros(self.robot.n))
@@ -228,7 +320,7 @@ class ImpedanceControl(Scheme):
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
         if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
             self._fade.replace(-self._h)
-        self._sensed = wrench
+        self._sensed, self.is_frozen = wrench, wrench is None
 
     def press(self, force: Array) -> None:
         """Let the tool exert a force (3,) [N] on the environment, axes of the compliance."""
@@ -258,6 +350,7 @@ class ImpedanceControl(Scheme):
         if self.force.is_on and law.force.axes != self.law.force.axes:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.replace_law(motion, dynamics, limits)
+        self.loop_rate = self.motion.loop_rate
         moved, now = (self.law.centre.inverse, law.centre), self._compliant.law_now
         kept = replace(law.compliance, translation=now.translation, rotation=now.rotation)
         self._compliant.replace_law(kept, moved)
@@ -319,13 +412,8 @@ class ImpedanceControl(Scheme):
 
     def skip(self) -> None:
         """Forget the speeds of the tick before, which the acceleration of the tool is made of."""
-        self._dq = None
+        self._dq = NONE
         self.motion.skip()
-
-    @property
-    def is_frozen(self) -> bool:
-        """Whether the compliant frame is at rest because no wrench is known."""
-        return self._sensed is None
 
     @property
     def stop_time(self) -> float:
@@ -369,7 +457,7 @@ class ImpedanceControl(Scheme):
         self._blend.reset()
         self._fade.reset()
         self._w, self._h = np.zeros(6), np.zeros(6)
-        self._dq = None
+        self._dq = NONE
         self._x_de = self.law.compliance.orientation.row(None)
         self._was_frozen = False
         self._held: DesiredFrame | None = None
@@ -417,19 +505,37 @@ class ImpedanceControl(Scheme):
             SingularityError: if a law has no finite answer.
             FollowingError: if the tip is too far from the compliant frame.
         """
-        row, centre = self.motion.row_at(q, dq), self.law.centre
-        arm = RobotState.of(row, self.robot.n)
-        self._q, self._held = q, None
-        self._feel(arm, row, dt)
-        self._calm(arm, dt)
-        compliant = self._comply(dt, arm, desired.carrying(centre)).carrying(centre.inverse)
-        tick = self.motion.tick_at(dt, row, compliant, self._h + self._ahead(arm))  # eq. (48)
+        motion, law, robot, chain, contact = (
+            self.motion, self.law, self.robot, self.chain, self.contact
+        )  # fmt: skip
+        n, centre, row, sensed = robot.n, law.centre, np.empty(motion.width), np.empty(12)
+        if len(q) != n or len(dq) != n:
+            robot.refuse_size(q, dq)
+        w_s, (R_s, p_s) = self._sensed or _NOT_SENSED
+        found = _sense(
+            robot.chain, q, dq, motion.work, row, w_s, R_s, p_s, chain.options.numbers,
+            chain.state, chain.found, self._dq, law.most, self._blend.row, self._fade.row,
+            self.force.swing, contact.most, contact.state, dt, sensed,
+        )  # fmt: skip
+        self._q, self._dq, self._held = q, row[n : 2 * n], None
+        if found == _TOO_LARGE:
+            law.refuse_wrench(chain.force, chain.moment)
+        self._w, self._h = w, h = sensed[:6], sensed[6:]
+        if found or self.force.is_on or self.damping > 1.0:
+            self._calm(found, dt)
+        at_tip = centre is AT_ORIGIN
+        compliant = self._comply(dt, row, desired if at_tip else desired.carrying(centre))
+        compliant = compliant if at_tip else compliant.carrying(centre.inverse)
+        if self.force.is_on:
+            h = h + self._ahead(row)
+        tick = motion.tick_at(dt, row, compliant, h)  # eq. (48)
         command = JointCommand(effort=tick.command.effort, frame=compliant)
-        orientation, w = self.law.compliance.orientation, None if self.is_frozen else self._w
         # of the tip from the desired frame, not from the compliant one
-        self._x_de = orientation.displaced(desired.R_d, arm.R_e, self._x_de)
-        displacement = partial(orientation.rows.unpack, self._x_de)
-        return Tick(command, desired, tick.look, displacement, tick.saturated, tick.excess, w)
+        before, orientation = self._x_de, law.compliance.orientation
+        self._x_de = x_de = np.empty(len(before))
+        law.displaced(row, n, desired.R_d, before, orientation.options.row, x_de)
+        told = tick.saturated, tick.excess, None if self.is_frozen else w, x_de
+        return Tick(command, desired, row, n, orientation.rows.unpack, *told)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
@@ -445,42 +551,16 @@ class ImpedanceControl(Scheme):
             desired.R_d.T @ mu,
         )
 
-    def _feel(self, arm: RobotState, row: Array, dt: float) -> None:
-        """Take the contact wrench for this tick; what is not known any more fades away.
-
-        Args:
-            arm: its kinematics.
-            row: of which these are; it has dJ dq, too.
-            dt: [s] after the tick before.
-
-        Raises:
-            FollowingError: if it is too large.
-        """
-        w, before, self._dq = _NO_WRENCH, self._dq, arm.dq
-        if self._sensed is None:
-            self.chain.reset()
-        else:
-            acceleration, law = None, self.law
-            if law.wrench.takes_inertia and before is not None and dt > 0:  # J ddq + dJ dq
-                acceleration = arm.J @ ((arm.dq - before) / dt) + dJ_dq(row, len(before))
-            w = self.chain.contact(self._sensed, arm, acceleration, dt)
-            if not (self.chain.force <= law.max_force and self.chain.moment <= law.max_moment):
-                law.refuse_wrench(w)
-        self._w = w = self._blend.blended(dt, w)
-        # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
-        self._h = -self._fade.blended(dt, w)
-
-    def _calm(self, arm: RobotState, dt: float) -> None:
+    def _calm(self, found: int, dt: float) -> None:
         """Raise the damping where the contact oscillates, until the tool was free for a while.
 
         Raises:
             ContactError: if that did not end it.
         """
-        w = self._w.copy()  # a force that is commanded to swing is no oscillation
-        w[:3] += self.force.swing
-        found = self.contact.take(w, arm.dp_e, arm.omega_e, dt)
+        if found:
+            self.contact.look_again()
         bounces = self.force.bounces() or (found and self.damping == 1.0)
-        if found is Oscillation.IS_FED or bounces:
+        if found == Oscillation.IS_FED or bounces:
             try:
                 self._damp(_CALMER * self.damping)
             except ConfigurationError as error:
@@ -506,39 +586,38 @@ class ImpedanceControl(Scheme):
             self._compliant.change_impedance(self.law.compliance.damped(times))
             self.damping, self._free = times, 0.0
 
-    def _ahead(self, arm: RobotState) -> Array:
+    def _ahead(self, row: Array) -> Array:
         """Return by what (6,) the contact is to change until the next tick, about the tip."""
-        if not self.force.is_on:
-            return _NO_WRENCH
+        R_e = RobotState.of(row, self.robot.n).R_e
         ahead = np.concatenate((self.force.ahead, np.zeros(3)))
-        return at_point(ahead, -(arm.R_e @ self.law.centre.p))
+        return at_point(ahead, -(R_e @ self.law.centre.p))
 
-    def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame) -> DesiredFrame:
-        """Return the compliant frame of the centre of compliance."""
+    def _comply(self, dt: float, row: Array, desired: DesiredFrame) -> DesiredFrame:
+        """Return the compliant frame of the centre of compliance, for the arm in a row."""
         law, frame, w = self.law, self._compliant, self._w
         is_new, centre = frame.now is None, law.centre
         if self.is_frozen:
             self._was_frozen = not is_new
             self.force.restart()
-            return frame.freeze(dt, _actual(arm, centre), self.stop_time)
+            return frame.freeze(dt, self._actual(row), self.stop_time)
         if self._was_frozen and frame.now is not None:
             law.refuse_return(desired, frame.now)
         self._was_frozen = False
         if centre is not AT_ORIGIN:
-            w = at_point(w, arm.R_e @ centre.p)
+            w = at_point(w, RobotState.of(row, self.robot.n).R_e @ centre.p)
         if is_new or not law.inner_loop:
-            frame.begin(desired, _actual(arm, centre))
+            frame.begin(desired, self._actual(row))
             return frame.step(0.0, desired, w)
         if not self.force.is_on:
             return frame.step(dt, desired, w)
-        actual, before = _actual(arm, centre), frame.now
+        actual, before = self._actual(row), frame.now
         assert before is not None
         drive, rate = self.force.drive(dt, actual, before, desired, w, self.damping)
         now = frame.step(dt, desired, drive, partial(self.force.freed, desired.R_d, rate))
         self._reach = float(np.linalg.norm(now.p_d - desired.p_d))
         return now
 
-
-def _actual(arm: RobotState, centre: Placement) -> DesiredFrame:
-    """Return the frame of the centre of compliance as it is."""
-    return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(centre)
+    def _actual(self, row: Array) -> DesiredFrame:
+        """Return the frame of the centre of compliance as it is, of the arm in a row."""
+        arm = RobotState.of(row, self.robot.n)
+        return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)

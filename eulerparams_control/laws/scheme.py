@@ -141,8 +141,9 @@ class Tick(NamedTuple):
     Attributes:
         command: for the joints.
         desired: the desired frame.
-        look: returns the kinematics on which the loop was closed.
-        displacement: returns x_de.
+        arm: row of the arm of n joints on which the loop was closed.
+        n: its joints.
+        unpack: returns x_de of its row.
         saturated: whether a limit changed the command.
         excess: by how much what the law asks for is beyond its limits, joint speeds or how far a
             spring is stretched; >= 1.  Time waits for the arm then.
@@ -152,8 +153,9 @@ class Tick(NamedTuple):
 
     command: JointCommand
     desired: DesiredFrame
-    look: Callable[[], RobotState]
-    displacement: Callable[[], Any]
+    arm: Array
+    n: int
+    unpack: Callable[[Array], Any]
     saturated: bool
     excess: float = 1.0
     wrench: Array | None = None
@@ -162,18 +164,18 @@ class Tick(NamedTuple):
     @property
     def state(self) -> RobotState:
         """Kinematics on which the loop was closed."""
-        return self.look()
+        return RobotState.of(self.arm, self.n)
 
     @property
     def dp_de(self) -> Array:
         """Position error (3,) [m], eq. (21)."""
-        error: Array = self.desired.p_d - self.look().p_e
+        error: Array = self.desired.p_d - self.state.p_e
         return error
 
     @property
     def x_de(self) -> Any:
         """Orientation displacement of the representation, eqs. (22), (27)."""
-        return self.displacement()
+        return self.unpack(self.details)
 
 
 class LoopGain(NamedTuple):
@@ -208,9 +210,13 @@ class Scheme(ABC):
 
     Attributes:
         robot: the arm.
+        is_frozen: whether the desired motion has to wait: what it needs is not known.
+        loop_rate: [1/s] of the loop of the fastest gain; 0 if no loop is closed here.
     """
 
     robot: Robot
+    is_frozen = False
+    loop_rate = 0.0
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the frame of the tip at rest at the positions q (n,)."""
@@ -257,11 +263,6 @@ class Scheme(ABC):
 
     def skip(self) -> None:  # noqa: B027  most schemes keep no rates
         """Forget rates of what is measured: more time has gone by than the next tick is told."""
-
-    @property
-    def is_frozen(self) -> bool:
-        """Whether the desired motion has to wait: what it needs is not known."""
-        return False
 
     @property
     def stop_time(self) -> float:

@@ -147,7 +147,7 @@ def _without_dead_band(v: Vec, width: float) -> Vec:
 
 
 @entry
-def _feel(
+def feel(
     w: Input, R_s: Inputs, p_s: Input, R_e: Inputs, omega_e: Input, acceleration: Input,
     dt: float, numbers: Input, state: Row, found: Row,
 ) -> None:  # fmt: skip
@@ -198,13 +198,22 @@ class WrenchChain:
         options: how each part is done.
 
     Attributes:
-        force, moment: [N], [Nm] sizes of the last contact.
+        state, found: rows of :func:`feel`, which moves the one on, and fills the other.
     """
 
     def __init__(self, options: WrenchOptions) -> None:
         self.options = options
-        self._state = np.zeros(13)
-        self.force = self.moment = 0.0
+        self.state, self.found = np.zeros(13), np.zeros(14)
+
+    @property
+    def force(self) -> float:
+        """Size [N] of the last contact."""
+        return self.found.item(6)
+
+    @property
+    def moment(self) -> float:
+        """Size [Nm] of the last contact."""
+        return self.found.item(7)
 
     def replace_options(self, options: WrenchOptions) -> None:
         """Go on with other options; the tare and the state of the low-pass stay."""
@@ -212,7 +221,7 @@ class WrenchChain:
 
     def reset(self) -> None:
         """Forget what the low-pass has seen; the tare stays."""
-        self._state[6] = False
+        self.state[6] = False
 
     def felt(self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None) -> Array:
         """Return w_t (6,) without the tool, but before tare, dead band and low-pass.
@@ -222,15 +231,14 @@ class WrenchChain:
             arm: kinematics of the arm at that time.
             acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
-        return self._feel(sensed, arm, acceleration, 0.0, self._state.copy())[8:]
+        return self._feel(sensed, arm, acceleration, 0.0, self.state.copy())[8:]
 
     def contact(
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
         """Return the contact wrench w (6,) in base axes, dt [s] after the one before."""
-        found = self._feel(sensed, arm, acceleration, dt, self._state)
-        self.force, self.moment = found[6], found[7]
-        return found[:6]
+        self.found = self._feel(sensed, arm, acceleration, dt, self.state)
+        return self.found[:6]
 
     def _feel(
         self,
@@ -242,17 +250,17 @@ class WrenchChain:
     ) -> Array:
         found, a = np.empty(14), NONE if acceleration is None else acceleration
         w, (R_s, p_s), numbers = sensed.w, sensed.sensor, self.options.numbers
-        _feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
+        feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
         return found
 
     @property
     def tared(self) -> Array:
         """Wrench (6,) _t without contact: the bias."""
-        return self._state[:6].copy()
+        return self.state[:6].copy()
 
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
-        self._state[:6] = felt
+        self.state[:6] = felt
         self.reset()
 
 

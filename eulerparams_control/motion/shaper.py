@@ -71,6 +71,7 @@ class Shaper:
         slowed: rate of time of the trajectory that is followed, where it is slowest; else 1.
         leap: how far away [m, rad] a reference began that was refused for it; None if none was.
         waiting: references whose time has not come.
+        ends: when [ns] the stream that moves has ended, if nothing comes; None if none moves.
         lost: how many references never began, for another one began first.
         ahead: [s] of the newest set-point at its receipt, of the states.
     """
@@ -94,7 +95,7 @@ class Shaper:
         self._start = self._late = 0
         self._waited = 0  # how much of the time to the next sample does not count [ns]
         self._at: int | None = None  # when it was sampled last [ns]
-        self._ends: int | None = None  # when the stream that moves has ended, if nothing comes
+        self.ends: int | None = None
         self._kind: type[Reference] = Trajectory  # of what began last
         self._taken = 0  # when the set-point came that the stream took last [ns]
         self._planned = 0  # when the last plan of the stream was made [ns]
@@ -113,7 +114,7 @@ class Shaper:
 
     def has_stopped(self, t: int) -> bool:
         """Whether set-points that moved have stopped coming, t [ns]."""
-        return self._ends is not None and t > self._ends
+        return self.ends is not None and t > self.ends
 
     @property
     def is_at_rest(self) -> bool:
@@ -211,7 +212,7 @@ class Shaper:
         tau = (t - begin) / 1e9
         if not isinstance(reference, (Goal, Jog)) and self._leaps(reference.sample(tau)):
             return
-        self.began, self._ends, self.slowed, self.bearable = None, None, 1.0, 1.0
+        self.began, self.ends, self.slowed, self.bearable = None, None, 1.0, 1.0
         if type(reference) is not self._kind:
             self._kind = type(reference)
             self._stream.forget()
@@ -267,7 +268,7 @@ class Shaper:
         """Return the leg to a set-point and on, and how far [s] it has come; None: as it was."""
         limits, stream, before = self.limits, self._stream, self._at
         if limits is None:
-            self._ends = begin + round(point.lasting * 1e9) if point.moves else None
+            self.ends = begin + round(point.lasting * 1e9) if point.moves else None
             return Leg(point.sample), tau
         stream.take(point.frames[0], begin / 1e9, limits)
         self._taken = t
@@ -276,7 +277,7 @@ class Shaper:
         if stream.has_twists:
             tau = min(tau, point.lasting)  # one that comes late leads on by its twist, so far
             lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
-            self._ends = t + round(lasting * 1e9)
+            self.ends = t + round(lasting * 1e9)
             dt = 0.0 if before is None or self._waited else (t - before) / 1e9
             if passes(self._before, point.sample(tau), dt, limits):
                 return self._goes_on(point.frames[0], tau, lasting, t), tau

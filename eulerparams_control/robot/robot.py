@@ -260,9 +260,17 @@ class Robot:
         Raises:
             RobotError: if q or dq has not n elements.
         """
-        arm, n = np.empty(chain.arm_width(self.n)), self.n
-        chain.state(self.chain, *self.checked(q, dq), np.empty((n, chain.WORK)), arm)
-        return RobotState.of(arm, n)
+        return RobotState.of(self.arm(q, dq), self.n)
+
+    def arm(self, q: Array, dq: Array) -> Array:
+        """Return the row of the arm, see :mod:`.chain`, at q, dq (n,).
+
+        Raises:
+            RobotError: if q or dq has not n elements.
+        """
+        arm, work = np.empty(chain.arm_width(self.n)), np.empty((self.n, chain.WORK))
+        chain.state(self.chain, *self._checked(q, dq), work, arm)
+        return arm
 
     def states(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked.
@@ -287,19 +295,19 @@ class Robot:
         """
         arm, n = np.empty(chain.arm_width(self.n)), self.n
         terms = np.empty((n, n)), np.empty(n), np.empty(n)
-        chain.dynamic_state(self.chain, *self.checked(q, dq), arm, *terms)
+        chain.dynamic_state(self.chain, *self._checked(q, dq), arm, *terms)
         return DynamicState(RobotState.of(arm, n), chain.dJ_dq(arm, n), *terms)
 
-    def checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Return q, dq (n,) as formulas take them.
-
-        Raises:
-            RobotError: if one has not n elements.
-        """
+    def _checked(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Return q, dq (n,) as formulas take them; raises RobotError."""
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
+        self.refuse_size(q, dq)
+        return q, dq
+
+    def refuse_size(self, q: Array, dq: Array) -> None:
+        """Raise RobotError if q or dq has not n elements."""
         if q.shape != (self.n,) or dq.shape != (self.n,):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
-        return q, dq
 
     def _chain(self) -> Array:
         """Return the chain of the model, from the base frame on."""

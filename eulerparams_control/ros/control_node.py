@@ -323,7 +323,7 @@ class ControlNode(ManagedNode):
         stamp = Time(sec=self._stamp.sec, nanosec=self._stamp.nanosec)
         stiffness = self.stiffness_of(tick)
         if is_stopped:
-            tick, stamp = tick._replace(look=partial(robot.state, q, dq)), stamp_to_ros(t)
+            tick, stamp = tick._replace(arm=robot.arm(q, dq)), stamp_to_ros(t)
         poles = self._params.poles
         self._views.show(tick, robot, stamp, stiffness, poles, is_stopped=is_stopped)
 

@@ -170,13 +170,14 @@ def law_of(
     """
     formulas = kind.laws._asdict() | {"spring": kind.spring}
     made = kernel(template(law, _name_of(law, kind), **formulas))
-    return _entry_of(call, kind, law=made)
+    return entry_of(call, kind, law=made)
 
 
 @cache
-def _entry_of(
+def entry_of(
     call: Callable[..., Any], kind: type["OrientationRepresentation"], **slots: Any
 ) -> Callable[..., Any]:
+    """Return what Python calls of displacements, compiled for a representation."""
     rows = layout(kind.laws.displacement.result)
     slots |= {"displacement": kind.laws.displacement, "read": rows.read, "put": rows.put}
     return entry(template(call, _name_of(call, kind), **slots))
@@ -250,7 +251,7 @@ class OrientationRepresentation(ABC):
     def displaced(self, R_d: Array, R_e: Array, previous: Array) -> Array:
         """Return the displacement of one sample as a row, from that before; see ``rows``."""
         x_de = np.empty(self.rows.width)
-        _entry_of(_displaced, type(self))(R_d, R_e, previous, self.options.row, x_de)
+        entry_of(_displaced, type(self))(R_d, R_e, previous, self.options.row, x_de)
         return x_de
 
     def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
@@ -292,7 +293,7 @@ class OrientationRepresentation(ABC):
 
     def prepare(self) -> None:
         """Compile its displacement, now."""
-        _entry_of(_displaced, type(self))
+        entry_of(_displaced, type(self))
 
     @classmethod
     def identifier(cls) -> str:
