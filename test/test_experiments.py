@@ -257,7 +257,7 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
         (changed(variants={"a": [1]}), "variant a: expected parameters by node, or keys"),
         (changed(variants={"a": {"robot": 5}}), "variant a: robot: expected a name or a path"),
         (changed(variants={"a": {"dynamic_control": {}}}), "but its controller is clik"),
-        (changed(picture="momet"), "unknown picture 'momet' (did you mean 'moment'?); known: contact_energy"),
+        (changed(picture="momet"), "unknown picture 'momet' (did you mean 'moment'?); known: "),
         (changed(may_diverge="no"), "the experiment: may_diverge: expected true or false"),
         (changed(start_turn=[0.0, 1.0]), "start_turn: expected [x, y, z] in rad"),
         (changed(start_turn=[0.0, 0.0, float("nan")]), "start_turn: expected [x, y, z] in rad"),
