@@ -656,6 +656,7 @@ class Controlled:
     ARMS: ClassVar[dict[str, type[Arm]]] = {
         "clik": Arm,
         "dynamic_control": TorqueArm,
+        "compliance_control": TorqueArm,
         "impedance_control": FeelingArm,
     }
 

@@ -57,9 +57,7 @@ class Guidance:
         self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
     ) -> None:
         self.scheme = scheme
-        self.pace = SpeedScaling(
-            joints, options.slow_below, scheme.robot.length, options.motion
-        )
+        self.pace = SpeedScaling(joints, options.slow_below, scheme.robot.length, options.motion)
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.of_law: Tick | None = None
@@ -164,6 +162,8 @@ class Guidance:
         if u < 1:
             motion.wait(round((1 - u) * dt * 1e9))
         desired = motion.sample(t - self._jump)
+        if motion.restarts and is_shaped and not (is_frozen or self.is_braking):
+            scale.forget(self._options.speed_override)
         if not is_frozen or is_shaped:
             # what is frozen has to start again from rest
             wanted = min(pace.wanted, self._options.speed_override, motion.bearable)

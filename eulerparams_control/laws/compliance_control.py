@@ -13,7 +13,8 @@ that springs and contact make of the inertia; limits of speed, position and effo
 An arm that is held may be let go within a moment.  The springs pull no more than can be taken back,
 at the rates of the efforts, before the tip has its speeds: their clips are lowered until that
 holds, which takes energy from them, and return when nothing is stretched that far, which gives
-none.
+none.  A force that is fed forward is bounded likewise, by less than the springs hold.  A tip beyond
+its speeds is braked, whatever drives it.
 
 Notation: ``Lambda`` (6, 6) inertia of the tip (J B^-1 J')^-1, ``K`` (6, 6) its stiffness, ``omega``
 [1/s] natural rates of its modes, ``f, mu`` [N, Nm] wrench of the springs on the tip, ``u`` velocity
@@ -61,6 +62,7 @@ from eulerparams_control.laws.linear import (
     Vec,
     VecLike,
     identity,
+    inverse,
     mat,
     norm,
     put_vec,
@@ -70,7 +72,14 @@ from eulerparams_control.laws.linear import (
 )
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates, law_of
-from eulerparams_control.laws.scheme import LoopGain, Tick, read_bounds, tick_places, too_far
+from eulerparams_control.laws.scheme import (
+    JointCommand,
+    LoopGain,
+    Tick,
+    read_bounds,
+    tick_places,
+    too_far,
+)
 from eulerparams_control.motion.frames import DesiredFrame, frame_of
 from eulerparams_control.motion.motion_limits import TipLimits
 from eulerparams_control.robot.chain import (
@@ -96,8 +105,20 @@ _LEAST_OMEGA = 1.0
 # A damped mode has 1 / (e omega) of the speed that its first acceleration makes in 1 s.
 _DAMPED = math.e / 2.0
 
+# A tip beyond its speeds is braked with this rate [1/s], and no more than this part of the rate of
+# the ticks.
+_BRAKES, _OF_TICKS = 100.0, 0.25
+
+# Of the force that an arm may lose at once, without a lunge, what is fed forward takes this part:
+# less than the springs that hold it.
+_FED = 0.8
+
 # Ticks until what was seen of the tip has changed an effort.
 _LATE = 2.0
+
+# A force that is fed forward changes by no more [N/s].  Of what the springs hold within their clip
+# it is this part at most; of it may be along axes without stiffness.
+_SLEW, _MOST_FED, _HELD = 200.0, 0.9, 1e-6
 
 _TINY = 1e-12
 
@@ -234,14 +255,40 @@ def _put_axes(F: Rows, k: int, A: Mat) -> None:
 
 
 @kernel
+def _inverse_of(F: Rows, k: int) -> Mat:
+    """Return the inverse of the block of F (6, 6) from k on, in whose metric springs are clipped.
+
+    It is NaN where the coordinates are singular.
+    """
+    return inverse(mat(F[k : k + 3, k : k + 3]))
+
+
+@kernel
+def _left(spring: Vec, drag: Vec, lead: Vec, most: float) -> float:
+    """Return the largest part k <= 1 of what leads with which |spring + drag + k lead| <= most.
+
+    Where the two others are larger already it is the one that does not add to them.
+    """
+    a = spring + drag
+    square, along, size = lead @ lead, a @ lead, a @ a
+    over = size - max(most * most, size)
+    if not square + 2.0 * along + over > 0.0:
+        return 1.0
+    return max(0.0, (math.sqrt(max(along * along - square * over, 0.0)) - along) / square)
+
+
+@kernel
 def _dampers(
-    J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, u: Row, w: Row
+    J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, part: float, v: Row, v_d: Row, w: Row
 ) -> tuple[float, float, float]:
     """Add to w (6,) the damping -D u; return its power [W], and rate and turning of a mode.
 
     D = F Y diag(2 zeta / omega) Y' F' with F' J B^-1 J' F = Y diag(omega^2) Y': the geometric mean
     of Lambda and K = F F' times 2 zeta, which is positive definite, and damps each mode by its
     ratio: that of its part of p and o.  Lambda itself is not needed, which singularities lack.
+
+    u = v - k v_d, k = 1 but where springs and dampers would push by more than the springs may,
+    at this part of where their clips are stated: then k is the part with which they do not.
     """
     n = len(M)
     F, S, Y, G = np.zeros((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.zeros((n, 6))
@@ -259,23 +306,38 @@ def _dampers(
             for k in range(n):
                 S[i, j] += JF[k, i] * G[k, j]
     symmetric_modes(S, Y)
-    power, rate, turning, direction = 0.0, 0.0, 0.0, np.empty(6)
+    rate, turning, direction = 0.0, 0.0, np.empty(6)
+    drag, lead, push, ahead = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     for m in range(6):
-        of_o, along = 0.0, 0.0
+        of_o, along, leads = 0.0, 0.0, 0.0
         for i in range(6):
             direction[i] = 0.0
             for k in range(6):
                 direction[i] += F[i, k] * Y[k, m]
-            along += direction[i] * u[i]
+            along += direction[i] * v[i]
+            leads += direction[i] * v_d[i]
         for k in range(3, 6):
             of_o += Y[k, m] * Y[k, m]
         zeta = numbers.ratio_p + of_o * (numbers.ratio_o - numbers.ratio_p)
         omega = math.sqrt(max(S[m, m], _LEAST_OMEGA * _LEAST_OMEGA))
+        c = 2.0 * zeta / omega
         for i in range(6):
-            w[i] -= 2.0 * zeta / omega * along * direction[i]
-        power += 2.0 * zeta / omega * along * along
-        if omega * max(1.0, zeta) > rate:
-            rate, turning = omega * max(1.0, zeta), of_o
+            drag[i] -= c * along * direction[i]
+            lead[i] += c * leads * direction[i]
+            push[i] -= c * along * Y[i, m]
+            ahead[i] += c * leads * Y[i, m]
+        fastest = omega * max(zeta, 1.0 / zeta)  # light damping bears less delay, too
+        if fastest > rate:
+            rate, turning = fastest, of_o
+    k_p = _left(_inverse_of(F, 0) @ pull.f, read_vec(push, 0), read_vec(ahead, 0),
+                part * numbers.clip_p)  # fmt: skip
+    k_o = _left(_inverse_of(F, 3) @ pull.mu, read_vec(push, 3), read_vec(ahead, 3),
+                part * numbers.clip_o)  # fmt: skip
+    led, power = min(k_p, k_o), 0.0
+    for i in range(6):
+        damping = drag[i] + led * lead[i]
+        w[i] += damping
+        power -= damping * (v[i] - v_d[i])
     return power, rate, turning
 
 
@@ -291,6 +353,30 @@ def _accelerated(J: Inputs, M: Rows, w: Row, a: Row) -> None:
             ddq += M[i, n + j] * w[j]
         for j in range(6):
             a[j] += J[j, i] * ddq
+
+
+@kernel
+def _brake(J: Inputs, M: Rows, k: int, v: Vec, most: float, rate: float, w: Row) -> float:
+    """Add to w (6,) what slows a tip down that is faster than ``most``; return its power [W].
+
+    -r m (|v| - most) v / |v| with m = 1 / (n' J B^-1 J' n), n = v / |v|: the mass along v.
+
+    Args:
+        J, M: of the arm.
+        k: 0 of the velocity, 3 of the angular velocity.
+        v, most: its velocity, and the most.
+        rate: r [1/s].
+        w: is added to.
+    """
+    speed = norm(v)
+    if not speed > most:
+        return 0.0
+    along, moved, mobility = v / speed, np.zeros(6), np.empty(6)
+    put_vec(moved, k, along)
+    _accelerated(J, M, moved, mobility)
+    size = rate * (speed - most) / max(along @ read_vec(mobility, k), _TINY)
+    put_vec(w, k, read_vec(w, k) - size * along)
+    return size * speed
 
 
 class _Release(NamedTuple):
@@ -358,7 +444,7 @@ def _bearable(
     free = _Release(norm(a_p), norm(a_o), 0.0, 0.0, time, dt)
     if _part(v, omega, free, most) == 1.0:
         return 1.0, 1.0  # also with dampers
-    _dampers(J, M, pull, numbers, a, damping)
+    _dampers(J, M, pull, numbers, 1.0, a, np.zeros(6), damping)
     _accelerated(J, M, damping, b)
     braked_p = -(a_p @ read_vec(b, 0)) / max(a_p @ a_p, _TINY)
     braked_o = -(a_o @ read_vec(b, 3)) / max(a_o @ a_o, _TINY)
@@ -391,25 +477,45 @@ def _tick(
         found = too_far(desired, tip.p_e, tip.R_e, most)
         if found:
             return found
-    M, ddq, u, w = np.empty((n, n + 6)), np.empty(n), np.empty(6), np.empty(6)
-    a, damping = np.empty(6), np.zeros(6)
+    M, ddq, v, v_d = np.empty((n, n + 6)), np.empty(n), np.empty(6), np.empty(6)
+    w, a, damping, fed = np.empty(6), np.empty(6), np.zeros(6), np.zeros(6)
     _mobility(chain, work, J, M)
-    u_p, u_o = tip.motion.v - desired.dp_d, tip.motion.omega - desired.omega_d
-    put_vec(u, 0, u_p)
-    put_vec(u, 3, u_o)
+    put_vec(v, 0, tip.motion.v)
+    put_vec(v, 3, tip.motion.omega)
+    put_vec(v_d, 0, desired.dp_d)
+    put_vec(v_d, 3, desired.omega_d)
     put_vec(w, 0, pull.f)
     put_vec(w, 3, pull.mu)
-    dissipated, fastest, turning = _dampers(J, M, pull, given, u, damping)
-    drawn = 1.0
-    if limits.shape[1] > 0:
+    dissipated, fastest, turning = _dampers(J, M, pull, given, part, v, v_d, damping)
+    drawn, stretched, is_limited = 1.0, 0.0, limits.shape[1] > 0
+    for j in range(len(h)):
+        fed[j] = h[j]
+    if is_limited:
+        if len(h) > 0:
+            for j in range(6):
+                fed[j] /= _FED
+            borne, _ = _bearable(J, M, fed, pull, given, tip.motion, most.limits, rate, dt)
+            for j in range(6):
+                fed[j] = borne * h[j]
         resting, moving = _bearable(J, M, w, pull, given, tip.motion, most.limits, rate, dt)
         if resting < 1.0:
             part *= resting * min(1.0, pull.stretch)
         elif pull.stretch <= 1.0:
             part = 1.0
-        if read_vec(w, 0) @ tip.motion.v + read_vec(w, 3) @ tip.motion.omega > 0.0:
+        for j in range(6):
+            stretched += w[j] * v_d[j]
+            w[j] += fed[j]
+        power = read_vec(w, 0) @ tip.motion.v + read_vec(w, 3) @ tip.motion.omega
+        if power > 0.0:
             drawn = moving  # no more power
-        dissipated += (1.0 - drawn) * (read_vec(w, 0) @ u_p + read_vec(w, 3) @ u_o)
+        for j in range(6):
+            dissipated += (1.0 - drawn) * w[j] * (v[j] - v_d[j])
+        r = min(_BRAKES, _OF_TICKS / dt) if dt > 0.0 else 0.0
+        dissipated += _brake(J, M, 0, tip.motion.v, most.limits.linear_speed, r, damping)
+        dissipated += _brake(J, M, 3, tip.motion.omega, most.limits.angular_speed, r, damping)
+    else:
+        for j in range(6):
+            w[j] += fed[j]
     for j in range(6):
         w[j] = drawn * w[j] + damping[j]
     put_vec(a, 0, desired.ddp_d)
@@ -421,13 +527,15 @@ def _tick(
     blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
-    row[at] = max(1.0, pull.stretch) if limits.shape[1] > 0 else 1.0
+    # time waits only while the motion stretches the springs: back it goes
+    row[at] = max(1.0, pull.stretch) if is_limited and stretched > 0.0 else 1.0
     told = dissipated, fastest, turning, 1.0 - part
     effects = Effects(pull.f, pull.mu, pull.energy, *told)
     _put_effects(row, len(row) - effects_width, effects)
     changed = commanded(
-        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, without_accelerations(limits),
-        dt, dq_before, ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
+        chain, work, q, dq, J, ddq, h[:0], friction, gravity, coriolis,
+        without_accelerations(limits), dt, dq_before, ddq_before, drift, rate, lasts, before,
+        row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
     if changed & INFINITE:
         return INFINITE_EFFORT
@@ -504,6 +612,21 @@ class ElasticLaw:
     fastest_gain = None
     """It depends on where the arm is."""
 
+    def refuse_force(self, force: Array, R_d: Array) -> None:
+        """Raise ConfigurationError for a force (3,) [N], base frame, that the springs do not hold.
+
+        Without a contact they have to, within their clip.
+        """
+        K = self.stiffness(R_d)
+        x = np.linalg.pinv(K) @ force
+        held = np.linalg.norm(K @ x - force) < _TINY + _HELD * np.linalg.norm(force)
+        if not (held and math.sqrt(x @ force) <= _MOST_FED * _clip(self.K_p, self.clip_position)):
+            raise ConfigurationError(
+                f"the springs do not hold {np.linalg.norm(force):.3g} N along "
+                f"{np.round(force, 3).tolist()} (base frame) where there is no contact; expected "
+                f"at most {_MOST_FED:g} of K_p error_clip_position"
+            )
+
     def stiffness(self, R_d: Array) -> Array:
         """Return K_p (3, 3) [N/m] in the base frame, where the desired orientation is R_d."""
         return self.K_p if self.frame == "base" else R_d @ self.K_p @ R_d.T
@@ -534,28 +657,73 @@ def effects_of(tick: Tick) -> Effects:
 
 
 class ComplianceControl(DynamicControl):
-    """Compliance control of one arm: the efforts of dynamic control, by another law."""
+    """Compliance control of one arm: the efforts of dynamic control, by another law.
+
+    :meth:`press` adds a force to that of the springs.
+
+    Attributes:
+        fed: (3,) [N] that is added now, on the environment, axes of the tip.
+    """
 
     law: ElasticLaw
+    fed: Array
+    _wanted: Array
+    _known: LoopGain | None = None
+
+    def press(self, force: Array) -> None:
+        """Add a force (3,) [N] on the environment, axes of the tip, from now on; it ramps.
+
+        It ends by itself where the scheme restarts, or holds.
+        """
+        self._wanted = force
+
+    @property
+    def is_pressing(self) -> bool:
+        """Whether a force is added, or is to be."""
+        return bool(self._wanted.any() or self.fed.any())
+
+    def _forget_x(self) -> None:
+        self._known = self.fastest_gain  # also while the arm is held
+        super()._forget_x()
+
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,), with no force."""
+        self._wanted = self.fed = np.zeros(3)
+        super().reset(q)
+
+    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+        """Return efforts that stop the joints, and hold them there; no force is added then."""
+        self._wanted = self.fed = np.zeros(3)
+        return super().hold(dt, q, dq)
 
     def tick(
         self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE
     ) -> Tick:
-        """Return the efforts for this instant, see :meth:`DynamicControl.tick`."""
+        """Return the efforts for this instant, with the force that is added.
+
+        See :meth:`DynamicControl.tick`.
+        """
+        if self.is_pressing:
+            h = self._feed(dt, q, dq)
         tick = super().tick(dt, q, dq, desired, h)
         self.loop_rate = tick.details.item(_RATE)
         return tick
 
-    def _forget_x(self) -> None:
-        super()._forget_x()
-        self.loop_rate = 0.0
+    def _feed(self, dt: float, q: Array, dq: Array) -> Array:
+        """Return the force that is added now, as a wrench (6,) on the environment."""
+        more = self._wanted - self.fed
+        size = float(np.linalg.norm(more))
+        self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
+        return np.concatenate((self.robot.state(q, dq).R_e @ self.fed, np.zeros(3)))
 
     @property
     def fastest_gain(self) -> LoopGain | None:
         """The stiffness of the fastest mode where the arm was last; None before the first tick."""
+        if not hasattr(self, "_x_de"):
+            return None
         _, _, _, _, rate, turning, _ = _unpack_effects(self._x_de[-effects_width:])
         if rate == 0:
-            return None
+            return self._known
         name, K = ("K_o", self.law.K_o) if turning > 0.5 else ("K_p", self.law.K_p)
         return LoopGain(name, float(np.linalg.eigvalsh(K)[-1]), rate, order=2)
 

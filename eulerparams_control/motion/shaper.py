@@ -40,7 +40,7 @@ _GOES_ON, _LONGEST = 1.5, 0.4
 _LATE = 0.05
 
 # A wait of more than this part of the time stops it.
-_STILL = 0.999
+_STILL = 0.998
 
 # Wait [s] of a set-point between two plans of its stream.
 _BETWEEN = 0.008
@@ -74,6 +74,7 @@ class Shaper:
         ends: when [ns] the stream that moves has ended, if nothing comes; None if none moves.
         lost: how many references never began, for another one began first.
         ahead: [s] of the newest set-point at its receipt, of the states.
+        restarts: whether a reference began from rest at the last sample, for time had waited.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Shaper:
         max_jump: tuple[float, float] = (math.inf, math.inf),
     ) -> None:
         self.limits, self.max_jump = limits, max_jump
-        self.lost, self.ahead = 0, 0.0
+        self.lost, self.ahead, self.restarts = 0, 0.0, False
         self.leap: tuple[float, float] | None = None
         self._stream = StreamFilter()
         self.hold(held)
@@ -177,6 +178,7 @@ class Shaper:
         if self._waited and leg.then is resting and self._stands(t):  # it stops: not later
             self._leg = leg = resting(leg.sample(since / 1e9))
         self._before, self.last = self.last, leg.sample(since / 1e9)
+        self.restarts = False
         if self.waiting:
             self._begin_due(t)
         self._at, self._waited = t, 0
@@ -207,6 +209,8 @@ class Shaper:
                 self.lost += begin > t
 
     def _begin(self, reference: Reference, begin: int, t: int) -> None:
+        if self._stands(t):  # what begins while time waits does so from rest
+            self.last, self.restarts = self.last.at_rest(), True
         if isinstance(reference, Trajectory):
             reference = reference.from_frame(self.last)
         tau = (t - begin) / 1e9

@@ -1,22 +1,44 @@
 """The node ``compliance_control``: an impedance by efforts, without a sensor of the contact."""
 
 import sys
+from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 
+from eulerparams_control.control.controller import Controller
 from eulerparams_control.laws.compliance_control import ComplianceControl, effects_of
-from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
-from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.target_wrench import TargetWrench
 
 
 class ComplianceControlNode(ControlNode):
     """Compliance control of one arm."""
 
     parameters_type = ComplianceParameters
+
+    def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
+        """Return the topics that lead the arm, and its force."""
+        return super().leaders() | {"target_wrench": (WrenchStamped, self._press)}
+
+    def _activated(self) -> None:
+        self._pressing = TargetWrench()  # what came before does not count
+        super()._activated()
+
+    def _press(self, controller: Controller, _robot: Robot, msg: WrenchStamped) -> None:
+        self._pressing.take(msg, controller, self._input.measured)
+
+    def observe(self, t: int, q: Array, dq: Array) -> None:
+        """Let the tool exert what counts for the state."""
+        if self._controller is not None:
+            timeout, is_simulated = self._params.target_timeout, self._is_simulated
+            self._pressing.exert(self._controller, t, timeout, is_simulated=is_simulated)
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the tip."""
@@ -27,8 +49,10 @@ class ComplianceControlNode(ControlNode):
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
-        effects = effects_of(tick)
+        effects, scheme = effects_of(tick), self._controller and self._controller.scheme
+        fed = scheme.fed if isinstance(scheme, ComplianceControl) else np.zeros(3)
         return {
+            "force fed forward [N]": float(np.linalg.norm(fed)),
             "elastic force [N]": float(np.linalg.norm(effects.f)),
             "elastic moment [Nm]": float(np.linalg.norm(effects.mu)),
             "displacement [m]": float(np.linalg.norm(tick.dp_de)),

@@ -128,7 +128,7 @@ class ImpedanceControlNode(ControlNode):
         return result
 
     def _press(self, controller: Controller, _robot: Robot, msg: WrenchStamped) -> None:
-        self._pressing.take(msg, self._params, controller, self._input.measured)
+        self._pressing.take(msg, controller, self._input.measured)
 
     # --- the wrench --------------------------------------------------------------------
 

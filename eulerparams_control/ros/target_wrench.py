@@ -1,4 +1,8 @@
-"""The input ``target_wrench``: the force that the tool is to exert ON the environment."""
+"""The input ``target_wrench``: the force that the tool is to exert ON the environment.
+
+``impedance_control`` regulates it, along its force axes, and is held where it ends;
+``compliance_control`` adds it to its springs, and takes it back.
+"""
 
 import math
 from typing import Any
@@ -8,11 +12,12 @@ import numpy as np
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Cause, Mode, Why
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import ConfigurationError, InvalidMessageError
+from eulerparams_control.laws.compliance_control import ComplianceControl
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.from_ros import shown, wrench_from_ros
-from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.ros.targets import State
 
 # After a stop the stream has to pause for this time [s]: who sends it may not have noticed.
@@ -36,6 +41,10 @@ AT_ITS_END = Why(
 )
 
 
+Pressing = ImpedanceControl | ComplianceControl
+"""The schemes that exert a force."""
+
+
 class TargetWrench:
     """Takes set-points, and lets them be exerted for as long as they count.
 
@@ -47,14 +56,11 @@ class TargetWrench:
         self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
 
-    def take(
-        self, msg: Any, p: ImpedanceParameters, controller: Controller, state: State | None
-    ) -> None:
+    def take(self, msg: Any, controller: Controller, state: State | None) -> None:
         """Take a message.
 
         Args:
             msg: geometry_msgs/WrenchStamped, in the axes of the tip, or of the base.
-            p: the parameters.
             controller: of the arm.
             state: of the arm as measured last: stamp [ns], q, dq (n,).
 
@@ -65,8 +71,7 @@ class TargetWrench:
         if state is None:
             raise InvalidMessageError("no valid joint_states yet")
         scheme, breaks = controller.scheme, _breaks(controller)
-        assert isinstance(scheme, ImpedanceControl)
-        force = _force(msg, p, scheme, state[1])
+        force = _force(msg, scheme, state[1], controller.guidance.motion.last.R_d)
         if controller.mode not in _MAY_PRESS:
             raise InvalidMessageError(
                 f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
@@ -79,7 +84,7 @@ class TargetWrench:
         self._force, self._t, self._breaks = force, state[0], breaks
 
     def exert(self, controller: Controller, t: int, timeout: float, *, is_simulated: bool) -> None:
-        """Let the tool exert what counts for the state stamped t [ns]; else hold the arm as it is.
+        """Let the tool exert what counts for the state stamped t [ns]; else end that.
 
         Args:
             controller: of the arm; while it stops the arm it goes on, or ends it.
@@ -88,13 +93,16 @@ class TargetWrench:
             is_simulated: whether time is.
         """
         scheme = controller.scheme
-        assert isinstance(scheme, ImpedanceControl)
-        if self._force is None or controller.mode not in _MAY_PRESS:
+        assert isinstance(scheme, Pressing)
+        if self._force is None:
             return
         age = (t - self._t) / 1e9 if is_simulated else steady() - self._came
-        if age <= timeout and self._breaks == _breaks(controller):
+        may_press = controller.mode in _MAY_PRESS
+        if may_press and age <= timeout and self._breaks == _breaks(controller):
             scheme.press(self._force)
-        elif scheme.force.is_on:
+        elif isinstance(scheme, ComplianceControl):
+            scheme.press(np.zeros(3))
+        elif may_press and scheme.force.is_on:
             controller.settle(ENDED)
 
 
@@ -103,28 +111,46 @@ def _breaks(controller: Controller) -> int:
     return controller.supervisor.stops + controller.resets
 
 
-def _force(msg: Any, p: ImpedanceParameters, scheme: ImpedanceControl, q: Array) -> Array:
-    """Return the force (3,) [N] of a message along the axes of the compliance."""
-    w, robot, frame = wrench_from_ros(msg, msg.header.frame_id), scheme.robot, msg.header.frame_id
-    centre, on = scheme.law.centre, scheme.law.force.are_on
+def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
+    """Return the force (3,) [N] of a message along the axes of the compliance, or of the tip."""
+    frame, robot = msg.header.frame_id, scheme.robot
+    w = wrench_from_ros(msg, frame)
     if frame not in (robot.tip_frame, robot.base_frame):
         raise InvalidMessageError(
             f"target_wrench is in the frame '{shown(frame)}'; expected '{robot.tip_frame}' or "
             f"'{robot.base_frame}'"
         )
-    if not p.inner_loop:
-        raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
-    R = robot.state(q, np.zeros_like(q)).R_e if frame == robot.base_frame else np.eye(3)
-    f = (R @ centre.R).T @ w[:3]
-    size = float(np.linalg.norm(f))
-    if np.abs(w[3:]).max() > _NO_MOMENT or np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
+    if np.abs(w[3:]).max() > _NO_MOMENT:
         raise InvalidMessageError(
-            f"target_wrench is {w.tolist()} in '{shown(frame)}'; expected no moment, and a force "
-            f"along force_axes {list(p.force_axes)}"
+            f"target_wrench is {w.tolist()} in '{shown(frame)}'; expected no moment"
         )
-    if size > p.max_contact_force:
+    f = w[:3]
+    if frame == robot.base_frame:
+        f = robot.state(q, np.zeros_like(q)).R_e.T @ f
+    if isinstance(scheme, ImpedanceControl):
+        return _regulated(scheme, scheme.law.centre.R.T @ f)
+    assert isinstance(scheme, ComplianceControl)
+    try:
+        scheme.law.refuse_force(R_d @ f, R_d)
+    except ConfigurationError as error:
+        raise InvalidMessageError(f"target_wrench: {error}") from error
+    return f
+
+
+def _regulated(scheme: ImpedanceControl, f: Array) -> Array:
+    """Return a force (3,) [N] along the axes of the compliance, of which some are force axes."""
+    law, size = scheme.law, float(np.linalg.norm(f))
+    if not law.inner_loop:
+        raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
+    on = law.force.are_on
+    if np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
         raise InvalidMessageError(
-            f"target_wrench is {size:.3g} N; at most max_contact_force {p.max_contact_force:g} N"
+            f"target_wrench is {f.tolist()} N along x, y, z of the compliance; expected a force "
+            f"along force_axes {list(law.force.axes)}"
+        )
+    if size > law.max_force:
+        raise InvalidMessageError(
+            f"target_wrench is {size:.3g} N; at most max_contact_force {law.max_force:g} N"
         )
     exerted: Array = on * f
     return exerted
