@@ -104,9 +104,9 @@ _SOFTEST, _STIFFER = 100.0, 10.0
 # A surface gets to its speed in this time [s] at least.
 _FASTEST = 0.02
 
-# The frame gathers speed by no more [m/s^2], and without contact with this time constant [s]: so
-# the tip, which is a tick late, is not faster.
-_ACCELERATION, _GATHERS = 0.5, 0.05
+# The frame gathers speed by no more [m/s^2], without contact and in it, and without with this time
+# constant [s]: so the tip, which is a tick late, is hardly faster.
+_ACCELERATION, _IN_CONTACT, _GATHERS = 0.5, 1.0, 0.05
 
 # It bounces where so many contacts begin within this time [s].
 _CONTACTS, _WITHIN = 3, 2.0
@@ -337,17 +337,17 @@ def _asked(axis: _Axis, f: float, across: float, options: _Numbers, dt: float) -
     wanted, surface, know = axis.wanted, axis.surface, axis.learned
     T, f_d = max(math.sqrt(options.M / options.K_max), dt), max(abs(wanted.f_d), _NOISE)
     most = min(options.v_max, f_d / (options.K_max * T))  # (FC5)
-    v_s, a_s, share = 0.0, 0.0, -math.expm1(-dt / _GATHERS)
+    v_s, a_s, share, most_a = 0.0, 0.0, -math.expm1(-dt / _GATHERS), _ACCELERATION
     u = most * _clipped(3.0 * (wanted.f_d - f) / f_d, 1.0)
     if axis.touches:
         v_s, a_s = surface.v_s + surface.a_s * dt, surface.a_s  # until the next tick
-        share = 1.0
+        share, most_a = 1.0, _IN_CONTACT
         proven = max(0.0, min(1.0, (know.trust - _UNPROVEN) / (_PROVEN - _UNPROVEN)))
         most += proven * (options.v_max + across - most)
         u = v_s + (options.w * (wanted.f_d - f) + wanted.df_d) / know.K  # (FC1)
     v = _clipped(u, most)
     if abs(v) > abs(axis.v):
-        v = axis.v + _clipped(share * (v - axis.v), _ACCELERATION * dt)
+        v = axis.v + _clipped(share * (v - axis.v), most_a * dt)
     change = know.K * (v - v_s) * dt if axis.touches else 0.0
     return _Wanted(v, a_s if u == v else 0.0, change)
 
