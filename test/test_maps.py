@@ -350,7 +350,7 @@ def test_the_shipped_maps_are_whole(name):
     definition = load_map(name)
     assert definition.question.endswith("?")
     cells = definition.kind.cells()
-    assert len(cells) < 20_000
+    assert len(cells) < 30_000
     assert {cell["variant"] for cell in cells} == set(range(len(definition.kind.variants)))
     assert len(load_map(name, quick=True).kind.cells()) < 400
 
