@@ -89,7 +89,7 @@ class BridgeNode(Node):
         self._drive = Drive(simulator, p.policy(), self._say, self._senders)
         self._health.values, self._obeyed = self._drive.values, False
         claim(p, self._health)
-        now = 0.0 if p.mode == LOCKSTEP else steady()
+        now = 0.0 if p.mode == LOCKSTEP else steady.now()
         self._drive.reset(p.first_positions(robot.joints), now)
         ready = f"{robot.name} in {p.mode}, {p.control} control, {p.rate:g} Hz"
         self._words = DriveWords(ready, self._drive.topic, p.command_timeout)

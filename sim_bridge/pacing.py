@@ -93,7 +93,7 @@ class WallClock:
         publish: Callable[[SimulatorState, int], None],
         rate: float,
         duration: float = 0.0,
-        clock: Callable[[], float] = steady,
+        clock: Callable[[], float] = lambda: steady.now(),
         max_command_age: float = 0.0,
     ) -> None:
         self._drive, self._publish, self._rate, self._clock = drive, publish, rate, clock

@@ -26,7 +26,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from ros_processes import MODULES, Controlled, Peer, ros_arguments
 
-from eulerparams_control.control.clock import set_steady
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.campaign.ros.in_process_dds import take
 from eulerparams_control.lab.campaign.ros.in_process_dds import until as wait_for
@@ -247,7 +247,7 @@ class World:
             self.context.try_shutdown()
             self.context.destroy()
         finally:
-            set_steady()
+            steady.go_by()
             self._domain.release()
 
     # --- nodes -------------------------------------------------------------------------
@@ -347,7 +347,7 @@ class World:
 
     def act(self, callback: Callable[[], Any] = lambda: None) -> Any:
         """Call something of a node, and then let all messages be acted on; return its result."""
-        set_steady(lambda: self.now)
+        steady.go_by(lambda: self.now)
         if self._is_acting:
             return callback()
         self._is_acting = True

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from arms import HOME, STILL, UR5
 from in_process import World
-from ros_processes import FRAMES, Controlled
+from ros_processes import FRAMES, Controlled, pose, reference
 
+from eulerparams_control.control.clock import SteadyClock
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.laws.compiled import IS_COMPILED
 from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Circle
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.ros.control_node import ControlNode
@@ -28,13 +30,15 @@ pytestmark = pytest.mark.skipif(not IS_COMPILED, reason="formulas are calls, too
 def calls_of(act, until=""):
     """Return the calls of functions of the package, by file and name, that ``act`` makes.
 
-    Those until the last return of a function ``until``, if one is named.
+    Those until the last return of a function ``until``, if one is named.  The clock of the world
+    is set meanwhile, by who listens in the same process.
     """
     found, seen = Counter(), Counter()
 
     def see(frame, event, _):
         code, file = frame.f_code, frame.f_code.co_filename
-        if event == "call" and file.startswith(PACKAGE) and not file.startswith(f"{PACKAGE}/lab"):
+        is_ours = file.startswith(PACKAGE) and not file.startswith(f"{PACKAGE}/lab")
+        if event == "call" and is_ours and code is not SteadyClock.go_by.__code__:
             seen[file.removeprefix(PACKAGE), code.co_qualname] += 1
         if event == "return" and until in ("", code.co_qualname):
             found.update(seen)
@@ -82,12 +86,18 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     assert_few([tick() for _ in range(TICKS)], 22, 12)
 
 
+@pytest.mark.parametrize("is_following", [False, True])
 @pytest.mark.parametrize(
     ("name", "calls", "files"),
-    [("clik", 34, 16), ("dynamic_control", 38, 16), ("impedance_control", 55, 23)],
+    [
+        ("clik", 25, 13),
+        ("dynamic_control", 28, 13),
+        ("compliance_control", 31, 16),
+        ("impedance_control", 40, 20),
+    ],
 )
 def test_from_joint_states_to_the_bytes_of_the_command_are_few_calls(
-    name, calls, files, tmp_path, monkeypatch
+    name, calls, files, is_following, tmp_path, monkeypatch
 ):
     ticks, original = [], ControlNode._on_joint_states
 
@@ -98,6 +108,11 @@ def test_from_joint_states_to_the_bytes_of_the_command_are_few_calls(
     with World(tmp_path) as world:
         running = Controlled(world, name, FRAMES)
         running.arm.ticks(50)
+        if is_following:  # the motion is sampled, and made a frame
+            p, R = pose(HOME)
+            running.follow(reference(DesiredFrame(p + [0.0, 0.05, 0.0], R), times=(1.0,)))
+            running.arm.ticks(50)
+            calls, files = calls + 2, files + 2
         ticks.clear()
         running.arm.ticks(TICKS)
     assert len(ticks) == TICKS

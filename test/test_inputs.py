@@ -17,7 +17,7 @@ from samples import about
 from sensor_msgs.msg import JointState
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
-from eulerparams_control.control.clock import set_steady
+from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.laws.rotations import angle_between
@@ -222,7 +222,7 @@ class Sensed:
     def send(self, delay: float = 0.0, *, step: float = 0.002, stamp: float | None = None) -> bool:
         """Let a wrench come so late [s]; return whether it was taken."""
         self.now, self.count = self.now + step, self.count + 1
-        set_steady(lambda: self.now)
+        steady.go_by(lambda: self.now)
         stamp = self.now - delay if stamp is None else stamp
         msg = WrenchStamped()
         msg.header.stamp = stamp_to_ros(round(1e9 * (1000 + self.offset + stamp)))
@@ -243,7 +243,7 @@ class Sensed:
 @pytest.fixture
 def sensed() -> Iterator[Callable[..., Sensed]]:
     yield Sensed
-    set_steady()
+    steady.go_by()
 
 
 @pytest.mark.parametrize("offset", [-900.0, 0.0, 5.0])
@@ -317,7 +317,7 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executabl
 
 
 def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
-    states, found = StateInput(), []
+    states, found = StateInput(RealTime()), []
     states.expect(MODEL, needs_velocity=True)
     for step, speed in enumerate([0.0, 0.06, *[0.0] * 12]):
         msg = JointState(name=MODEL.joints, position=HOME, velocity=[0.0, speed] + 4 * [0.0])

@@ -39,18 +39,23 @@ _LONG_PATIENCE, _STEADY = 10.0, 0.02
 SECONDS, _LEAST, _MISSED, _COUNT, _STEPS = range(5)
 _BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(6)
 
-_now: Callable[[], float] = time.monotonic
+
+class SteadyClock:
+    """The clock that never jumps; a simulation in one process may make its time.
+
+    Attributes:
+        now: returns the time [s].
+    """
+
+    def __init__(self) -> None:
+        self.now: Callable[[], float] = time.monotonic
+
+    def go_by(self, now: Callable[[], float] = time.monotonic) -> None:
+        """Let ages go by another clock; without one, by that of the computer again."""
+        self.now = now
 
 
-def steady() -> float:
-    """Return the time [s] of the clock that never jumps."""
-    return _now()
-
-
-def set_steady(clock: Callable[[], float] = time.monotonic) -> None:
-    """Let ages go by another clock, where a simulation in one process makes the time."""
-    global _now
-    _now = clock
+steady = SteadyClock()
 
 
 class Instant(NamedTuple):

@@ -79,7 +79,7 @@ class Order:
     page: int
     deed: Deed
     value: Any = None
-    at: float = field(default_factory=steady, compare=False)
+    at: float = field(default_factory=lambda: steady.now(), compare=False)
 
     def is_late(self, now: float) -> bool:
         """Return whether it is too old at ``now`` [s] to be obeyed."""

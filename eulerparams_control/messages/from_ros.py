@@ -85,6 +85,9 @@ class _JointReader:
     Args:
         joints: names of the joints, in the order of the arrays returned.
         topic: for the error messages.
+
+    Attributes:
+        names: of the last message that had all joints.
     """
 
     _largest: ClassVar[float] = LARGEST
@@ -92,13 +95,13 @@ class _JointReader:
     def __init__(self, joints: Sequence[str], topic: str) -> None:
         self._joints = tuple(joints)
         self._topic = topic
-        self._names: list[str] | None = None
+        self.names: list[str] | None = None
         self._index: list[int] = []
 
     def concerns(self, msg: Any) -> bool:
         """Whether a message is meant for us: it has one of the joints, or no names at all."""
         names = msg.name
-        return names == self._names or not names or not set(self._joints).isdisjoint(names)
+        return names == self.names or not names or not set(self._joints).isdisjoint(names)
 
     def _match(self, msg: Any) -> None:
         """Find the joints among the names of a message."""
@@ -115,7 +118,7 @@ class _JointReader:
                 "two publishers in one?"
             )
         self._index = [names.index(joint) for joint in self._joints]
-        self._names = names
+        self.names = names
 
     def _pick(self, values: Sequence[float], msg: Any, what: str) -> Array:
         if len(values) != len(msg.name):
@@ -155,17 +158,20 @@ class JointStateReader(_JointReader):
             InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
                 velocities are needed and not there.
         """
-        if msg.name != self._names:
+        if msg.name != self.names:
             self._match(msg)
         q = self._pick(msg.position, msg, "position")
-        self.has_velocity = len(msg.velocity) > 0 and not self._are_unknown(msg)
+        dq, index = msg.velocity, self._index
+        # joint_state_broadcaster fills what hardware lacks
+        are_nan = len(dq) == len(msg.name) and math.isnan(dq[index[0]])
+        self.has_velocity = len(dq) > 0 and not (are_nan and all(math.isnan(dq[i]) for i in index))
         if self._needs_velocity and not self.has_velocity:
             raise InvalidMessageError(
-                f"joint_states has no velocities{', all are NaN' if len(msg.velocity) else ''}; "
+                f"joint_states has no velocities{', all are NaN' if len(dq) else ''}; "
                 "efforts need the measured ones: let the driver of the robot publish them"
             )
-        dq = self._pick(msg.velocity, msg, "velocity") if self.has_velocity else np.zeros(len(q))
-        return ns_from_ros(msg.header.stamp), q, dq
+        speeds = self._pick(dq, msg, "velocity") if self.has_velocity else np.zeros(len(q))
+        return ns_from_ros(msg.header.stamp), q, speeds
 
     def effort_from_ros(self, msg: Any) -> Array | None:
         """Return the efforts (n,) of a message; None where it has none that can be used."""
@@ -173,12 +179,6 @@ class JointStateReader(_JointReader):
             return self._pick(msg.effort, msg, "effort")
         except InvalidMessageError:
             return None
-
-    def _are_unknown(self, msg: Any) -> bool:
-        """Whether all velocities are NaN, as joint_state_broadcaster fills what hardware lacks."""
-        if len(msg.velocity) != len(msg.name) or not math.isnan(msg.velocity[self._index[0]]):
-            return False
-        return all(math.isnan(msg.velocity[i]) for i in self._index)
 
 
 class CommandReader(_JointReader):
@@ -194,14 +194,14 @@ class CommandReader(_JointReader):
 
     def position_from_ros(self, msg: Any) -> tuple[Array, Array]:
         """Return q (n,) and dq (n,), 0 where the message has none; raises InvalidMessageError."""
-        if msg.name != self._names:
+        if msg.name != self.names:
             self._match(msg)
         q = self._pick(msg.position, msg, "position")
         return q, self._pick(msg.velocity, msg, "velocity") if len(msg.velocity) else 0.0 * q
 
     def effort_from_ros(self, msg: Any) -> Array:
         """Return tau (n,); raises InvalidMessageError."""
-        if msg.name != self._names:
+        if msg.name != self.names:
             self._match(msg)
         return self._pick(msg.effort, msg, "effort")
 

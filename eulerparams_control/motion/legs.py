@@ -29,7 +29,7 @@ class Leg:
         sample: the frame at a time [s] from its start.
         duration: [s].
         then: the leg that follows the frame at the end.
-        is_held: whether it rests for good.
+        held: the frame at which it rests for good; None if it does not.
         expires: when it ends [ns], whatever became of its own time: who sends it is silent.
         end: the leg that follows the frame where it expires.
     """
@@ -37,7 +37,7 @@ class Leg:
     sample: Sample
     duration: float = math.inf
     then: Callable[[DesiredFrame], "Leg"] | None = None
-    is_held: bool = False
+    held: DesiredFrame | None = None
     expires: float = math.inf
     end: Callable[[DesiredFrame], "Leg"] | None = None
 
@@ -45,7 +45,7 @@ class Leg:
 def resting(frame: DesiredFrame) -> Leg:
     """Return the leg that rests at a frame for good."""
     held = frame.at_rest()
-    return Leg(lambda _: held, is_held=True)
+    return Leg(lambda _: held, held=held)
 
 
 def is_there(here: DesiredFrame, there: DesiredFrame) -> bool:

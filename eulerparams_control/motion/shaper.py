@@ -141,7 +141,7 @@ class Shaper:
     def change(self, limits: MotionLimits | None, max_jump: tuple[float, float]) -> None:
         """Take over other limits; what moves goes on as it was planned, but slower."""
         self.max_jump = max_jump
-        if limits is not None and self.limits is not None and not self._leg.is_held:
+        if limits is not None and self.limits is not None and self._leg.held is None:
             self.bearable *= min(1.0, limits.slowdown(self.limits))
         self.limits = limits
 
@@ -177,7 +177,8 @@ class Shaper:
             self._start, since = self._start + whole, since - whole
         if self._waited and leg.then is resting and self._stands(t):  # it stops: not later
             self._leg = leg = resting(leg.sample(since / 1e9))
-        self._before, self.last = self.last, leg.sample(since / 1e9)
+        self._before = self.last
+        self.last = leg.sample(since / 1e9) if leg.held is None else leg.held
         self.restarts = False
         if self.waiting:
             self._begin_due(t)

@@ -37,7 +37,7 @@ class ComplianceControlNode(ControlNode):
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""
         if self._controller is not None:
-            timeout, is_simulated = self._params.target_timeout, self._is_simulated
+            timeout, is_simulated = self._params.target_timeout, self._input.receipt is None
             self._pressing.exert(self._controller, t, timeout, is_simulated=is_simulated)
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:

@@ -89,12 +89,16 @@ class ControlNode(ManagedNode):
 
     def is_complete(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come."""
-        p = self._params
-        paired = [*p.paired_targets, *(["reference"] if p.reference_pairing != LATEST else [])]
-        return not self._leading or all(self._led.get(topic) == t for topic in paired)
+        p, paired = self._params, self._params.paired_targets
+        if p.reference_pairing != LATEST:
+            paired = *paired, "reference"
+        return not (paired and self._leading) or all(self._led.get(one) == t for one in paired)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take what else was measured for the state q, dq (n,), before it is answered."""
+
+    def review(self, controller: Controller) -> None:
+        """Look at what an answer has led to, before its report."""
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
@@ -155,10 +159,9 @@ class ControlNode(ManagedNode):
         was_answered = self._input.unanswered is None
         try:
             msg = self._read_state(data)
-            if not self._input.concerns(msg):
+            if not self._input.take(msg):
                 self._say_strange(msg)
                 return
-            self._input.take(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
@@ -190,7 +193,7 @@ class ControlNode(ManagedNode):
         stamp, states.unanswered = states.unanswered, None
         self.observe(t, q, dq)
         try:
-            command = controller.step(t, q, dq, None if self._is_simulated else states.came)
+            command = controller.step(t, q, dq, states.receipt)
         except InvalidMessageError as error:
             states.refused()
             self._health.reject("joint_states", error)
@@ -201,6 +204,7 @@ class ControlNode(ManagedNode):
             self._commands.publish(stamp, command)
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
+        self.review(controller)
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             guidance = controller.guidance
@@ -264,7 +268,7 @@ class ControlNode(ManagedNode):
     @property
     def _now(self) -> float | None:
         """When a message came [s], steady clock; None where the stamps count."""
-        return None if self._is_simulated else steady()
+        return None if self._is_simulated else steady.now()
 
     def _on_halt(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         """Bring the arm to rest; only ``~/resume`` leads on."""

@@ -111,7 +111,7 @@ class Health:
             error: whether it is an error.
             about: what it is about; "" is the message itself.
         """
-        now, key = steady(), about or message
+        now, key = steady.now(), about or message
         if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
             return
         self._logged.pop(key, None)
@@ -126,8 +126,8 @@ class Health:
 
     def warn(self, message: str) -> None:
         """Warn for some seconds, where else all is well."""
-        is_new = steady() >= self._passing.get(message, -math.inf)
-        self._passing[message] = steady() + _PASSES
+        is_new = steady.now() >= self._passing.get(message, -math.inf)
+        self._passing[message] = steady.now() + _PASSES
         if is_new:
             self.publish()
 
@@ -169,7 +169,7 @@ class Health:
         except Exception as error:  # what is shown must not end what controls
             self.complain(f"{defect(error)}, of /diagnostics", error=True, about="gather")
         level, message = self._level, self._message
-        passing = sorted(text for text, until in self._passing.items() if steady() < until)
+        passing = sorted(text for text, until in self._passing.items() if steady.now() < until)
         if level == OK and passing:
             level, message = WARN, "; ".join([message, *passing])
         msg = DiagnosticArray(status=[self._status(level, message, self._state() | self.values)])

@@ -29,7 +29,7 @@ class Ending:
         """End a controller, if there is one; call ``then`` when its arm is released."""
         if controller is not None and self._controller is None:
             self._controller = controller
-            self._deadline = steady() + LONGEST + 2 * controller.stop_time
+            self._deadline = steady.now() + LONGEST + 2 * controller.stop_time
             controller.end()
         self._then += then
         self.review()
@@ -38,7 +38,7 @@ class Ending:
         """Release the arm that ends, if it is at rest, or cannot be brought to it."""
         controller = self._controller
         if controller is not None:
-            in_time = self._is_followed() and steady() < self._deadline
+            in_time = self._is_followed() and steady.now() < self._deadline
             if in_time and not controller.is_at_rest:
                 return
         self.finish()

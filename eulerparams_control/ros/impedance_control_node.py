@@ -172,28 +172,31 @@ class ImpedanceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
-        if self._robot is None:
+        robot, controller = self._robot, self._controller
+        if robot is None:
             return
-        if self._controller is not None:
-            if self._controller.set_backs > self._set_backs:
+        if controller is not None:
+            before, self._set_backs = self._set_backs, controller.set_backs
+            if self._set_backs > before:
                 self._sensor.set_back()
-            self._set_backs = self._controller.set_backs
-        is_new = self._sensor.choose(t, q, self._robot.limits)
+        is_new = self._sensor.choose(t, q, robot.limits)
         sensed = self._sensor.fresh
-        if self._controller is not None:
-            scheme = self._controller.scheme
-            assert isinstance(scheme, ImpedanceControl)
-            scheme.sense(sensed)
-            timeout = self._params.target_timeout
-            self._pressing.exert(self._controller, t, timeout, is_simulated=self._is_simulated)
-            self._say_contact(scheme)
+        if controller is not None:
+            assert isinstance(controller.scheme, ImpedanceControl)
+            controller.scheme.sense(sensed)
+            is_simulated = self._input.receipt is None
+            self._pressing.exert(
+                controller, t, self._params.target_timeout, is_simulated=is_simulated
+            )
         if sensed is None:
             self._resting.clear()
         elif is_new:
             self._resting.add(sensed, q, dq)
 
-    def _say_contact(self, scheme: ImpedanceControl) -> None:
-        why = self._sensor.trouble
+    def review(self, controller: Controller) -> None:
+        """Say what is wrong with the wrench, or with the contact."""
+        why, scheme = self._sensor.trouble, controller.scheme
+        assert isinstance(scheme, ImpedanceControl)
         if not why.note and scheme.damping > 1.0:
             why = calmed(scheme.damping)
         elif not why.note and scheme.waits:

@@ -64,7 +64,7 @@ class ManagedNode(LifecycleNode):
         self._loaded: set[str] = set()  # the orientations whose laws are
         self._controller: Controller | None = None
         self._description = self._params.robot_description
-        self._input = StateInput()
+        self._input = StateInput(self.get_clock())
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)

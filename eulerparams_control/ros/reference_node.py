@@ -109,7 +109,7 @@ class ReferenceNode(Node):
             for topic, course in p.courses().items()
         ]
         self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
-        self._started = steady()
+        self._started = steady.now()
         self._subscribe()
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -172,7 +172,7 @@ class ReferenceNode(Node):
         if not self._pending:
             return
         if self._robot is None:
-            if steady() - self._started > _LONG:
+            if steady.now() - self._started > _LONG:
                 self._health.complain(f"{_NO_ROBOT}: is the robot running?", about="robot")
             return
         if reason := self._send_motion():

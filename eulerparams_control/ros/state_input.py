@@ -5,6 +5,7 @@ from statistics import quantiles
 from typing import Any
 
 import numpy as np
+from rclpy.clock import Clock
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
@@ -38,16 +39,19 @@ class StateInput:
         measured: stamp [ns], q, dq (n,) of the last valid ones; None before the first.
         unanswered: their stamp as it came; None when they are answered.
         came: when the last valid ones came, steady clock [s].
+        receipt: the same; None where time is simulated, so that stamps count.
         repeats: whether the last ones said the same as those before, stamp included.
         is_commanded: whether a command has answered one since it was forgotten.
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self._reader: JointStateReader | None = None
         self.came = 0.0
+        self.receipt: float | None = None
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
-        self._count, self._longest, self._read_at = 0, 0.0, steady()
+        self._count, self._longest, self._read_at = 0, 0.0, steady.now()
         self.answers = 0
         self.forget()
 
@@ -78,11 +82,13 @@ class StateInput:
             return None
         return self._reader.effort_from_ros(self._last)
 
-    def take(self, msg: Any) -> tuple[int, Array, Array]:
-        """Return stamp [ns], q and dq (n,) of a message; raises InvalidMessageError."""
-        assert self._reader is not None
-        now, last = steady(), self.measured
-        t, q, dq = self.measured = self._reader.from_ros(msg)
+    def take(self, msg: Any) -> bool:
+        """Take a message; return whether it is one of the arm; raises InvalidMessageError."""
+        now, last, reader = steady.now(), self.measured, self._reader
+        assert reader is not None
+        if msg.name != reader.names and not reader.concerns(msg):
+            return False
+        t, q, dq = self.measured = reader.from_ros(msg)
         if max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
@@ -90,10 +96,11 @@ class StateInput:
         self._count += 1
         if self.came:
             self._longest = max(self._longest, now - self.came)
-        if not self._reader.has_velocity:
+        if not reader.has_velocity:
             self._mark(t, q)
         self._before, self.came = self.came, now
-        return self.measured
+        self.receipt = None if self._clock.ros_time_is_active else now
+        return True
 
     def _mark(self, t: int, q: Array) -> None:
         """Remember positions q (n,) stamped t [ns] from time to time."""
@@ -122,11 +129,11 @@ class StateInput:
         self._answered = self.came
         if is_commanded:
             self.is_commanded = True
-            self._latencies.append(steady() - self.came)
+            self._latencies.append(steady.now() - self.came)
 
     def silence(self) -> float:
         """Return how long no valid ones came [s]."""
-        return steady() - self.came
+        return steady.now() - self.came
 
     def timeout(self, timeout: float, is_simulated: bool) -> float:
         """Return after which silence [s] they have stopped; simulated time may stop."""
@@ -138,11 +145,11 @@ class StateInput:
 
     def is_followed(self, timeout: float) -> bool:
         """Return whether a robot that was commanded still tells its state."""
-        return self.is_commanded and steady() - self._answered <= max(timeout, _FRESH)
+        return self.is_commanded and steady.now() - self._answered <= max(timeout, _FRESH)
 
     def read(self) -> dict[str, Any]:
         """Return the figures since it was read last, and start again."""
-        now = steady()
+        now = steady.now()
         seconds = max(now - self._read_at, 1e-9)
         figures: dict[str, float | int] = {
             "joint_states per second": self._count / seconds,

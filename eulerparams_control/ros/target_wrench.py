@@ -67,7 +67,7 @@ class TargetWrench:
         Raises:
             InvalidMessageError: if it cannot be exerted, or must not be now.
         """
-        since, self._came = steady() - self._came, steady()
+        since, self._came = steady.now() - self._came, steady.now()
         if state is None:
             raise InvalidMessageError("no valid joint_states yet")
         scheme, breaks = controller.scheme, _breaks(controller)
@@ -96,7 +96,7 @@ class TargetWrench:
         assert isinstance(scheme, Pressing)
         if self._force is None:
             return
-        age = (t - self._t) / 1e9 if is_simulated else steady() - self._came
+        age = (t - self._t) / 1e9 if is_simulated else steady.now() - self._came
         may_press = controller.mode in _MAY_PRESS
         if may_press and age <= timeout and self._breaks == _breaks(controller):
             scheme.press(self._force)

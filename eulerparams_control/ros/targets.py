@@ -78,7 +78,7 @@ class Targets:
         return K_p, K_o
 
     def _refuse_overtaken(self, topic: str, msg: Any) -> None:
-        stamp, now = ns_from_ros(msg.header.stamp), steady()
+        stamp, now = ns_from_ros(msg.header.stamp), steady.now()
         newest, came = self._newest.get(topic, (0, -math.inf))
         if 0 < stamp < newest and now - came < _OVERTAKEN:
             raise InvalidMessageError(

@@ -128,7 +128,7 @@ class TeleopNode(Node):
             refuse_two_publishers(self, self._input)
             p = self._params
             axes = _axes_of_twist(msg) if isinstance(msg, Twist) else _axes_of_joy(msg, p)
-            self._wish.take(axes * p.signs, p.deadzone, steady() + p.joy_timeout)
+            self._wish.take(axes * p.signs, p.deadzone, steady.now() + p.joy_timeout)
         except InvalidMessageError as error:
             self._wish.stop()
             self._health.reject(self._input.topic_name.lstrip("/"), error)
@@ -137,7 +137,7 @@ class TeleopNode(Node):
         if self._terminal is not None:
             for key in self._terminal.pressed():
                 self._on_key(key)
-        axes = self._wish.now(steady())
+        axes = self._wish.now(steady.now())
         if axes.any() or self._moves:  # zero once, and then nothing: others may lead
             self._publish(axes)
         self._moves = bool(axes.any())
@@ -145,7 +145,7 @@ class TeleopNode(Node):
     def _on_key(self, key: str) -> None:
         if key in _KEYS:
             axis, sign = _KEYS[key]
-            until = steady() + self._params.key_timeout
+            until = steady.now() + self._params.key_timeout
             self._wish.take(sign * np.eye(6)[axis], 0.0, until)
         elif key in _FASTER:
             self._factor = min(max(self._factor * _FASTER[key], _LEAST), _MOST)

@@ -82,7 +82,7 @@ class WatchdogNode(Node):
             self._health.reject("joint_effort", error)
             return
         self._stamp = msg.header.stamp
-        self._send(self._watch.effort(tau, steady()))
+        self._send(self._watch.effort(tau, steady.now()))
 
     def _on_state(self, msg: JointState) -> None:
         assert self._watch is not None
@@ -94,11 +94,11 @@ class WatchdogNode(Node):
             self._health.reject("joint_states", error)
             return
         self._stamp = msg.header.stamp
-        self._send(self._watch.state(q, dq, steady()))
+        self._send(self._watch.state(q, dq, steady.now()))
 
     def _look(self) -> None:
         if self._watch is not None:
-            self._send(self._watch.look(steady()))
+            self._send(self._watch.look(steady.now()))
 
     def _send(self, tau: Array | None) -> None:
         """Send efforts to the driver, if there are any, and say what is done."""
@@ -112,7 +112,7 @@ class WatchdogNode(Node):
     def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         try:
             if self._watch is not None:
-                self._watch.resume(steady())
+                self._watch.resume(steady.now())
                 self._send(None)
             answer.success, answer.message = True, self._health.message
         except InvalidMessageError as error:

@@ -83,7 +83,7 @@ class WrenchInput:
                 comes late: what was felt a while ago pushes the arm the wrong way.
         """
         w = wrench_from_ros(msg, msg.header.frame_id)
-        stamp, now = ns_from_ros(msg.header.stamp), steady()
+        stamp, now = ns_from_ros(msg.header.stamp), steady.now()
         last, self.repeats = self._last, may_repeat and 0 < stamp == self._stamp
         if self.repeats and last is not None and np.array_equal(w, last.w):
             if waits:
@@ -122,7 +122,7 @@ class WrenchInput:
             return True
         if self._clock.ros_time_is_active:
             return self._age(t) > self._timeout / 2
-        return steady() - self._paired > self._timeout / 2
+        return steady.now() - self._paired > self._timeout / 2
 
     def choose(self, t: int, q: Array, limits: JointLimits) -> bool:
         """Choose ``fresh`` for a state; return whether it is a new one.
@@ -135,13 +135,13 @@ class WrenchInput:
         is_new, self._is_new = self._is_new, False
         unpaired = self._pairing != LATEST and t not in (self._stamp, self._refused)
         if not unpaired:
-            self._paired = steady()
+            self._paired = steady.now()
         if self._last is None:
             return False
         is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
         if is_new and not self._clock.ros_time_is_active:  # what is simulated may repeat itself
             self._stuck = self._stuck or StuckSensor(limits)
-            is_stuck = self._stuck.update(self._last.w, q, steady())
+            is_stuck = self._stuck.update(self._last.w, q, steady.now())
         if self._age(t) > self._timeout:
             self.trouble = lost(
                 f"no valid wrench within {self._timeout:g} s; is the sensor running?"
@@ -159,10 +159,10 @@ class WrenchInput:
 
     @property
     def _waited(self) -> bool:
-        return steady() - self._paired > self._timeout / 2
+        return steady.now() - self._paired > self._timeout / 2
 
     def _age(self, t: int) -> float:
         """Return the age [s] of the last wrench at the stamp t [ns]."""
         if self._clock.ros_time_is_active:
             return abs(t - self._stamp) / 1e9
-        return steady() - self._received
+        return steady.now() - self._received

@@ -53,7 +53,7 @@ class IdentifyToolNode(Node):
         self._mount: SensorMount | None = None
         self._collector: PoseCollector | None = None
         self._refused = ""  # the last wrench or joint_states that could not be used
-        self._started = steady()
+        self._started = steady.now()
         self._received = {"joint_states": self._started, "wrench": self._started}
         self._health.check = self._check_time
         self._health.values["poses"] = 0
@@ -115,7 +115,7 @@ class IdentifyToolNode(Node):
     # --- messages ----------------------------------------------------------------------
 
     def _on_joint_states(self, msg: JointState) -> None:
-        self._received["joint_states"] = steady()
+        self._received["joint_states"] = steady.now()
         if self._collector is None or self.done or not self._reader.concerns(msg):
             return
         try:
@@ -129,7 +129,7 @@ class IdentifyToolNode(Node):
             self._health.complain(event)
 
     def _on_wrench(self, msg: WrenchStamped) -> None:
-        self._received["wrench"] = steady()
+        self._received["wrench"] = steady.now()
         if self._urdf is None or self.done:
             return
         try:
@@ -178,7 +178,7 @@ class IdentifyToolNode(Node):
 
     def _check_time(self) -> None:
         """Say that a topic is silent; give up after the timeout."""
-        now = steady()
+        now = steady.now()
         for topic, received in self._received.items():
             if now - received > _SILENCE:
                 self._health.complain(f"no {topic} within {_SILENCE:g} s", about=topic)

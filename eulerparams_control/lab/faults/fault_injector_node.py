@@ -159,10 +159,10 @@ class FaultInjectorNode(Node):
     @property
     def _now(self) -> float:
         """The time since the start [s]; before it below all times of faults."""
-        return -1.0 if self._started is None else steady() - self._started
+        return -1.0 if self._started is None else steady.now() - self._started
 
     def _start(self) -> None:
-        self._started = steady()
+        self._started = steady.now()
         self.get_logger().info("the time of the faults begins")
         tell(Event.READY)
 

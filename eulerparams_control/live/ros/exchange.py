@@ -85,7 +85,7 @@ class Exchange:
     def _call(self, services: tuple[str, ...], number: int) -> None:
         client, then = self._triggers[services[0]], partial(self._on_called, services, number)
         if client.service_is_ready():
-            self._ask(client, Trigger.Request(), steady(), then)
+            self._ask(client, Trigger.Request(), steady.now(), then)
         else:
             then(None)
 

@@ -86,7 +86,7 @@ class LiveNode(Node):
     ) -> None:
         super().__init__("live")
         self.done = False
-        self._scheme, self._desk, self._began = scheme, Desk(), steady()
+        self._scheme, self._desk, self._began = scheme, Desk(), steady.now()
         self._prefix = self.get_namespace().strip("/")
         self._said: dict[str, Any] = {}  # the last status of each node
         self._heard: dict[str, float] = {}  # when, each node
@@ -173,7 +173,7 @@ class LiveNode(Node):
         self._said[name] = status.level[0], status.message, values
         if name == self._scheme.name and values.get(MODE) in _STOPPED and before not in _STOPPED:
             self._stops += 1
-        self._heard[name] = steady()
+        self._heard[name] = steady.now()
         refused = sum(int(values.get(f"{topic} rejected", 0)) for topic in _TARGETS)
         if refused > self._refused.get(name, refused):
             self._notify("Not taken", values.get("last rejected", ""))
@@ -186,7 +186,7 @@ class LiveNode(Node):
         self._built = self._urdf, base, tip
         self._undrawn = "The robot cannot be drawn."
         self._robot = self._tip = self._home = self._passage = None
-        self._let_go(steady())
+        self._let_go(steady.now())
         self._server.scene.reset()
         try:
             robot = Robot(self._urdf, base, tip)
@@ -329,7 +329,7 @@ class LiveNode(Node):
         self, title: str, text: str, page: int = 0, colour: Any = "orange", about: str = ""
     ) -> None:
         """Show a text on one page, 0: on all; the same, or one about the same, after a while."""
-        now = steady()
+        now = steady.now()
         self._told = {said: t for said, t in self._told.items() if now < t + _AGAIN}
         if (page, about or text) in self._told:
             return
@@ -353,7 +353,7 @@ class LiveNode(Node):
     # --- 30 times a second ---------------------------------------------------------------
 
     def _turn(self) -> None:
-        now = steady()
+        now = steady.now()
         for order in self._desk.taken():
             self._guarded("Not taken", self._obey, order, now)
         self._guarded("No answer", self._exchange.hear, self._turned)

@@ -34,7 +34,7 @@ class Newest:
         with self._handle:
             while found := self._handle.take_message(self._kind, False):
                 if concerns(found[0]):
-                    self._message, self.came = found[0], steady()
+                    self._message, self.came = found[0], steady.now()
         return self._message
 
 
@@ -49,7 +49,7 @@ class Outlet:
     def send(self, msg: Any) -> None:
         """Publish a message, later if nobody hears it yet."""
         self._publisher = self._publisher or self._make()
-        self._used, self._unheard = steady(), msg
+        self._used, self._unheard = steady.now(), msg
         self.turn()
 
     def forget(self) -> None:
@@ -58,12 +58,12 @@ class Outlet:
 
     def turn(self) -> None:
         """Send what nobody has heard yet; take the publisher back if it is not used."""
-        if steady() - self._used > _LATE:
+        if steady.now() - self._used > _LATE:
             self.forget()
         if self._unheard is not None and self._publisher.get_subscription_count():
             self._publisher.publish(self._unheard)
             self._unheard = None
-        if self._publisher is not None and steady() - self._used > _RESTS:
+        if self._publisher is not None and steady.now() - self._used > _RESTS:
             self._node.destroy_publisher(self._publisher)
             self._publisher = self._unheard = None
 

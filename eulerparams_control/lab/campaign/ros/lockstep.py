@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.control.clock import set_steady
+from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
@@ -106,7 +106,7 @@ def _ros(parameters: dict[str, Any], domain: int) -> Iterator[None]:
         yield
     finally:
         rclpy.try_shutdown()
-        set_steady()
+        steady.go_by()
 
 
 def run_lockstep(plan: SequencePlan, domain: int) -> SequenceRecord:
@@ -130,7 +130,7 @@ class _Sequence:
         model = Robot(self.robot.urdf, self.robot.base_frame, self.robot.tip_frame)
         faults = faults_of(plan)
         self.t = 0.0
-        set_steady(lambda: self.t)
+        steady.go_by(lambda: self.t)
         self._simulator = Simulator(self.robot, plan.robot.simulator(plan.control))
         self.arm = Drive(self._simulator, plan.robot.policy())
         self.faults = FaultStream(faults, plan.seed)
