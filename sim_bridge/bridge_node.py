@@ -79,10 +79,12 @@ def declare_environment(node: Node) -> Environment:
 class BridgeNode(Node):
     """The simulated robot on its topics."""
 
+    parameters_type = BridgeParameters
+
     def __init__(self) -> None:
         super().__init__("pybullet_bridge")
         self._health = diagnostics.Health(self)
-        p = self._params = declare(self, BridgeParameters, prefixes=(_ENVIRONMENT,))
+        p = self._params = declare(self, self.parameters_type, prefixes=(_ENVIRONMENT,))
         environment = declare_environment(self)
         robot = self._robot = load_robot(p.urdf or p.robot)
         simulator = Simulator(robot, p.simulator(environment))

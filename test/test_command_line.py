@@ -2,12 +2,25 @@
 
 import argparse
 import io
+from importlib import import_module
 
 import pytest
 from rich.console import Console
 from rich.text import Text
 
-from eulerparams_control.command_line import make_console, say, whole_number
+from eulerparams_control.command_line import executables, make_console, say, whole_number
+from eulerparams_control.parameters.fields import fields_of
+from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.tool.parameters import IdentifyToolParameters
+from sim_bridge.bridge_parameters import BridgeParameters
+
+NODES = {name: scheme.parameters for name, scheme in schemes().items()}
+NODES |= {
+    "identify_tool": IdentifyToolParameters,
+    "pybullet_bridge": BridgeParameters,
+    "watchdog": WatchdogParameters,
+}
 
 
 @pytest.mark.parametrize(("text", "least", "value"), [("3", 0, 3), ("0", 0, 0), ("1", 1, 1)])
@@ -38,3 +51,20 @@ def test_where_nothing_says_how_wide_it_is_a_console_is_wider_than_80_characters
     assert make_console().width == 110
     monkeypatch.setenv("COLUMNS", "70")
     assert make_console().width == 70
+
+
+@pytest.mark.parametrize("option", ["-h", "--help"])
+@pytest.mark.parametrize("name", sorted(NODES))
+def test_a_node_says_what_it_is_and_all_its_parameters(name, option, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [f"/somewhere/{name}"])
+    monkeypatch.setenv("COLUMNS", "60")
+    assert import_module(executables()[name]).main([option]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"usage: {name} [--ros-args")
+    lines = printed.splitlines()
+    assert f"The node {name}" in printed
+    assert max(len(line) for line in lines if line.startswith(6 * " ")) <= 60
+    for field in fields_of(NODES[name]).values():
+        star = "*" if field.metadata["live"] else ""
+        (at,) = (k for k, line in enumerate(lines) if line.startswith(f"  {field.name}{star}: "))
+        assert lines[at + 1].split()[0] == field.metadata["description"].split()[0]

@@ -28,6 +28,7 @@ from eulerparams_control.lab.faults.fault_injector_node import InjectorParameter
 from eulerparams_control.laws.scheme import LoopGain
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.efforts import EffortParameters
+from eulerparams_control.parameters.fields import allowed, default_text
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.teleop import TeleopParameters
@@ -81,15 +82,10 @@ def parameter_table(name: str) -> str:
             meta, twin = field.metadata, shared.get(field.name)
             if twin is not None and (twin.default, twin.metadata) == (field.default, meta):
                 continue
-            value = list(field.default) if isinstance(field.default, tuple) else field.default
-            shown = str(value).lower() if isinstance(value, bool) else value
-            shown = '""' if shown == "" else shown
-            allowed = ", ".join(f"`{choice}`" for choice in meta["choices"] or ())
-            if meta["bounds"]:
-                allowed = "{:g} to {:g}".format(*meta["bounds"])
+            among = ", ".join(f"`{one}`" if meta["choices"] else one for one in allowed(field))
             live = "yes" if meta["live"] else ""
             text = meta["description"].replace("|", "\\|")
-            yield f"`{field.name}`", f"`{shown}`", meta["unit"], allowed, live, text
+            yield f"`{field.name}`", f"`{default_text(field)}`", meta["unit"], among, live, text
 
     return table("parameter, default, unit, allowed, live, what it is", rows())
 

@@ -83,6 +83,19 @@ def fields_of(parameters: type[Any]) -> dict[str, dataclasses.Field[Any]]:
     return {field.name: field for field in dataclasses.fields(parameters)}
 
 
+def default_text(field: dataclasses.Field[Any]) -> str:
+    """Return the default of a parameter as YAML has it."""
+    value = list(field.default) if isinstance(field.default, tuple) else field.default
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    return text or '""'
+
+
+def allowed(field: dataclasses.Field[Any]) -> list[str]:
+    """Return the words that a parameter allows, or from where to where its numbers are."""
+    bounds = field.metadata["bounds"]
+    return ["{:g} to {:g}".format(*bounds)] if bounds else [*(field.metadata["choices"] or ())]
+
+
 def refuse_unknown(
     parameters: type[Any], names: Iterable[str], prefixes: tuple[str, ...] = ()
 ) -> None:

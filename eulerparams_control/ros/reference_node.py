@@ -87,11 +87,13 @@ class ReferenceNode(Node):
     Force and stiffness begin with it, and go on to the end; without a motion they begin at once.
     """
 
+    parameters_type = ReferenceParameters
+
     def __init__(self) -> None:
         super().__init__("reference")
         self.done = False
         self._health = diagnostics.Health(self)
-        self._params = declare(self, ReferenceParameters)
+        self._params = declare(self, self.parameters_type)
         self._pending = self._params.motion != "none"
         self._way_points = (
             self._params.way_points() if self._params.motion == "way_points" else None

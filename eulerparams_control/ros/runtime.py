@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import cast
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -17,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError, defect
 from eulerparams_control.events import Event, ExitCode, begin, tell
+from eulerparams_control.ros.usage import OPTIONS, usage
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -28,8 +30,16 @@ _POLL_SECONDS = 0.05
 _STOP_SECONDS = 3.0
 
 
-def run(make_node: Callable[[], Node], args: list[str] | None = None, *, tells: bool = True) -> int:
+def run(
+    make_node: Callable[[], Node],
+    args: list[str] | None = None,
+    *,
+    tells: bool = True,
+    about: type[Node] | None = None,
+) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
+
+    With ``--help`` it says what the node is, and its parameters, instead.
 
     The default handlers of rclpy kill the context before a last command can be
     published, so the signals are handled here.  Errors of this package end the
@@ -41,7 +51,12 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None, *, tells: 
             returns true; ``close()`` sends the last safe command and finishes files.
         args: of the command line; None is those of the process.
         tells: whether its events go to stdout; not where that is for people.
+        about: the class of the node; None: ``make_node`` is that.
     """
+    own = sys.argv[1:] if args is None else args
+    if not {*OPTIONS}.isdisjoint(own):
+        print(usage(sys.argv[0], about or cast("type[Node]", make_node)))
+        return ExitCode.OK
     if tells:
         begin()
     code, text = _run(make_node, args)

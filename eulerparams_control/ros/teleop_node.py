@@ -105,11 +105,13 @@ class Terminal:
 class TeleopNode(Node):
     """Publishes the twist that a person asks for, and zero once when it ends."""
 
+    parameters_type = TeleopParameters
+
     def __init__(self) -> None:
         super().__init__("teleop")
         self.done = False
         self._health = diagnostics.Health(self)
-        p = self._params = declare(self, TeleopParameters)
+        p = self._params = declare(self, self.parameters_type)
         self._wish, self._factor, self._moves = Deflection(), 1.0, False
         self._publisher = self.create_publisher(TwistStamped, "target_twist", QOS)
         self._terminal: Terminal | None = None

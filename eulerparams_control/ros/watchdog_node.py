@@ -37,11 +37,13 @@ SAYS = {
 class WatchdogNode(Node):
     """Sits between a controller of efforts and a driver that holds the last one for ever."""
 
+    parameters_type = WatchdogParameters
+
     def __init__(self) -> None:
         super().__init__("watchdog")
         self.done = False
         self._health = diagnostics.Health(self)
-        p = self._params = declare(self, WatchdogParameters)
+        p = self._params = declare(self, self.parameters_type)
         self._watch: Watch | None = None
         if p.robot_description:
             self._set_robot(p.robot_description)

@@ -42,11 +42,13 @@ _SILENCE = 2.0
 class IdentifyToolNode(Node):
     """Takes poses until there are enough; what they say is for ``finish``."""
 
+    parameters_type = IdentifyToolParameters
+
     def __init__(self) -> None:
         super().__init__("identify_tool")
         self.done = False
         self._health = diagnostics.Health(self)
-        self._params = declare(self, IdentifyToolParameters)
+        self._params = declare(self, self.parameters_type)
         self._params.check()
         self._urdf: UrdfTree | None = None
         self._description = ""
@@ -258,7 +260,8 @@ def main(args: list[str] | None = None) -> int:
         made.append(IdentifyToolNode())
         return made[0]
 
-    return run(make, args, tells=False) or made[0].finish()
+    code = run(make, args, tells=False, about=IdentifyToolNode)
+    return code or sum(node.finish() for node in made)
 
 
 if __name__ == "__main__":

@@ -160,10 +160,12 @@ class BagRecorder(Node):
         ConfigurationError: if a parameter is unknown or impossible.
     """
 
+    parameters_type = RecorderParameters
+
     def __init__(self) -> None:
         super().__init__("bag_recorder")
         self.done = False
-        self._options = declare(self, RecorderParameters)
+        self._options = declare(self, self.parameters_type)
         self._wanted = [_resolved(self, name) for name in self._options.topics]
         self._bag = BagWriter(self._options.output or time.strftime("rosbag2_%Y_%m_%d-%H_%M_%S"))
         self._recorded: dict[str, Subscription] = {}

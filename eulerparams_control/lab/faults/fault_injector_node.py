@@ -130,11 +130,13 @@ class InjectorParameters:
 class FaultInjectorNode(Node):
     """Relays topics, with faults."""
 
+    parameters_type = InjectorParameters
+
     def __init__(self) -> None:
         super().__init__("fault_injector")
         self.done = False
         self._health = diagnostics.Health(self)
-        p = self._params = declare(self, InjectorParameters)
+        p = self._params = declare(self, self.parameters_type)
         self._faults = p.parsed()
         if p.start_on and p.start_on not in p.topics:
             raise UnknownNameError("topic in start_on; topics", p.start_on, p.topics)
