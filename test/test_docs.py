@@ -75,7 +75,7 @@ def check_parameters(node: str, given: dict[str, Any]) -> None:
 
 def check_node(name: str, words: list[str]) -> None:
     if "--ros-args" not in words:
-        known = SITE["options"](name) if name in SITE["TOOLS"] else "--recover"
+        known = SITE["options"](name) if name in SITE["TOOLS"] else "--recover --help"
         assert all(word in known for word in words if word.startswith("--"))
         names = [word for word in words if name == "experiment" and re.fullmatch(r"[a-z]\w+", word)]
         assert set(names) <= {*config_names("experiments"), "out"}
