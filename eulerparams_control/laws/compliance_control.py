@@ -452,16 +452,101 @@ def _bearable(
     return _part(0.0, 0.0, damped, most), _part(v, omega, damped, most)
 
 
+class _Drive(NamedTuple):
+    """What drives the tip, besides its wrench.
+
+    Attributes:
+        dissipated: [W] by the dampers, the brake, and by what is drawn less.
+        rate, turning: of the fastest mode, see :class:`Effects`.
+        part: of where the clips are stated, from the next tick on.
+        excess: how much longer each instant of the desired motion is to last, 1 or more.
+    """
+
+    dissipated: float
+    rate: float
+    turning: float
+    part: float
+    excess: float
+
+
+@kernel
+def _bounded(
+    J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, part: float, tip: Motion, v: Row, v_d: Row,
+    most: TipLimits, rate: Input, dt: float, w: Row, fed: Row, damping: Row,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Bound what drives a tip whose springs pull with w (6,); return ``dissipated, part, excess``.
+
+    fed (6,), what is fed forward, becomes less, damping (6,) brakes what is too fast, and w, with
+    what is fed, is drawn less where that would add power.
+    """
+    resting, moving = _bearable(J, M, w, pull, numbers, tip, most, rate, dt)
+    if resting < 1.0:
+        part *= resting * min(1.0, pull.stretch)
+    elif pull.stretch <= 1.0:
+        part = 1.0
+    f = read_vec(fed, 0)
+    if f @ f > 0.0:
+        put_vec(fed, 0, f / _FED)
+        borne, _ = _bearable(J, M, fed, pull, numbers, tip, most, rate, dt)
+        put_vec(fed, 0, borne * f)
+    leads, power, dissipated = 0.0, 0.0, 0.0
+    for j in range(6):
+        leads += w[j] * v_d[j]
+        w[j] += fed[j]
+        power += w[j] * v[j]
+    # time waits only while the motion stretches the springs: back it goes
+    excess = max(1.0, pull.stretch) if leads > 0.0 else 1.0
+    if power > 0.0:  # no more
+        for j in range(6):
+            dissipated += (1.0 - moving) * w[j] * (v[j] - v_d[j])
+            w[j] *= moving
+    r = min(_BRAKES, _OF_TICKS / dt) if dt > 0.0 else 0.0
+    dissipated += _brake(J, M, 0, tip.v, most.linear_speed, r, damping)
+    dissipated += _brake(J, M, 3, tip.omega, most.angular_speed, r, damping)
+    return dissipated, part, excess
+
+
+@kernel
+def _drive(
+    J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, part: float, tip: TipState,
+    desired: DesiredFrame, force: Input, most: TipLimits, is_limited: bool, rate: Input, dt: float,
+    w: Row,
+) -> _Drive:  # fmt: skip
+    """Fill w (6,) with the wrench on the tip: springs, dampers, and a force (3,) in its axes."""
+    v, v_d, damping, fed = np.empty(6), np.empty(6), np.zeros(6), np.zeros(6)
+    put_vec(v, 0, tip.motion.v)
+    put_vec(v, 3, tip.motion.omega)
+    put_vec(v_d, 0, desired.dp_d)
+    put_vec(v_d, 3, desired.omega_d)
+    put_vec(w, 0, pull.f)
+    put_vec(w, 3, pull.mu)
+    if len(force) > 0:
+        put_vec(fed, 0, tip.R_e @ vec(force))
+    taken, omega, turning = _dampers(J, M, pull, numbers, part, v, v_d, damping)
+    excess = 1.0
+    if is_limited:
+        more, part, excess = _bounded(
+            J, M, pull, numbers, part, tip.motion, v, v_d, most, rate, dt, w, fed, damping
+        )
+        taken += more
+    for j in range(6):
+        w[j] += damping[j] + (0.0 if is_limited else fed[j])
+    return _Drive(taken, omega, turning, part, excess)
+
+
 def _tick(
     chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input,
     p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    h: Input, previous: Input, numbers: Input, bounds: Input,
+    force: Input, previous: Input, numbers: Input, bounds: Input,
     resolution: Input, posture: Input, turns: Rows, step: Row,
     friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
     ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
 ) -> int:  # fmt: skip
-    """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de."""
-    n = len(work)
+    """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de.
+
+    ``force`` (3,) [N] is fed forward, on the environment, axes of the tip; (0,) is none.
+    """
+    n, is_limited = len(work), limits.shape[1] > 0
     at, at_ddq, at_tau, at_x = tick_places(n)
     if len(q_now) > 0:
         put_arm(chain, q_now, dq_now, work, row)
@@ -473,51 +558,15 @@ def _tick(
     pull = law(tip, desired, given, part)
     if math.isnan(pull.mu.x):
         return SINGULAR
-    if limits.shape[1] > 0:
+    if is_limited:
         found = too_far(desired, tip.p_e, tip.R_e, most)
         if found:
             return found
-    M, ddq, v, v_d = np.empty((n, n + 6)), np.empty(n), np.empty(6), np.empty(6)
-    w, a, damping, fed = np.empty(6), np.empty(6), np.zeros(6), np.zeros(6)
+    M, ddq, w, a = np.empty((n, n + 6)), np.empty(n), np.empty(6), np.empty(6)
     _mobility(chain, work, J, M)
-    put_vec(v, 0, tip.motion.v)
-    put_vec(v, 3, tip.motion.omega)
-    put_vec(v_d, 0, desired.dp_d)
-    put_vec(v_d, 3, desired.omega_d)
-    put_vec(w, 0, pull.f)
-    put_vec(w, 3, pull.mu)
-    dissipated, fastest, turning = _dampers(J, M, pull, given, part, v, v_d, damping)
-    drawn, stretched, is_limited = 1.0, 0.0, limits.shape[1] > 0
-    for j in range(len(h)):
-        fed[j] = h[j]
-    if is_limited:
-        if len(h) > 0:
-            for j in range(6):
-                fed[j] /= _FED
-            borne, _ = _bearable(J, M, fed, pull, given, tip.motion, most.limits, rate, dt)
-            for j in range(6):
-                fed[j] = borne * h[j]
-        resting, moving = _bearable(J, M, w, pull, given, tip.motion, most.limits, rate, dt)
-        if resting < 1.0:
-            part *= resting * min(1.0, pull.stretch)
-        elif pull.stretch <= 1.0:
-            part = 1.0
-        for j in range(6):
-            stretched += w[j] * v_d[j]
-            w[j] += fed[j]
-        power = read_vec(w, 0) @ tip.motion.v + read_vec(w, 3) @ tip.motion.omega
-        if power > 0.0:
-            drawn = moving  # no more power
-        for j in range(6):
-            dissipated += (1.0 - drawn) * w[j] * (v[j] - v_d[j])
-        r = min(_BRAKES, _OF_TICKS / dt) if dt > 0.0 else 0.0
-        dissipated += _brake(J, M, 0, tip.motion.v, most.limits.linear_speed, r, damping)
-        dissipated += _brake(J, M, 3, tip.motion.omega, most.limits.angular_speed, r, damping)
-    else:
-        for j in range(6):
-            w[j] += fed[j]
-    for j in range(6):
-        w[j] = drawn * w[j] + damping[j]
+    driven = _drive(
+        J, M, pull, given, part, tip, desired, force, most.limits, is_limited, rate, dt, w
+    )
     put_vec(a, 0, desired.ddp_d)
     put_vec(a, 3, desired.domega_d)
     resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
@@ -527,13 +576,11 @@ def _tick(
     blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
-    # time waits only while the motion stretches the springs: back it goes
-    row[at] = max(1.0, pull.stretch) if is_limited and stretched > 0.0 else 1.0
-    told = dissipated, fastest, turning, 1.0 - part
-    effects = Effects(pull.f, pull.mu, pull.energy, *told)
-    _put_effects(row, len(row) - effects_width, effects)
+    row[at] = driven.excess
+    told = driven.dissipated, driven.rate, driven.turning, 1.0 - driven.part
+    _put_effects(row, len(row) - effects_width, Effects(pull.f, pull.mu, pull.energy, *told))
     changed = commanded(
-        chain, work, q, dq, J, ddq, h[:0], friction, gravity, coriolis,
+        chain, work, q, dq, J, ddq, force[:0], friction, gravity, coriolis,
         without_accelerations(limits), dt, dq_before, ddq_before, drift, rate, lasts, before,
         row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
@@ -650,6 +697,23 @@ class ElasticLaw:
         return Lyapunov(effects.energy, -effects.dissipated)
 
 
+class Springs(NamedTuple):
+    """Springs as they act.
+
+    Attributes:
+        law: theirs.
+        part: of where their clips are stated.
+    """
+
+    law: ElasticLaw
+    part: float
+
+    @property
+    def clips(self) -> tuple[float, float]:
+        """The clips [m], [rad]."""
+        return self.part * self.law.clip_position, self.part * self.law.clip_rotation
+
+
 def effects_of(tick: Tick) -> Effects:
     """Return what a tick of compliance control knows of its springs and dampers."""
     effects: Effects = _unpack_effects(tick.details[-effects_width:])
@@ -663,10 +727,12 @@ class ComplianceControl(DynamicControl):
 
     Attributes:
         fed: (3,) [N] that is added now, on the environment, axes of the tip.
+        springs: those of the last tick, the same object while they are; None before the first.
     """
 
     law: ElasticLaw
     fed: Array
+    springs: Springs | None = None
     _wanted: Array
     _known: LoopGain | None = None
 
@@ -696,25 +762,21 @@ class ComplianceControl(DynamicControl):
         self._wanted = self.fed = np.zeros(3)
         return super().hold(dt, q, dq)
 
-    def tick(
-        self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE
-    ) -> Tick:
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, with the force that is added.
 
-        See :meth:`DynamicControl.tick`.
+        See :meth:`DynamicControl.tick`; h, a contact that is known, is not taken.
         """
         if self.is_pressing:
-            h = self._feed(dt, q, dq)
-        tick = super().tick(dt, q, dq, desired, h)
+            more = self._wanted - self.fed
+            size = float(np.linalg.norm(more))
+            self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
+        now = Springs(self.law, 1.0 - self._x_de.item(-1))
+        if self.springs is None or self.springs.law is not now.law or self.springs != now:
+            self.springs = now
+        tick = super().tick(dt, q, dq, desired, self.fed if self.is_pressing else NONE)
         self.loop_rate = tick.details.item(_RATE)
         return tick
-
-    def _feed(self, dt: float, q: Array, dq: Array) -> Array:
-        """Return the force that is added now, as a wrench (6,) on the environment."""
-        more = self._wanted - self.fed
-        size = float(np.linalg.norm(more))
-        self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
-        return np.concatenate((self.robot.state(q, dq).R_e @ self.fed, np.zeros(3)))
 
     @property
     def fastest_gain(self) -> LoopGain | None:
