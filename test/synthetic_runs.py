@@ -27,9 +27,8 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
-from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.messages.keys import BEGAN
-from eulerparams_control.messages.to_ros import impedance_to_ros, motion_to_ros, stamp_to_ros
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -61,7 +60,6 @@ _TYPES = {
     "/robot_description": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/wrench": "geometry_msgs/msg/WrenchStamped",
-    "/impedance_control/impedance": "sensor_msgs/msg/JointState",
     "/target_wrench": "geometry_msgs/msg/WrenchStamped",
     "/compliant_frame": "trajectory_msgs/msg/MultiDOFJointTrajectory",
 }
@@ -84,7 +82,7 @@ def write_run(
     sensor: str = "tip",
     compliant: Sequence[DesiredFrame] | None = None,
     targets: Sequence[Sequence[float]] = (),
-    impedances: Mapping[int, tuple[Impedance, Impedance]] = MappingProxyType({}),
+    impedances: Mapping[int, Callable[[Any], JointState]] = MappingProxyType({}),
 ) -> Path:
     """Write a bag with a sample every 10 ms; return its folder.
 
@@ -104,13 +102,14 @@ def write_run(
         wrenches: force and moment (6,) in wrench, before joint_states; None leaves it out.
         sensor: the frame that they are in.
         compliant: the frames in compliant_frame; None leaves it out.
-        impedances: of translation and rotation in ~/impedance, by the sample from which they act.
+        impedances: what makes ~/impedance with a stamp, by the sample from which it acts.
         targets: force and moment (6,) in the first messages of target_wrench, in the tip's frame.
     """
     node = node or ("/clik" if efforts is None else "/dynamic_control")
     referred = _START if efforts is None else _START + _LATENCY_NS // 2
     with BagWriter(folder) as bag:
-        for name, kind in _TYPES.items():
+        own = {f"{node}/impedance": _TYPES["/joint_states"]} if impedances else {}
+        for name, kind in (_TYPES | own).items():
             bag.add_topic(Topic(name, kind))
         if parameters is not None:
             nodes = {node: {"ros__parameters": dict(parameters)}}
@@ -131,8 +130,8 @@ def write_run(
             if began is not None and index == 20:
                 bag.write("/diagnostics", _diagnostics(node, _START + began), stamp, stamp)
             if index in impedances:
-                msg = impedance_to_ros(*impedances[index], stamp_to_ros(stamp))
-                bag.write("/impedance_control/impedance", serialize_message(msg), stamp, stamp)
+                data = serialize_message(impedances[index](stamp_to_ros(stamp)))
+                bag.write(f"{node}/impedance", data, stamp, stamp)
             if compliant is not None:
                 data = _compliant(stamp, compliant[index])
                 bag.write("/compliant_frame", data, stamp, stamp)

@@ -13,6 +13,7 @@ from geometry_msgs.msg import WrenchStamped
 from representations import every_representation, make
 from ros_processes import Controlled, pose, values
 from samples import about, generator, positive_definite, turn_of, uniform, unit_vectors
+from sensor_msgs.msg import JointState
 from tolerances import (
     CLOSED_PATH,
     DAMPING_RATIO,
@@ -34,6 +35,7 @@ from eulerparams_control.laws.dynamic_control import EffortLimits
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.rotations import exp
+from eulerparams_control.messages.keys import SPRINGS
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
@@ -454,6 +456,22 @@ def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_springs_do
     arm.ticks(700)  # the stream has ended
     assert_close(pose(arm.q)[0], p, 5e-4)
     assert float(values(node.status())["force fed forward [N]"]) == 0.0
+
+
+def test_the_springs_that_act_are_published_while_they_change(shared_world):
+    node = Controlled(shared_world, "compliance_control", FRAMES)
+    found = node.peer.listen(JointState, "/compliance_control/impedance")
+    node.graph.until(lambda: node.arm.ticks(1) or found, "~/impedance")
+    assert [*found[-1].name] == [*SPRINGS]
+    found.clear()
+    node.arm.ticks(100)
+    assert len(found) <= 1  # one a second
+    node.change(K_p=[2000.0, 1000.0, 1000.0], error_clip_position=0.01)
+    node.arm.ticks(1)
+    now = dict(zip(found[-1].name, found[-1].position, strict=True))
+    stiffness = [now[name] for name in ("K_p.xx", "K_p.xy", "K_p.yy", "K_o.zz")]
+    assert stiffness == [2000.0, 0.0, 1000.0, 30.0]
+    assert [now["error_clip_position"], now["error_clip_rotation"]] == [0.01, 0.2]
 
 
 # --- parameters ----------------------------------------------------------------------------

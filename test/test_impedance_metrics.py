@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, exp
+from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -585,3 +587,16 @@ def test_springs_take_their_energy_on_the_way_out_and_give_it_back(tmp_path, cli
     other = replace(out, parameters={})
     with pytest.raises(BagError, match="no parameters of compliance_control were recorded"):
         measure("spring_work", other)
+
+
+def test_springs_are_those_that_acted_clips_included(tmp_path):
+    """0.4 rad of a rod of 1 m; from sample 3 on the springs are stiffer by 4, and clipped."""
+    told = {"K_p": [100.0] * 3, "K_o": [8.0] * 3, "error_clip_position": 10.0}
+    run = {"parameters": told | {"error_clip_rotation": 10.0}, "node": "/compliance_control"}
+    changed = partial(springs_to_ros, 400.0 * np.eye(3), 32.0 * np.eye(3), (0.1, 0.05))
+    found = recorded(tmp_path / "run", [0.4] * 6, **run, impedances={3: changed})
+    s_p, s_o = (math.sqrt(k) * 2.0 * math.sin(0.2) for k in (100.0, 8.0))  # 2 eps' K_o eps, (68)
+    before = (s_p**2 + s_o**2) / 2
+    after = sum(2.0 * s * c - c * c / 2 for s, c in ((s_p, 2.0), (s_o, math.sqrt(32.0) * 0.05)))
+    energy = BY_NAME["elastic_energy"].samples(found)[1]
+    np.testing.assert_allclose(energy, [before] * 3 + [after] * 3, rtol=EXACT)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.course import parse_course
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
@@ -144,6 +146,11 @@ def pressing(folder: Path, f: list[float], f_d: list[float]):
     return recorded(folder / "run", [0.0] * len(f), wrenches=wrenches, targets=targets, **told)
 
 
+def acting(translation, rotation):
+    """Return what makes ~/impedance of impedances with a stamp."""
+    return partial(impedance_to_ros, translation, rotation)
+
+
 def test_a_force_is_compared_with_its_target_along_the_force_axes(tmp_path):
     found = pressing(tmp_path, [0.0, 0.0, 4.0, 12.0, 10.05, 9.95], [10.0] * 6)
     assert measure("peak_force_error", found) == pytest.approx(10.0)
@@ -175,6 +182,26 @@ def test_a_force_that_swings_within_a_tenth_of_a_second_ripples(tmp_path):
     assert measure("rippling_time", found, most=11.0) == 0.0
 
 
+def test_the_calming_time_is_from_the_first_swing_there_and_back_until_the_damping_rises(tmp_path):
+    """A fast ramp is no swing; 6 N up and down from sample 100 on are; 3 x D from 150 on."""
+    f = [0.5 * k for k in range(20)] + [10.0] * 80 + [10.0, 16.0] * 100
+    p = ImpedanceParameters()
+    Z = p.translation(), p.rotation()
+    usual, damped = acting(*Z), acting(*(replace(each, D=3.0 * each.D) for each in Z))
+    wrenches = [[0.0, 0.0, -each, 0.0, 0.0, 0.0] for each in f]
+
+    def calming_time(name, impedances, **options):
+        given = {"wrenches": wrenches, "node": f"/{NAME}", "impedances": impedances}
+        found = recorded(tmp_path / name, [0.0] * len(f), **given)
+        return measure("calming_time", found, **options)
+
+    assert calming_time("calm", {0: usual, 150: damped}) == pytest.approx(0.59)  # 0.5 s and a way
+    assert calming_time("before", {0: usual, 20: damped, 200: usual}) == math.inf
+    assert calming_time("weak", {0: usual, 150: damped}, most=6.5) == 0.0
+    with pytest.raises(BagError, match="no ~/impedance"):
+        calming_time("without", {})
+
+
 def test_the_energy_of_a_contact_is_that_of_force_and_speed(tmp_path):
     q = np.linspace(0.0, 0.1, 11)  # the tip goes down with 1 m/s at 1 m
     wrenches = [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]] * 11  # and is pushed up, along z of the tip
@@ -186,7 +213,7 @@ def test_residuals_and_V_are_of_the_impedance_that_acted(tmp_path):
     """1 cm and 0.1 rad along z; the stiffness is three times as large from sample 3 on."""
     told = {"M_p": [2.0] * 3, "K_p": [1000.0] * 3, "M_o": [1.0] * 3, "K_o": [20.0] * 3}
     p = ImpedanceParameters(**{name: tuple(values) for name, values in told.items()})
-    stiffer = [replace(Z, K=3.0 * Z.K) for Z in (p.translation(), p.rotation())]
+    stiffer = acting(*(replace(Z, K=3.0 * Z.K) for Z in (p.translation(), p.rotation())))
     moment = 20.0 * math.sin(0.1)  # (60), (66)
     wrenches = [[0.0, 0.0, 10.0, 0.0, 0.0, moment]] * 3 + [
         [0.0, 0.0, 30.0, 0.0, 0.0, 3 * moment]

@@ -159,7 +159,7 @@ def test_rclpy_reads_the_commands_that_are_written(kind, drawn, joints):
     float, (2, 5, 3), elements=st.floats(-1e300, 1e300)))  # fmt: skip
 def test_rclpy_reads_the_compliant_frames_that_are_written(stamps, base, tip, vectors):
     sent = Sent()
-    publisher = ComplianceCommands(sent, base, tip, None, lambda: None)
+    publisher = ComplianceCommands(sent, base, tip, None)
     for (sec, nanosec), R, row in zip(stamps, uniform(2), vectors, strict=True):
         frame = DesiredFrame(row[0], R, *row[1:])
         publisher.publish(SimpleNamespace(sec=sec, nanosec=nanosec), JointCommand(frame=frame))

@@ -103,15 +103,29 @@ def at_the_tip(
 
 
 class ActingImpedance(NamedTuple):
-    """The impedance that acted, each from its instant on.
+    """The impedance, or the springs, that acted, each from its instant on.
 
     Attributes:
         t: (N,) [s] from the beginning of the recording.
-        numbers: (N, 36) upper triangles of M_p, D_p, K_p, M_o, D_o, K_o.
+        numbers: (N, 38) upper triangles of M_p, D_p, K_p, M_o, D_o, K_o, and the clips of springs,
+            [m], [rad]; 0 what there is none of.
     """
 
     t: Array
     numbers: Array
+
+    @property
+    def matrices(self) -> Array:
+        """(N, 6, 3, 3) M_p, D_p, K_p, M_o, D_o, K_o."""
+        found = np.empty((len(self.t), 6, 3, 3))
+        rows, columns = np.triu_indices(3)
+        numbers = self.numbers[:, :36].reshape(-1, 6, 6)
+        found[..., rows, columns] = found[..., columns, rows] = numbers
+        return found
+
+    def before(self, t: Array) -> NDArray[np.intp]:
+        """Return the places (M,) of what acted at instants t (M,) [s]; -1 before the first."""
+        return np.searchsorted(self.t, t, side="right") - 1
 
 
 class Impedances(NamedTuple):
@@ -143,12 +157,8 @@ def impedances(
     found = np.empty((len(t), 6, 3, 3))
     found[:] = [Z_p.M, Z_p.D, Z_p.K, Z_o.M, Z_o.D, Z_o.K]
     if acting is not None:
-        last = np.searchsorted(acting.t, t, side="right") - 1
-        numbers = acting.numbers[last[last >= 0]].reshape(-1, 6, 6)
-        rows, columns = np.triu_indices(3)
-        matrices = np.empty((len(numbers), 6, 3, 3))
-        matrices[..., rows, columns] = matrices[..., columns, rows] = numbers
-        found[last >= 0] = matrices
+        last = acting.before(t)
+        found[last >= 0] = acting.matrices[last[last >= 0]]
     return Impedances(*np.moveaxis(found[:, :3], 1, 0)), Impedances(
         *np.moveaxis(found[:, 3:], 1, 0)
     )

@@ -21,7 +21,7 @@ from eulerparams_control.bags.reader import Bag, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
-from eulerparams_control.messages.keys import BEGAN, IMPEDANCE
+from eulerparams_control.messages.keys import ACTING, BEGAN, IMPEDANCE, SPRINGS
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
@@ -431,7 +431,7 @@ class TargetWrenches(SensedWrenches):
 
 
 class PublishedImpedance(RecordedTopic):
-    """M, D, K of the impedance (N, 36), by name."""
+    """M, D, K of the impedance, clips of springs (N, 38), by name; 0 what one has not."""
 
     name = "impedance"
     type = "sensor_msgs/msg/JointState"
@@ -439,7 +439,11 @@ class PublishedImpedance(RecordedTopic):
 
     def rows_of(self, group: Group) -> Columns:
         """See RecordedTopic."""
-        return [*joint_rows(group, IMPEDANCE, ("position",))]
+        names = SPRINGS if SPRINGS[-1] in group.texts["name"] else IMPEDANCE
+        (values,) = joint_rows(group, names, ("position",))
+        rows = np.zeros((len(values), len(ACTING)))
+        rows[:, [ACTING.index(name) for name in names]] = values
+        return [rows]
 
     def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
         """See RecordedTopic."""

@@ -67,3 +67,9 @@ IMPEDANCE = tuple(
     for element in ("xx", "xy", "xz", "yy", "yz", "zz")
 )
 """Names of the numbers on ``~/impedance``: M, D, K of (52), then of (59)."""
+
+ACTING = (*IMPEDANCE, "error_clip_position", "error_clip_rotation")
+"""All that ``~/impedance`` may have."""
+
+SPRINGS = tuple(name for name in ACTING if name.startswith(("K", "error")))
+"""Names of the numbers on ``~/impedance`` of springs without a compliant frame."""

@@ -3,6 +3,8 @@
 Quaternions are (eta, eps) inside and xyzw in messages.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import (
@@ -21,7 +23,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, EulerParameters
-from eulerparams_control.messages.keys import IMPEDANCE
+from eulerparams_control.messages.keys import IMPEDANCE, SPRINGS
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -110,11 +112,23 @@ def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArra
 
 def impedance_to_ros(translation: Impedance, rotation: Impedance, stamp: Time) -> JointState:
     """Return the matrices of an impedance by name, as positions of :data:`keys.IMPEDANCE`."""
-    upper = np.triu_indices(3)
     matrices = [matrix for Z in (translation, rotation) for matrix in (Z.M, Z.D, Z.K)]
-    msg = JointState(name=list(IMPEDANCE))
+    return _named(IMPEDANCE, matrices, (), stamp)
+
+
+def springs_to_ros(K_p: Array, K_o: Array, clips: Sequence[float], stamp: Time) -> JointState:
+    """Return stiffnesses (3, 3) and clips by name, as positions of :data:`keys.SPRINGS`."""
+    return _named(SPRINGS, (K_p, K_o), clips, stamp)
+
+
+def _named(
+    names: Sequence[str], matrices: Sequence[Array], others: Sequence[float], stamp: Time
+) -> JointState:
+    """Return upper triangles of matrices (3, 3), then other numbers, by name as positions."""
+    upper = np.triu_indices(3)
+    msg = JointState(name=list(names))
     msg.header.stamp = stamp
-    msg.position = np.concatenate([matrix[upper] for matrix in matrices]).tolist()
+    msg.position = np.concatenate([*(matrix[upper] for matrix in matrices), others]).tolist()
     return msg
 
 

@@ -11,10 +11,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
-from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.messages.to_ros import duration_to_ros, impedance_to_ros, motion_to_ros
+from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
 from eulerparams_control.messages.wire import Template
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
@@ -116,25 +115,16 @@ class CommandPublisher:
 
 
 class ComplianceCommands:
-    """Publishes the efforts, then the compliant frame that they follow, and its impedance.
-
-    ``~/impedance`` comes with each frame while the impedance changes, else once a second, where
-    somebody listens: M, D, K as positions of a sensor_msgs/JointState, by name.
+    """Publishes the efforts, then the compliant frame that they follow.
 
     Args:
         node: the node that publishes.
         base_frame, tip_frame: that the compliant frame is stated with.
         efforts: publisher of the efforts; None: the compliant frame is the command.
-        law: returns the equations of the frame that was commanded last; None if there are none.
     """
 
     def __init__(
-        self,
-        node: Node,
-        base_frame: str,
-        tip_frame: str,
-        efforts: Commands | None,
-        law: Callable[[], ComplianceLaw | None],
+        self, node: Node, base_frame: str, tip_frame: str, efforts: Commands | None
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
@@ -143,9 +133,6 @@ class ComplianceCommands:
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
         )
-        self._impedance = node.create_publisher(JointState, "~/impedance", QOS_STREAM)
-        self._law, self._shown_at = law, 0  # [s]
-        self._shown: ComplianceLaw | None = None
 
     def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish both under the stamp of the joint_states that they answer."""
@@ -158,18 +145,6 @@ class ComplianceCommands:
             Q = quaternion.row(frame.R_d)
             numbers = frame.p_d, Q[1:], Q[0], *frame[2:]
             self._publisher.publish(self._template.filled(stamp, numbers))
-            self._show(stamp)
-
-    def _show(self, stamp: Any) -> None:
-        """Publish the impedance if it is another one than before, or a second has passed."""
-        law = self._law()
-        if law is None or (law is self._shown and stamp.sec == self._shown_at):
-            return
-        if not self._impedance.get_subscription_count():
-            return
-        self._shown, self._shown_at = law, stamp.sec
-        time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-        self._impedance.publish(impedance_to_ros(law.translation, law.rotation, time))
 
     @property
     def topic(self) -> str:
@@ -185,6 +160,54 @@ class ComplianceCommands:
     def destroy(self) -> None:
         """Take the publishers off the graph."""
         self._node.destroy_publisher(self._publisher)
-        self._node.destroy_publisher(self._impedance)
         if self._efforts is not None:
             self._efforts.destroy()
+
+
+class WithImpedance[T]:
+    """Publishes commands, then on ``~/impedance`` what acts.
+
+    It comes with each command while it changes, else once a second, where somebody listens: as
+    positions of a sensor_msgs/JointState, by name.
+
+    Args:
+        node: the node that publishes.
+        commands: publisher of the commands.
+        acting: returns what acts, the same object while nothing changes; None if nothing does.
+        to_ros: makes the message of it, with a stamp.
+    """
+
+    def __init__(
+        self, node: Node, commands: Commands, acting: Callable[[], T | None],
+        to_ros: Callable[[T, Time], JointState],
+    ) -> None:  # fmt: skip
+        self._node, self._commands, self._acting, self._to_ros = node, commands, acting, to_ros
+        self._publisher = node.create_publisher(JointState, "~/impedance", QOS_STREAM)
+        self._shown_at = 0  # [s]
+        self._shown: T | None = None
+
+    def publish(self, stamp: Any, command: JointCommand) -> None:
+        """Publish under the stamp of the joint_states that are answered."""
+        self._commands.publish(stamp, command)
+        acting = self._acting()
+        if acting is None or (acting is self._shown and stamp.sec == self._shown_at):
+            return
+        if self._publisher.get_subscription_count():
+            self._shown, self._shown_at = acting, stamp.sec
+            self._publisher.publish(
+                self._to_ros(acting, Time(sec=stamp.sec, nanosec=stamp.nanosec))
+            )
+
+    @property
+    def topic(self) -> str:
+        """The topic of the commands."""
+        return self._commands.topic
+
+    def count_subscribers(self) -> int:
+        """Return how many listen to the commands."""
+        return self._commands.count_subscribers()
+
+    def destroy(self) -> None:
+        """Take the publishers off the graph."""
+        self._commands.destroy()
+        self._node.destroy_publisher(self._publisher)

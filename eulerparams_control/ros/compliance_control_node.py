@@ -7,12 +7,14 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.laws.compliance_control import ComplianceControl, effects_of
+from eulerparams_control.laws.compliance_control import ComplianceControl, Springs, effects_of
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.markers import Stiffness
+from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.commands import Commands, WithImpedance
 from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.target_wrench import TargetWrench
@@ -39,6 +41,19 @@ class ComplianceControlNode(ControlNode):
         if self._controller is not None:
             timeout, is_simulated = self._params.target_timeout, self._input.receipt is None
             self._pressing.exert(self._controller, t, timeout, is_simulated=is_simulated)
+
+    def make_commands(self, joints: tuple[str, ...]) -> Commands:
+        """Return the publishers of ``joint_effort`` and of the springs."""
+        return WithImpedance(
+            self,
+            super().make_commands(joints),
+            self._springs,
+            lambda now, stamp: springs_to_ros(now.law.K_p, now.law.K_o, now.clips, stamp),
+        )
+
+    def _springs(self) -> Springs | None:
+        scheme = self._controller.scheme if self._controller else None
+        return scheme.springs if isinstance(scheme, ComplianceControl) else None
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the tip."""

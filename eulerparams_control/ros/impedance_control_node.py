@@ -19,11 +19,12 @@ from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
 from eulerparams_control.messages.markers import Stiffness
+from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.commands import ComplianceCommands
+from eulerparams_control.ros.commands import Commands, ComplianceCommands, WithImpedance
 from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
@@ -103,13 +104,19 @@ class ImpedanceControlNode(ControlNode):
         assert isinstance(controller.scheme, ImpedanceControl)
         controller.scheme.change_impedance(compliance)
 
-    def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
-        """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
+    def make_commands(self, joints: tuple[str, ...]) -> Commands:
+        """Return the publishers of ``compliant_frame``, ``joint_effort`` and the impedance."""
         robot = self._robot
         assert robot is not None
         efforts = super().make_commands(joints) if self.commands_joints else None
         frames = robot.base_frame, robot.tip_frame
-        return ComplianceCommands(self, *frames, efforts, self._law_now)
+        commands = ComplianceCommands(self, *frames, efforts)
+        return WithImpedance(
+            self,
+            commands,
+            self._law_now,
+            lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp),
+        )
 
     def _law_now(self) -> ComplianceLaw | None:
         scheme = self._controller.scheme if self._controller else None

@@ -336,7 +336,7 @@ def series_of(recording: Recording, of: str) -> Series:
 
 _TOPICS = {
     **{"command": "joint_reference", "effort": "joint_effort"},
-    **{"compliant": "compliant_frame", "impedance": "compliant_frame"},
+    **{"compliant": "compliant_frame", "impedance": "compliant_frame", "acting": "~/impedance"},
 }
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.analysis.compliant import Wrenches
+from eulerparams_control.analysis.compliant import ActingImpedance, Wrenches
 from eulerparams_control.analysis.quantities.base import (
     XYZ,
     Axis,
@@ -34,6 +34,7 @@ from eulerparams_control.laws.rotations import Array
 FRAMES = ("base", "desired")
 
 _SWING = 0.1  # [s] within which a force that chatters goes up or down
+_RISES = 0.01  # part by which a damping that rises is more
 
 
 def desired_rotations(recording: Recording, t: Array) -> Array:
@@ -91,12 +92,41 @@ def rippling_time(
     t, f = force(recording)
     inside = within(t, after, before)
     t, f = t[inside], f[inside]
-    n = int(np.searchsorted(t, t[0] + _SWING))
-    if n >= len(t):
-        return 0.0
-    parts = np.lib.stride_tricks.sliding_window_view(f, n + 1, axis=0)
-    swings = (np.ptp(parts, axis=-1) > most).any(axis=1)
+    swings = (np.ptp(_soon(t, f), axis=-1) > most).any(axis=1)
     return float(np.diff(t)[: len(swings)] @ swings)
+
+
+@metric("s")
+def calming_time(recording: Recording, most: float = 4.0) -> float:
+    """Time from the first swing of the contact force until the damping rises.
+
+    A swing goes by more than ``most`` [N] there and back, within 0.1 s each, along one base axis;
+    the damping is that on ~/impedance.  Infinite if it does not rise; 0 without a swing.
+    """
+    acting: ActingImpedance = needed(recording, "acting")
+    t, f = force(recording)
+    soon = _soon(t, f)
+    now = soon[..., 0]
+    up, down = soon.max(axis=-1) - now > most, now - soon.min(axis=-1) > most
+    then_up, then_down = (_soon(t[: len(now)], way).any(axis=-1) for way in (up, down))
+    n = len(then_up)
+    swings = ((up[:n] & then_down) | (down[:n] & then_up)).any(axis=1)
+    if not swings.any():
+        return 0.0
+    first = float(t[np.argmax(swings)])
+    D_p = np.trace(acting.matrices[:, 1], axis1=1, axis2=2)
+    later = acting.t > first
+    usual = D_p[max(int(np.argmax(later)) - 1, 0)]
+    rises = later & (D_p > (1.0 + _RISES) * usual)
+    return float(acting.t[np.argmax(rises)]) - first if rises.any() else math.inf
+
+
+def _soon(t: Array, y: Array) -> Array:
+    """Return the values (M, 3, K) within ``_SWING`` from each of the first of N instants on."""
+    n = int((t < t[:1] + _SWING).sum())
+    if n >= len(t):
+        return np.zeros((0, y.shape[1], 1))
+    return np.lib.stride_tricks.sliding_window_view(y, n + 1, axis=0)
 
 
 @reduced("contact_energy", "J", "energy given to the contact", "peak", "final")

@@ -1,8 +1,12 @@
 """Springs of compliance control: their energy, and the work that they do along a path.
 
-They are those of the recorded parameters, clips included, at the recorded poses of tip and desired
-frame.
+They are those that acted, by ~/impedance, clips included; those of the recorded parameters where
+that was not recorded.  They are taken at the recorded poses of tip and desired frame.
 """
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -16,6 +20,7 @@ from eulerparams_control.analysis.quantities.base import (
 )
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, SingularityError
+from eulerparams_control.laws.compliance_control import ElasticLaw
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
@@ -23,19 +28,37 @@ from eulerparams_control.parameters.compliance_control import ComplianceParamete
 
 def _springs(recording: Recording) -> tuple[Array, Array]:
     """Return wrench (M, 6) and energy (M,) at the instants ``known``; NaN where is none."""
-    parameters = told(recording, ComplianceParameters)
-    with parameters_to_blame(parameters.scheme.name):
-        law = parameters.law()
     series, known = recording.leading, recording.known
+    law_of = _laws(recording)
+    acting, places = recording.acting, np.full(len(known), -1)
+    if acting is not None:
+        places = acting.before(series.t[known])
     w, energy = np.full((len(known), 6), np.nan), np.full(len(known), np.nan)
-    for i, k in enumerate(known):
+    for i, (k, place) in enumerate(zip(known, places.tolist(), strict=True)):
         desired = DesiredFrame(series.desired.p[k], series.desired.R[k])
         try:
-            pull = law.pull(series.p_e[k], series.R_e[k], desired)
+            pull = law_of(place).pull(series.p_e[k], series.R_e[k], desired)
         except SingularityError:
             continue
         w[i], energy[i] = [*pull.f, *pull.mu], pull.energy
     return w, energy
+
+
+def _laws(recording: Recording) -> Callable[[int], ElasticLaw]:
+    """Return what has the law that acted from a place of ~/impedance on; -1 is before the first."""
+    parameters, acting = told(recording, ComplianceParameters), recording.acting
+    with parameters_to_blame(parameters.scheme.name):
+        stated = parameters.law()
+
+    @cache
+    def law_of(place: int) -> ElasticLaw:
+        if place < 0 or acting is None:
+            return stated
+        _, _, K_p, _, _, K_o = acting.matrices[place]
+        clips = acting.numbers[place, 36:].tolist()
+        return replace(stated, K_p=K_p, K_o=K_o, clip_position=clips[0], clip_rotation=clips[1])
+
+    return law_of
 
 
 @metric("")

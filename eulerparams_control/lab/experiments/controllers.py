@@ -45,6 +45,11 @@ class NodeSetup:
     remaps: Mapping[str, str] = field(default_factory=dict)
     scheme: str = ""
 
+    @property
+    def name(self) -> str:
+        """The name of the scheme, and of the node."""
+        return self.scheme or self.executable
+
     def parameters(self, is_turned: bool = False, is_lockstep: bool = True) -> dict[str, Any]:
         """Return what it needs in lock-step, and where the start is turned off the reference."""
         needed = {**_LOCK_STEP, **self._known(_PAIRED), **self.own} if is_lockstep else {}
@@ -52,7 +57,7 @@ class NodeSetup:
 
     def _known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return those values of which the node has a parameter."""
-        known = fields_of(schemes()[self.scheme or self.executable].parameters)
+        known = fields_of(schemes()[self.name].parameters)
         return {name: value for name, value in values.items() if name in known}
 
 
@@ -78,6 +83,11 @@ class ControllerSetup:
     def executables(self) -> tuple[str, ...]:
         """The names of its nodes."""
         return tuple(node.executable for node in self.nodes)
+
+    @property
+    def is_compliant(self) -> bool:
+        """Whether it has an impedance, on ``~/impedance`` of its first node."""
+        return "K_p" in fields_of(schemes()[self.nodes[0].name].parameters)
 
     @property
     def answers(self) -> tuple[str, ...]:
@@ -118,7 +128,7 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         POSITION,
         ("wrench",),
         ("compliant_frame",),
-    )
+    ),
 }
 """The controllers by name: each scheme by itself, what is made of several, and compliance control
 with laws ``as_shipped``."""

@@ -135,8 +135,8 @@ def _record(
     controller, diverged = CONTROLLERS[settings.controller], False
     # reference is sent when the recorder listens to it: last, so that it listens to the rest too
     topics = [*controller.answers, *streamed(parameters), "robot_description", "wrench"]
-    if "compliant_frame" in controller.answers:
-        topics.insert(0, f"/{controller.nodes[0].executable}/impedance")
+    if controller.is_compliant:
+        topics.insert(0, f"/{controller.nodes[0].name}/impedance")
     topics += ["joint_states", "reference"]
     names = [RECORDER, *controller.executables, BRIDGE, "reference"]
     others: Mapping[str, Mapping[str, str]]
