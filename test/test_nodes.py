@@ -39,6 +39,7 @@ from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, RELATIVE, SIMULATED_POSE, THROUGH_A_QUATERNION, assert_close
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws.compiled import IS_COMPILED
 from eulerparams_control.laws.inverse import smallest_singular_value
@@ -48,6 +49,8 @@ from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.keys import SLOWED
 from eulerparams_control.messages.to_ros import pose_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.fields import from_mapping
+from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import RobotState
 
 CONFIG = ROOT / "config"
@@ -607,6 +610,34 @@ def test_reference_sends_its_motion_from_good_states_again_when_asked_and_says_w
     for p, q in zip(starts, (HOME, HOME + 0.1), strict=True):
         np.testing.assert_allclose(p, pose(q)[0], atol=RELATIVE)
     assert process.stop() == 0
+
+
+def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world):
+    peer, arm = world.peer, Arm(world, UR5)
+    motions = peer.listen(MultiDOFJointTrajectory, "reference")
+    process = world.start("reference", {**FRAMES, **CIRCLE, "circle_ramp": 0.0, "once": True})
+    peer.status("reference", lambda s: s.message == "ready")
+    arm.send_next()
+    world.until(lambda: motions, "the motion")
+    peer.status("reference")  # a second later, by the clock of the node
+    begun, lasting = arm.t, ns_from_ros(motions[0].points[-1].time_from_start)
+    for t in (begun + lasting - 1, begun + lasting):
+        assert process.exit_code is None
+        arm.t = t
+        arm.send(arm.message())
+        world.advance(1.0)
+    assert process.end() == 0
+    assert len(motions) == 1
+
+
+ON_AND_ON = [("motion", "none", []), ("wrenches", [0.0, 0.0, 5.0, 0.0, 0.0, 0.0], [0.0])]
+
+
+@pytest.mark.parametrize(("name", "value", "times"), ON_AND_ON)
+def test_reference_does_not_end_what_goes_on(name, value, times):
+    given = {**CIRCLE, "once": True, "wrench_times": times, name: value}
+    with pytest.raises(ConfigurationError, match="expected a motion, and no stream"):
+        from_mapping(ReferenceParameters, given)
 
 
 def test_reference_without_a_motion_says_so_when_asked_for_it(world):

@@ -67,6 +67,14 @@ class ReferenceParameters:
     wait_for_subscribers: int = parameter(
         1, "of each topic, before the motion is sent", bounds=(0, 100)
     )
+    once: bool = parameter(False, "end when the motion is over, by its own time")
+
+    def __post_init__(self) -> None:
+        if self.once and (self.motion == "none" or self.courses()):
+            raise ConfigurationError(
+                f"once is true, but motion is {self.motion}, and {[*self.courses()] or 'nothing'} "
+                "is streamed; expected a motion, and no stream: those go on until the node ends"
+            )
 
     def way_points(self) -> Trajectory:
         """Return the motion through the way-points; raises ConfigurationError."""

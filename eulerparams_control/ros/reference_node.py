@@ -82,7 +82,7 @@ def _vector(values: list[float]) -> Vector3:
 
 
 class ReferenceNode(Node):
-    """Sends one motion when its subscribers are there, and again when asked.
+    """Sends one motion when its subscribers are there, and again when asked, or ends after it.
 
     Force and stiffness begin with it, and go on to the end; without a motion they begin at once.
     """
@@ -102,7 +102,8 @@ class ReferenceNode(Node):
             self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
-        self._sent = 0
+        self._sent, self._lasting = 0, 0  # [ns] of the motion
+        self._over: int | None = None  # when [ns] it is
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
         p = self._params
         frames = {"target_wrench": p.tip_frame, "target_stiffness": ""}
@@ -172,6 +173,7 @@ class ReferenceNode(Node):
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
         if not self._pending:
+            self._end_when_over()
             return
         if self._robot is None:
             if steady.now() - self._started > _LONG:
@@ -181,6 +183,13 @@ class ReferenceNode(Node):
             self._health.complain(reason, about="motion")
         else:
             self._pending = False
+
+    def _end_when_over(self) -> None:
+        """End when the motion is over, by the stamps of joint_states, if it is sent once."""
+        if self._params.once and self._latest:
+            t = ns_from_ros(deserialize_message(self._latest, JointState).header.stamp)
+            self._over = t + self._lasting if self._over is None else self._over
+            self.done = t >= self._over
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Send the motion of the parameters again, as after a fault; a circle begins again here."""
@@ -221,6 +230,7 @@ class ReferenceNode(Node):
                 "waits for a command; with fewer way-points or turns the arm need not brake"
             )
         self._publisher.publish(msg)
+        self._lasting, self._over = round(1e9 * trajectory.duration), None
         for stream in self._streams:
             stream.restart()
         self._sent += 1
