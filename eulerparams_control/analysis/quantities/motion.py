@@ -89,6 +89,14 @@ def tip_distance(
     return 1e3 * float(along(p_e[-1] - p_e[0], axis))
 
 
+@metric("mm")
+def off_line(recording: Recording, of: str = "leading") -> float:
+    """Largest distance of the tip from the straight line between its ends."""
+    p_e = series_of(recording, of).p_e
+    x, way = p_e - p_e[0], p_e[-1] - p_e[0]
+    return 1e3 * float(np.linalg.norm(np.cross(x, way), axis=1).max() / np.linalg.norm(way))
+
+
 @reduced("speed_of_limit", "", "speed of a joint over its velocity limit", "peak")
 def speed_of_limit(recording: Recording, of: str = "leading") -> Samples:
     """Return the largest speed of a joint over its velocity limit in the URDF."""

@@ -1,1 +1,1 @@
-"""Laws as other packages ship them, and the node that runs them: for experiments only."""
+"""Laws as other packages ship them, and the nodes that run them: for experiments only."""

@@ -111,10 +111,16 @@ def _controller(scheme: SchemeInfo, executable: str = "") -> ControllerSetup:
     return ControllerSetup((node,), scheme.command, scheme.control, scheme.inputs, scheme.outputs)
 
 
-CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} | {
-    "as_shipped": _controller(
-        schemes()["compliance_control"], "eulerparams_control.lab.as_shipped.as_shipped_node"
-    ),
+_AS_SHIPPED = {
+    f"as_shipped_{name}": _controller(
+        schemes()[name], f"eulerparams_control.lab.as_shipped.{name}_node"
+    )
+    for name in ("clik", "compliance_control", "impedance_control")
+}
+_ALONE = {name: _controller(scheme) for name, scheme in schemes().items()}
+CONTROLLERS = {
+    **_ALONE,
+    **_AS_SHIPPED,
     "admittance": ControllerSetup(
         (
             NodeSetup("impedance_control", {"command_type": NO_COMMANDS}),
@@ -130,5 +136,5 @@ CONTROLLERS = {name: _controller(scheme) for name, scheme in schemes().items()} 
         ("compliant_frame",),
     ),
 }
-"""The controllers by name: each scheme by itself, what is made of several, and compliance control
-with laws ``as_shipped``."""
+"""The controllers by name: each scheme by itself, some with laws as shipped, what is made of
+several."""

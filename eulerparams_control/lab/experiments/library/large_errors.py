@@ -5,6 +5,7 @@ domega = -k_V omega - k_P f(theta) r, critically damped where theta is small.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ def run() -> Result:
         numbers[f"{name}_time"] = Number(time, f"{name} from 179.9 deg: time to 1 deg", "s")
         numbers[f"{name}_speed"] = Number(speed, f"{name} from 179.9 deg: peak speed", "rad/s")
         numbers[f"{name}_effort"] = Number(effort, f"{name}: peak effort per inertia", "rad/s^2")
+    time = _all_errors("as_shipped_sliding")[-1][0]
+    numbers["sliding_time"] = Number(time, "sliding variable from 179.9 deg: time to 1 deg", "s")
     small = np.array([f[0, 0] for f in found.values()])
     numbers["same_slope"] = Number(float(np.ptp(small) / small.mean()), "spread of times at 10 deg")
     first = {
@@ -65,7 +68,7 @@ def come_back(law: OrientationRepresentation, theta_0: float) -> tuple[float, fl
         x_de = law.displacement(np.eye(3), exp(-theta * axis), x_de)
         pull = K_P / law.slope * float(_finite(x_de.error) @ axis)
         strongest = max(strongest, abs(pull))
-        speed += _DT * (-K_V * speed - pull)
+        speed += _DT * _acceleration(law, x_de, speed * axis, pull)
         theta += _DT * speed
         fastest = max(fastest, abs(speed))
         left = abs(math.remainder(theta, 2 * math.pi))
@@ -74,6 +77,15 @@ def come_back(law: OrientationRepresentation, theta_0: float) -> tuple[float, fl
         elif left < _SETTLED / 2 and abs(speed) < _SETTLED:
             break  # it only creeps on
     return time if time < _STEPS * _DT else math.inf, fastest, strongest
+
+
+def _acceleration(law: OrientationRepresentation, x_de: Any, omega: Array, pull: float) -> float:
+    """Return that of the error about z [rad/s^2], which turns by omega (3,)."""
+    if law.name == "as_shipped_sliding":
+        still = np.zeros(3)
+        a = law.resolved_acceleration(x_de, still, still, -omega, K_P / law.slope, K_V)
+        return -float(a[2])
+    return float(-K_V * omega[2] - pull)
 
 
 def _largest(name: str, error_deg: float) -> float:

@@ -11,12 +11,13 @@ from collections.abc import Callable
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
+from eulerparams_control.lab.as_shipped.pose import Twist, dual, log6
 from eulerparams_control.lab.experiments.library import Number, Result
-from eulerparams_control.laws.rotations import Array, exp, log, quaternion, right_jacobian
+from eulerparams_control.laws.rotations import Array, exp, quaternion, right_jacobian
 
 ANGLES_DEG = (30.0, 60.0, 90.0, 130.0, 170.0)
 WAY = 0.3  # [m], perpendicular to the axis of the turn
-_K, _DT, _STEPS = 5.0, 1e-3, 1000  # the middle is passed
+_STEP, _STEPS = 5e-3, 1000  # gain times time; the middle is passed
 
 
 def run() -> Result:
@@ -45,30 +46,18 @@ def off_line(law: "Law", angle_deg: float) -> float:
     for _ in range(_STEPS):
         v, omega = law(R.T @ (p_d - p), R.T @ R_d)  # in the axes of the tip
         # along the twist, exactly: the step leaves no error of its own
-        p = p + R @ (right_jacobian(-_DT * omega) @ (_DT * v))
-        R = R @ exp(_DT * omega)
+        p = p + R @ (right_jacobian(-_STEP * omega) @ (_STEP * v))
+        R = R @ exp(_STEP * omega)
         most = max(most, abs(float(p[1])))
     return most
 
 
-type Law = Callable[[Array, Array], tuple[Array, Array]]
+type Law = Callable[[Array, Array], Twist]
 
 
-def _log6(p: Array, R: Array) -> tuple[Array, Array]:
-    """Return k log6 of the error: linear and angular velocity in the axes of the tip."""
-    omega = log(R)
-    return _K * np.linalg.solve(right_jacobian(-omega), p), _K * omega
+def _apart(p: Array, R: Array) -> Twist:
+    """Return p and 2 eps, (28): the tip goes straight in the base axes."""
+    return Twist(p, 2.0 * quaternion(R).eps)
 
 
-def _dual(p: Array, R: Array) -> tuple[Array, Array]:
-    """Return 2 k times the vector parts of x_e* x_d = Q + (unit) p Q / 2."""
-    Q = quaternion(R)
-    return _K * (Q.eta * p + np.cross(p, Q.eps)), 2 * _K * Q.eps
-
-
-def _apart(p: Array, R: Array) -> tuple[Array, Array]:
-    """Return k p and 2 k eps, (28): the tip goes straight in the base axes."""
-    return _K * p, 2 * _K * quaternion(R).eps
-
-
-LAWS: dict[str, Law] = {"log6": _log6, "dual quaternion": _dual, "apart": _apart}
+LAWS: dict[str, Law] = {"log6": log6, "dual quaternion": dual, "apart": _apart}

@@ -1,0 +1,8 @@
+"""The node ``compliance_control`` with the laws as shipped: no executable."""
+
+import sys
+
+from eulerparams_control.lab.as_shipped.node import run
+
+if __name__ == "__main__":
+    sys.exit(run("compliance_control"))
