@@ -92,6 +92,7 @@ def moved(folder: Path, q: Sequence[float], **options: Any) -> Recording:
         ("peak_turning", {"after": 0.02}, 1.0),
         ("tip_distance", {}, 2e3 * math.sin(0.05)),
         ("tip_distance", {"axis": [0, 0, -1], "before": 0.02}, -1e3 * math.sin(0.4)),
+        ("off_line", {}, 1e3 * (math.cos(0.05) - math.cos(0.45))),
         ("peak_speed_of_limit", {}, 2 / 3),
         ("peak_speed_of_limit", {"after": 0.03}, 0.5 / 3),
         ("servo_lag", {}, math.degrees(0.2)),

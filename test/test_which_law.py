@@ -1,16 +1,19 @@
 """The laws for comparison, the experiments without nodes, and an implementation by others."""
 
 import math
+import os
 import subprocess
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from representations import make
 from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
-from tolerances import ALGEBRAIC, assert_close
+from tolerances import ALGEBRAIC, DIFFERENCES, assert_close
 
-import eulerparams_control.lab.as_shipped.laws  # noqa: F401  registers its laws
+from eulerparams_control.lab.as_shipped.laws import LAMBDA
+from eulerparams_control.lab.as_shipped.pose import dual, log6
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import judge
 from eulerparams_control.lab.experiments.laws_table import table_of_laws
@@ -61,6 +64,92 @@ def test_no_node_of_a_robot_offers_a_law_as_shipped():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["UnknownNameError"] * len(schemes())
+
+
+def rate(name, Q, x, mu_d, Z):
+    law = representation(name)
+    y = RelativeTurn(EulerParameters(*Q), x)
+    return np.asarray(law.compliance.rate(y, mu_d, Z.values, law.options.values).x)
+
+
+def test_version_1_is_eq_59_and_version_2_is_at_rest_with_a_stiffer_spring():
+    Z, R = Impedance(0.5 * np.eye(3), 10.0 * np.eye(3), K), rodrigues(0.7, unit_vectors(1)[0])
+    Q, x, mu = quaternion(R), np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, -3.0])
+    assert_close(
+        rate("as_shipped_geometric", Q, x, mu, Z), rate("euler_parameters", Q, x, mu, Z), 1e-12
+    )
+    f = moment("euler_parameters", R)
+    stiffer = (1.0 + 10.0 * LAMBDA) * f
+    assert_close(rate("as_shipped_geometric_2", Q, np.zeros(3), stiffer, Z), np.zeros(3), 1e-12)
+
+
+def test_version_2_feeds_its_sliding_velocity_forward():
+    """M dx + D x + LAMBDA (M df + D f) + f = mu, df by differences along x."""
+    Z, R = Impedance(0.5 * np.eye(3), 10.0 * np.eye(3), K), rodrigues(0.7, unit_vectors(1)[0])
+    x, h = np.array([0.3, -0.2, 0.5]), 1e-6
+    in_tool = [exp(s * h * x).T @ moment("euler_parameters", exp(s * h * x) @ R) for s in (-1, 1)]
+    df = (in_tool[1] - in_tool[0]) / (2 * h)
+    f, dx = moment("euler_parameters", R), rate("as_shipped_geometric_2", quaternion(R), x, x, Z)
+    assert_close(0.5 * dx + 10 * x + LAMBDA * (0.5 * df + 10 * f) + f, x, DIFFERENCES)
+
+
+def test_on_its_sliding_surface_the_sliding_variable_stays():
+    """With omega_e = omega_d + l eps_de the acceleration is the derivative of that."""
+    law, h = make("as_shipped_sliding"), 1e-6
+    k_Po, k_Vo = 90.0, 20.0
+    k = (k_Vo + math.sqrt(k_Vo**2 - 2 * k_Po)) / 2
+    for R_d, R_e, omega_d in zip(uniform(5), uniform(5, key=1), uniform(5, key=2), strict=True):
+        omega_d = omega_d[0]
+
+        def wanted(t, R_d=R_d, R_e=R_e, omega_d=omega_d, turning=None):
+            at = exp(t * omega_d) @ R_d, R_e if turning is None else exp(t * turning) @ R_e
+            return omega_d + 2 * (k_Vo - k) * law.displacement(*at).error
+
+        omega_e = wanted(0.0)
+        found = law.resolved_acceleration(
+            law.displacement(R_d, R_e), omega_d, np.zeros(3), omega_e, k_Po, k_Vo
+        )
+        by_differences = (wanted(h, turning=omega_e) - wanted(-h, turning=omega_e)) / (2 * h)
+        assert_close(found, by_differences, DIFFERENCES)
+
+
+def test_pose_laws_are_log6_and_the_dual_quaternion():
+    for R, p in zip(uniform(10), unit_vectors(10), strict=True):
+        found = log6(p, R)
+        assert_close([*found.v, *found.omega], pin.log6(pin.SE3(R, p)).vector, 1e-9)
+        Q = quaternion(R)
+        of_dual = product(EulerParameters(0.0, p), Q)  # its vector part, twice its half
+        found = dual(p, R)
+        assert_close([*found.v, *found.omega], [*of_dual.eps, *(2 * Q.eps)])
+
+
+def test_clik_with_log6_goes_along_an_arc_and_apart_straight():
+    code = """
+import math
+import numpy as np
+from eulerparams_control.lab.as_shipped.pose import PoseClik
+from eulerparams_control.lab.experiments.library._arms import ur5
+from eulerparams_control.laws.clik import ClikLaw
+from eulerparams_control.laws.orientation import representation
+from eulerparams_control.laws.rotations import exp
+from eulerparams_control.motion.frames import DesiredFrame
+robot, home = ur5()
+for name, k_Po in (("as_shipped_log6", 5.0), ("euler_parameters", 10.0)):
+    clik = PoseClik(robot, ClikLaw(representation(name), 5.0, k_Po), limits=None)
+    clik.reset(home)
+    start = clik.start_frame()
+    turn = np.array([0.0, 0.0, math.pi / 2])
+    goal = DesiredFrame(start.p_d + [0.0, 0.1, 0.0], exp(turn) @ start.R_d)
+    ticks = (clik.tick(5e-3 * (i > 0), home, 0 * home, goal) for i in range(200))
+    print(1e3 * max(abs(tick.state.p_e[0] - start.p_d[0]) for tick in ticks))
+"""
+    plain = {**os.environ, "EULERPARAMS_PLAIN": "1"}
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain
+    )
+    log6_off, apart_off = map(float, run.stdout.split())
+    assert log6_off == pytest.approx(50.0 * math.tan(math.pi / 8), rel=0.02)
+    assert apart_off < 0.5
 
 
 # --- experiments without nodes -----------------------------------------------------------------

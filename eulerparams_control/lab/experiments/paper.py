@@ -24,8 +24,9 @@ from eulerparams_control.resources import config_names
 _CLAIM = re.compile(r"e(\d+)")
 _DEMO = "demo"  # two claims at once, for a first look
 COMPARISON = (
-    *("closed_path_contact", "closed_path_law", "joint_stiffness", "geometric", "large_errors"),
-    *("half_turn", "screw", "set_points", "log_filter"),
+    *("closed_path_contact", "guided_path", "closed_path_law", "joint_stiffness"),
+    *("geometric_contact", "geometric", "large_errors", "half_turn", "screw_path", "screw"),
+    *("set_points", "log_filter"),
 )
 """The experiments that compare laws: which one is in your controller?"""
 

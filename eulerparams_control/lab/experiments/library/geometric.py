@@ -7,13 +7,18 @@ energy tr(K_R (I - R)).
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
+from eulerparams_control.lab.as_shipped.laws import LAMBDA
 from eulerparams_control.lab.experiments.library import Number, Result
+from eulerparams_control.lab.experiments.library._rest import at_rest
 from eulerparams_control.lab.experiments.library.e1 import generator, rotations
+from eulerparams_control.laws.orientation import representation
 from eulerparams_control.laws.orientation.euler_parameters import elastic_energy, elastic_moment
-from eulerparams_control.laws.rotations import Array, quaternion
+from eulerparams_control.laws.rotations import Array, angle_between, quaternion
 
 COUNT = 1000
-_WANTED = np.diag([100.0, 10.0, 10.0])  # [Nm/rad]
+_WANTED, _REACHED = np.diag([100.0, 10.0, 10.0]), np.diag([100.0, 50.0, 50.0])  # [Nm/rad]
+K_O, D_O = np.diag([55.0, 45.0, 20.0]), 10.0  # [Nm/rad], [Nms/rad]
+MU, MU_SOFT = np.array([-8.0, 5.66025404, 10.19615242]), np.array([0.0, 4.0, 0.0])  # [Nm]
 
 
 def run() -> Result:
@@ -36,6 +41,7 @@ def run() -> Result:
                 float(np.interp(0.0, -np.array(least), ratios)),
                 "stiff axis over the other two from which on K_R is not positive",
             ),
+            **_turns(),
         },
         Chart(
             "stiffest axis of K_o over the other two",
@@ -47,6 +53,31 @@ def run() -> Result:
             log="x",
         ),
     )
+
+
+def _turns() -> dict[str, Number]:
+    """Return how far a moment turns the laws: those of the experiment geometric_contact.
+
+    At rest version 2 has f + LAMBDA D_o f = mu.
+    """
+    laws = {"version_1": ("euler_parameters", 1.0), "intuitive": ("as_shipped_sin", 1.0)}
+    laws["version_2"] = "euler_parameters", 1.0 + LAMBDA * D_O
+    found = {of: _turn(name, K_O, MU, factor) for of, (name, factor) in laws.items()}
+    found["wanted"] = _turn("euler_parameters", _WANTED, MU_SOFT)
+    found["reached"] = _turn("euler_parameters", _REACHED, MU_SOFT)
+    return {of: Number(turn, f"turn by the moment, {of}", "deg") for of, turn in found.items()}
+
+
+def _turn(name: str, K_o: Array, mu: Array, factor: float = 1.0) -> float:
+    """Return the angle [deg] at which a law, times a factor, balances a moment (3,)."""
+    law = representation(name)
+
+    def moment(R: Array) -> Array:
+        spring = law.spring(np.eye(3), R, K_o, law.options.values)
+        total: Array = factor * spring.moment + mu
+        return total
+
+    return float(np.degrees(angle_between(np.eye(3), at_rest(moment, np.eye(3)))))
 
 
 def K_R_of(K_o: Array) -> Array:
