@@ -81,12 +81,17 @@ def contact_work(recording: Recording) -> float:
     Around a closed path before a desired frame at rest it is what the dampers took.  Where it is
     negative the arm has given energy to what touches it.
     """
+    return float(work_of_contact(recording)[1][-1])
+
+
+def work_of_contact(recording: Recording) -> Samples:
+    """Return the work [J] of the contact on the tool so far."""
     wrench, measured = recording.wrench, recording.measured
     if wrench is None:
         raise BagError(f"{recording.path}: {recording.why_no_wrench}")
-    _, at, among = np.intersect1d(measured.t, wrench.t, return_indices=True)
+    t, at, among = np.intersect1d(measured.t, wrench.t, return_indices=True)
     w = np.hstack([wrench.f, wrench.mu])[among]
-    return float(_work(w, measured.p_e[at], measured.R_e[at]).sum())
+    return t[1:], _work(w, measured.p_e[at], measured.R_e[at]).cumsum()
 
 
 def _work(w: Array, p: Array, R: Array) -> Array:

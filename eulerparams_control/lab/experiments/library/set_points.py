@@ -24,11 +24,13 @@ LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
 """The defaults of the nodes."""
 _RATE, _STEPS = 100, 50  # [Hz], from one set-point to the other
 _AXIS = np.array([0.6, 0.8, 0.0])  # of the half turn that makes the tool point down
+TWO = tuple(exp((math.pi + s * STEP) * _AXIS) for s in (-0.5, 0.5))
+"""The set-points."""
 
 
 def run() -> Result:
     """Return how far each stream leads off the nearer set-point, the shaper off and on."""
-    R_1, R_2 = (exp((math.pi + s * STEP) * _AXIS) for s in (-0.5, 0.5))
+    R_1, R_2 = TWO
     share = np.linspace(0.0, 1.0, _STEPS + 1)
     numbers, lines = {}, []
     for variant in VARIANTS:
