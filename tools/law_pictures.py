@@ -36,10 +36,11 @@ def energy(runs: Path) -> Figure:
     ):
         t, work = work_of_contact(analysis.load(runs / "guided_path" / name))
         axes.plot(t, work, color=colour, linewidth=2)
-        _say(axes, f"{said}: {work[-1]:+.1f} J", (t[-1], work[-1]), colour, above)
+        at = t[-1], work.max() if above else work.min()
+        _say(axes, f"{said}: {work[-1]:+.1f} J", at, colour, above)
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set(xlabel="time [s]", ylabel="work of the hand [J]", xlim=(0.0, t[-1]))
-    axes.margins(y=0.25)
+    axes.margins(y=0.2)
     axes.set_title("Twice around a path: who gives energy to whom?", loc="left")
     return figure
 
