@@ -24,12 +24,12 @@ from eulerparams_control.laws.rotations import angle_between, log
 RED, GREEN, GREY = "#b03021", "#1a6b43", "#4d5560"
 LOOK = STYLE | {"font.family": "DejaVu Sans", "font.size": 13, "axes.labelsize": 13}
 LOOK |= {"xtick.labelsize": 12, "ytick.labelsize": 12, "axes.titlesize": 13}
-SIZE, DPI = (6.4, 3.8), 130  # [in], [1/in]
+WIDE, DPI = 6.4, 130  # [in], [1/in]
 
 
 def energy(runs: Path) -> Figure:
     """Draw the work of a hand that guides the tool around the path twice, with both laws."""
-    figure, (axes,) = _figure(1)
+    figure, (axes,) = _figure(1, 3.8)
     for name, colour, said, above in (
         ("parameters_twice", GREEN, "2 E' K eps, (60)", True),
         ("shipped_twice", RED, "K 2 eps, as shipped", False),
@@ -47,7 +47,7 @@ def energy(runs: Path) -> Figure:
 
 def tool_down(_runs: Path) -> Figure:
     """Draw where the tool points on the way between two set-points 2 deg apart."""
-    figure, all_axes = _figure(2)
+    figure, all_axes = _figure(2, 3.6)
     by_component = between(VARIANTS[0], *TWO, np.linspace(0.0, 1.0, 31)[:, None])
     aside = np.cross([0.0, 0.0, 1.0], log(TWO[1] @ TWO[0].T))
     aside /= np.linalg.norm(aside)
@@ -60,14 +60,14 @@ def tool_down(_runs: Path) -> Figure:
             axes.annotate("", tip, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": colour})
         most = np.degrees(angle_between(np.broadcast_to(TWO[0], Rs.shape), Rs).max())
         axes.text(0.0, 1.2, f"{said}:\n{most:.0f} deg away", color=colour, ha="center")
-        axes.set(xlim=(-1.4, 1.4), ylim=(-1.1, 2.0), aspect="equal")
+        axes.set(xlim=(-1.4, 1.4), ylim=(-1.05, 1.75), aspect="equal")
         axes.axis("off")
     return figure
 
 
 def screw(runs: Path) -> Figure:
     """Draw the way of the tip from above."""
-    figure, (axes,) = _figure(1)
+    figure, (axes,) = _figure(1, 2.9)
     for name, colour, said, above in (
         ("apart", GREEN, "position and orientation apart, (28)", False),
         ("log6", RED, "log6 of the pose", True),
@@ -94,8 +94,8 @@ def _say(
     axes.annotate(text, at, off, textcoords="offset points", color=colour, ha=ha, va=side)
 
 
-def _figure(columns: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained", facecolor="white")
+def _figure(columns: int, high: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(WIDE, high), dpi=DPI, layout="constrained", facecolor="white")
     return figure, list(figure.subplots(1, columns, squeeze=False).flat)
 
 
