@@ -38,7 +38,6 @@ from eulerparams_control.motion.trajectories import Trajectory
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
 _MOST = 10  # messages of a topic in a part, for each state that it was to have
-_OFTEN = 10_000  # messages between two calls of progress
 
 BLOCK = 20_000
 """Samples of a part: some seconds of motion, some 100 MB of memory."""
@@ -207,16 +206,16 @@ class _Reader:
         """Read the bag once, up to where the clock jumps, or to the end that is asked for."""
         by_topic = {self._arm.topics[name]: topic for name, topic in self._topics.items()}
         total = sum(self._bag.topics[topic].count for topic in by_topic)
-        end, states = math.inf, self._states
-        for number, message in enumerate(self._bag.read_raw(by_topic)):
-            if message.topic in by_topic:  # else its name is damaged
-                by_topic[message.topic].add(message)
-            if not number % _OFTEN:
-                self._progress(number / total / 2)
-                if len(states):
-                    end = states.stamp(0) + 1e9 * self._options.end + 2 * _ANSWERED
-                if states.latest > end:
-                    break
+        number, end, states = 0, math.inf, self._states
+        for batch in self._bag.batches(by_topic):
+            for name, messages in batch.items():
+                by_topic[name].add(messages)
+                number += len(messages.data)
+            self._progress(number / total / 2)
+            if len(states):
+                end = states.stamp(0) + 1e9 * self._options.end + 2 * _ANSWERED
+            if states.latest > end:
+                break
         for topic in self._topics.values():
             topic.decode()
         until = LATEST if states.jumped is None else states.jumped

@@ -17,7 +17,6 @@ from eulerparams_control.analysis.labels import labels
 from eulerparams_control.analysis.loading import BLOCK, blocks, read_urdf
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.static import write_figures
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import Bag
@@ -97,6 +96,8 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
         _warn(digest, console)
     _say_which_end_early(digests, console)
     if options.figures:
+        from eulerparams_control.analysis.static import write_figures  # matplotlib takes a second
+
         formats = options.figure_format or ["svg", "png"]
         written = write_figures(options.figures, digests, formats)
         say(console, f"{len(written)} figures: {Path(options.figures).resolve()}")

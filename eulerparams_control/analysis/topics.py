@@ -17,7 +17,8 @@ from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMot
 from eulerparams_control.analysis.reports import Reports
 from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion
 from eulerparams_control.bags.columns import Group, columns
-from eulerparams_control.bags.reader import Bag, RawMessage
+from eulerparams_control.bags.reader import Bag
+from eulerparams_control.bags.scan import Messages, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
@@ -225,7 +226,7 @@ class RecordedTopic:
     def __init__(self, bag: Bag, arm: RecordedArm) -> None:
         self._bag, self._robot = bag, arm.robot
         self._topic = arm.topics[self.name]
-        self._raw: list[RawMessage] = []
+        self._raw: tuple[list[int], list[bytes]] = [], []  # when they were sent, and what
         self._bytes = 0
         self._columns: list[Column] = []  # stamp, sent, and the values
         self._is_ordered = True
@@ -246,42 +247,46 @@ class RecordedTopic:
         """Return what a recording has of rows (N,), given their times [s] and desired frames."""
         return t, *rows.values
 
-    def groups(self, messages: Sequence[RawMessage]) -> Iterator[tuple[Group, Stamps]]:
+    def groups(self, sent: Stamps, messages: Sequence[bytes]) -> Iterator[tuple[Group, Stamps]]:
         """Yield messages of one layout each, and when [ns] they were sent."""
-        schema = self._bag.schema(self._topic)
-        sent = np.array([message.publish_time or message.log_time for message in messages])
-        for group in columns(schema, [message.data for message in messages]):
+        for group in columns(self._bag.schema(self._topic), messages):
             yield group, sent[group.index]
 
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
+    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
         """Return stamp, sent and values of messages, and how many of them are valid."""
         found = []
-        for group, sent in self.groups(messages):
+        for group, times in self.groups(sent, messages):
             try:
                 values, stamp = self.rows_of(group), stamps_of(group)
             except _NOT_OF_ITS_TYPE:
                 continue
             good = self.is_valid(values)
-            found.append([column[good] for column in (stamp, sent, *values)])
+            found.append([column[good] for column in (stamp, times, *values)])
         return found, sum(len(stamp) for stamp, *_ in found)
 
-    def add(self, message: RawMessage) -> None:
-        """Take a message."""
-        self._raw.append(message)
-        self._bytes += len(message.data)
-        if len(self._raw) >= _BATCH or self._bytes >= _BYTES:
+    def message(self, sent: int, data: bytes) -> Any:
+        """Return the fields of a message; raises BagError."""
+        return self._bag.decode(RawMessage(self._topic, sent, sent, data))
+
+    def add(self, messages: Messages) -> None:
+        """Take messages."""
+        sent, data = self._raw
+        sent += [published or logged for _, logged, published, _ in zip(*messages, strict=True)]
+        data += messages.data
+        self._bytes += sum(map(len, messages.data))
+        if len(data) >= _BATCH or self._bytes >= _BYTES:
             self.decode()
 
     def decode(self) -> None:
         """Decode what was read."""
-        found, valid = self.parse(self._raw) if self._raw else ([], 0)
-        self.invalid += len(self._raw) - valid
-        self._raw, self._bytes = [], 0
+        (sent, data), self._raw, self._bytes = self._raw, ([], []), 0
+        found, valid = self.parse(np.array(sent), data) if data else ([], 0)
+        self.invalid += len(data) - valid
         if not found:
             return
-        stamp, sent, *values = map(np.concatenate, zip(*found, strict=True))
-        order = np.argsort(sent, kind="stable")
-        self._append([column[order] for column in (stamp, sent, *values)])
+        new = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+        order = np.argsort(new[1], kind="stable")
+        self._append([column[order] for column in new])
 
     def _append(self, new: Columns) -> None:
         """Take rows in the order of sending; note where the clock, or the simulator, restarted."""
@@ -491,10 +496,10 @@ class SentReferences(ShapedFrames):
         super().__init__(bag, arm)
         self.trajectories: dict[int, Trajectory] = {}
 
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
+    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
         """Return start, time of sending and first frame of references."""
         found: list[Columns] = []
-        for group, sent in self.groups(messages):
+        for group, times in self.groups(sent, messages):
             try:
                 is_simple = is_set_point(group) and not _later(group).any()
                 values = self.rows_of(group) if is_simple else []
@@ -503,16 +508,16 @@ class SentReferences(ShapedFrames):
                 continue
             if is_simple:
                 good, starts = self.is_valid(values), np.where(stamp > 0, stamp, NO_START)
-                found.append([column[good] for column in (starts, sent, *values)])
+                found.append([column[good] for column in (starts, times, *values)])
                 continue
-            for index, at in zip(group.index.tolist(), sent.tolist(), strict=True):
-                found += self._one(messages[index], at)
+            for index, at in zip(group.index.tolist(), times.tolist(), strict=True):
+                found += self._one(at, messages[index])
         return found, sum(len(starts) for starts, *_ in found)
 
-    def _one(self, message: RawMessage, sent: int) -> list[Columns]:
-        robot, decode = self._robot, self._bag.decode
+    def _one(self, sent: int, data: bytes) -> list[Columns]:
+        frames = self._robot.base_frame, self._robot.tip_frame
         try:
-            motion, start = motion_from_ros(decode(message), robot.base_frame, robot.tip_frame, 0.0)
+            motion, start = motion_from_ros(self.message(sent, data), *frames, 0.0)
         except (InvalidMessageError, BagError):
             return []  # the controller refused it too
         if not isinstance(motion, SetPoint):
@@ -555,22 +560,21 @@ class Diagnostics(RecordedTopic):
         self.began: dict[int, int] = {}
         self._begins: set[str] = set()
 
-    def parse(self, messages: list[RawMessage]) -> tuple[list[Columns], int]:
+    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
         """Keep the reports; there are no rows."""
         valid = 0
-        for message in messages:
+        for at, data in zip(sent.tolist(), messages, strict=True):
             try:
-                decoded = self._bag.decode(message)
+                decoded = self.message(at, data)
             except BagError:
                 continue
             valid += 1
-            sent = message.publish_time or message.log_time
             for status in decoded.status:
                 of = f"/{status.name.lstrip('/')}".rpartition("/")[0]
                 if of == self._namespace:
-                    self._note(status, sent)
+                    self._note(status, at)
                 if not any(_is_of(other, of) for other in self._others):
-                    self.reports.add(status, sent)
+                    self.reports.add(status, at)
         return [], valid
 
     def _note(self, status: Any, sent: int) -> None:

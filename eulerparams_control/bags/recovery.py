@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel
 from mcap.writer import CompressionType
 
 from eulerparams_control.bags.format import (
@@ -19,7 +18,14 @@ from eulerparams_control.bags.format import (
     write_metadata,
 )
 from eulerparams_control.bags.reader import bag_files
-from eulerparams_control.bags.scan import Scan, Survey, read_attachment, survey, topic_of
+from eulerparams_control.bags.scan import (
+    Scan,
+    Survey,
+    in_file_order,
+    read_attachment,
+    survey,
+    topic_of,
+)
 from eulerparams_control.bags.writer import McapFile
 from eulerparams_control.errors import BagError
 
@@ -107,25 +113,23 @@ def _copy(found: Survey, path: Path, compression: CompressionType | None) -> Fil
     file = McapFile(path, _ADVICE, compression or CompressionType.NONE)
     scan = found.rescan()
     with contextlib.closing(file):
-        for channel in scan.channels.values():
-            _add_topic(file, channel, scan)
-        for record in scan:
-            if isinstance(record, Channel):
-                _add_topic(file, record, scan)
-            else:
-                topic = scan.channels[record.channel_id].topic
-                file.write(topic, record.data, record.log_time, record.publish_time)
+        for batch in scan:
+            _add_topics(file, scan)
+            for topic, log_time, publish_time, data in in_file_order(batch):
+                file.write(topic, data, log_time, publish_time)
+        _add_topics(file, scan)
         for offset in found.attachments.values():
             file.attach(read_attachment(found.path, offset))
     return file.contents
 
 
-def _add_topic(file: McapFile, channel: Channel, scan: Scan) -> None:
-    if channel.topic in file.contents.topics:
-        return
-    schema = scan.schemas.get(channel.schema_id)
-    encoding, data = (schema.encoding, schema.data) if schema else ("", b"")
-    file.add_topic(topic_of(channel, schema), encoding, data)
+def _add_topics(file: McapFile, scan: Scan) -> None:
+    """Add the topics that a scan has met and a file does not have."""
+    for channel in scan.channels:
+        if channel.topic not in file.contents.topics:
+            schema = scan.schemas.get(channel.schema_id)
+            encoding, data = (schema.encoding, schema.data) if schema else ("", b"")
+            file.add_topic(topic_of(channel, schema), encoding, data)
 
 
 @contextlib.contextmanager

@@ -9,17 +9,17 @@ import dataclasses
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
@@ -29,13 +29,10 @@ from eulerparams_control.errors import BagError
 LARGEST = 2**28
 """Bytes of a record, or of a chunk unpacked, at most; recorders write chunks of some megabytes."""
 
-Record = Schema | Channel | Message
-
 _HEAD = struct.Struct("<BQ")  # opcode and length begin each record
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time, then the data
+_MESSAGE = struct.Struct("<BQHIQQ")  # and channel, sequence, log and publish time, then the data
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, checksum; magic
-_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
-_READ = _IN_CHUNKS | {Opcode.CHUNK, Opcode.ATTACHMENT}
+_READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT}
 _MOST_DAMAGE = 20  # phrases, at most: a file may be damaged everywhere
 _LONGEST_REASON = 200  # characters
 
@@ -72,8 +69,46 @@ def _unpack(compression: str, data: bytes, size: int) -> bytes:
     return bytes(found)
 
 
+class RawMessage(NamedTuple):
+    """A message as it was recorded, serialised; times in nanoseconds."""
+
+    topic: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class Messages(NamedTuple):
+    """Messages of a topic, as they were recorded.
+
+    Attributes:
+        places: increase in file order, over the topics of one batch.
+        log_times, publish_times: [ns].
+        data: serialised.
+    """
+
+    places: list[int]
+    log_times: list[int]
+    publish_times: list[int]
+    data: list[bytes]
+
+
+Batch = dict[str, Messages]
+"""Messages that follow each other in a file, by topic."""
+
+
+def in_file_order(batch: Batch) -> list[RawMessage]:
+    """Return the messages of a batch one by one."""
+    found = {
+        place: RawMessage(topic, log_time, publish_time, data)
+        for topic, messages in batch.items()
+        for place, log_time, publish_time, data in zip(*messages, strict=True)
+    }
+    return [found[place] for place in sorted(found)]
+
+
 class Scan:
-    """One pass over an MCAP file; iterating gives its channels and messages in file order.
+    """One pass over an MCAP file; iterating gives its messages, chunk by chunk.
 
     What cannot be read is left out and listed in ``damage``.  Memory is bounded by the
     largest record.
@@ -81,9 +116,11 @@ class Scan:
     Args:
         path: of the file.
         index: of the file, where it has one: its channels are known from the start.
+        topics: of which messages are wanted; None is all.
 
     Attributes (complete once the iteration has ended):
-        channels, schemas: those met, by their number.
+        channels: those met.
+        schemas: those met, by their number.
         attachments: where the last one of each name is, for :func:`read_attachment`.
         ended: whether the data section has its end; not so if the recorder was killed.
         unread: number of bytes at the end that are no whole record.
@@ -91,66 +128,65 @@ class Scan:
         compression: of the chunks: ``""``, ``"zstd"`` or ``"lz4"``.
     """
 
-    def __init__(self, path: Path, index: Summary | None = None) -> None:
+    def __init__(
+        self, path: Path, index: Summary | None = None, topics: Collection[str] | None = None
+    ) -> None:
         self.path = path
-        self.channels: dict[int, Channel] = dict(index.channels) if index else {}
+        self.channels: list[Channel] = []
         self.schemas: dict[int, Schema] = dict(index.schemas) if index else {}
         self.attachments: dict[str, int] = {}
         self.ended = False
         self.unread = 0
         self.damage: list[str] = []
         self.compression = ""
+        self._topics = topics
+        self._known: dict[int, Channel] = {}
+        self._wanted: dict[int, str] = {}  # topics, by the number of the channel
+        self._strangers = 0
+        for channel in index.channels.values() if index else ():
+            self._meet(channel)
 
-    def __iter__(self) -> Iterator[Channel | Message]:
-        """Yield channels, and the messages whose channel is known.
+    def __iter__(self) -> Iterator[Batch]:
+        """Yield the messages whose channel is known, some at a time.
 
         Raises:
             BagError: if the file cannot be opened or is no MCAP file.
         """
-        strangers = 0
-        for record in self._records():
-            if isinstance(record, Message):
-                if record.channel_id in self.channels:
-                    yield record
-                else:
-                    strangers += 1
-            elif isinstance(record, Channel):
-                self.channels[record.id] = record
-                yield record
-            else:
-                self.schemas[record.id] = record
-        if strangers:
-            self.damage.append(f"{strangers} messages of topics whose description is lost")
-
-    def _records(self) -> Iterator[Record]:
         with open_mcap(self.path) as file:
             size = os.fstat(file.fileno()).st_size
             at = file.tell()
             while at + _HEAD.size <= size:
-                opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-                if opcode == 0 or length > size - at - _HEAD.size:
+                head = file.read(_HEAD.size)
+                opcode, length = _HEAD.unpack(head)
+                if opcode in (0, Opcode.DATA_END) or length > size - at - _HEAD.size:
+                    self.ended = opcode == Opcode.DATA_END
                     break
-                if opcode == Opcode.DATA_END:
-                    self.ended = True
-                    return
-                if opcode in _READ and length > LARGEST:
-                    self._leave_out(opcode, at, f"{length} bytes; expected at most {LARGEST}")
-                    file.seek(length, os.SEEK_CUR)
-                elif opcode in _READ:
-                    yield from self._parse(opcode, file.read(length), at)
+                if opcode in _READ and length <= LARGEST:
+                    batch: Batch = {}
+                    self._parse(opcode, head + file.read(length), at, batch)
+                    if batch:
+                        yield batch
                 else:
+                    if opcode in _READ:
+                        self._leave_out(opcode, at, f"{length} bytes; expected at most {LARGEST}")
                     file.seek(length, os.SEEK_CUR)
                 at += _HEAD.size + length
-            self.unread = size - at
+            self.unread = 0 if self.ended else size - at
+        if self._strangers:
+            text = f"{self._strangers} messages of topics whose description is lost"
+            self.damage.append(text)
 
-    def _parse(self, opcode: int, body: bytes, at: int) -> Iterator[Record]:
+    def _parse(self, opcode: int, record: bytes, at: int, batch: Batch) -> None:
+        """Take what is in a record, that is at a byte of the file."""
         try:
             if opcode == Opcode.CHUNK:
-                yield from self._chunk(body)
+                chunk = Chunk.read(ReadDataStream(BytesIO(record[_HEAD.size :])))
+                self.compression = chunk.compression
+                self._take(unpacked(chunk), batch)
             elif opcode == Opcode.ATTACHMENT:
-                self.attachments[_attachment(body).name] = at
+                self.attachments[_attachment(record[_HEAD.size :]).name] = at
             else:
-                yield _record(opcode, body)
+                self._take(record, batch)
         except Exception as error:  # the parsers leak any type on damaged bytes
             self._leave_out(opcode, at, str(error) or type(error).__name__)
 
@@ -161,28 +197,45 @@ class Scan:
         elif len(self.damage) == _MOST_DAMAGE:
             self.damage.append(f"more that is damaged from byte {at} on")
 
-    def _chunk(self, body: bytes) -> Iterator[Record]:
-        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-        self.compression = chunk.compression
-        data = unpacked(chunk)
-        at, size = 0, len(data)
-        while at < size:
-            opcode, length = _HEAD.unpack_from(data, at)
-            at += _HEAD.size
-            if length > size - at:
+    def _take(self, data: bytes, batch: Batch) -> None:
+        """Take schemas, channels and messages from records that follow each other."""
+        at, size, wanted, head, whole = 0, len(data), self._wanted, _HEAD.size, _MESSAGE.size
+        padded, unpack = data + bytes(whole), _MESSAGE.unpack_from
+        while at < size:  # no calls but these: it runs once for each message of an hour
+            opcode, length, number, _, log_time, publish_time = unpack(padded, at)
+            begin, at = at, at + head + length
+            if at > size:
                 raise ValueError("a record does not fit into its chunk")
-            if opcode in _IN_CHUNKS:
-                yield _record(opcode, data[at : at + length])
-            at += length
+            if opcode == Opcode.MESSAGE:
+                if at < begin + whole:
+                    raise ValueError("a message is shorter than its head")
+                if number in wanted:
+                    messages = batch.get(wanted[number])
+                    if messages is None:
+                        messages = batch[wanted[number]] = Messages([], [], [], [])
+                    places, log_times, publish_times, contents = messages
+                    places.append(begin)
+                    log_times.append(log_time)
+                    publish_times.append(publish_time)
+                    contents.append(data[begin + whole : at])
+                elif number not in self._known:
+                    self._strangers += 1
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                stream = ReadDataStream(BytesIO(data[begin + head : at]))
+                if opcode == Opcode.CHANNEL:
+                    self._meet(Channel.read(stream))
+                else:
+                    schema = Schema.read(stream)
+                    self.schemas[schema.id] = schema
 
-
-def _record(opcode: int, body: bytes) -> Record:
-    if opcode == Opcode.MESSAGE:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
-        return Message(channel, log_time, body[_MESSAGE.size :], publish_time, sequence)
-    stream = ReadDataStream(BytesIO(body))
-    record: Schema | Channel = (Schema if opcode == Opcode.SCHEMA else Channel).read(stream)
-    return record
+    def _meet(self, channel: Channel) -> None:
+        if self._known.get(channel.id) == channel:
+            return
+        self.channels.append(channel)
+        self._known[channel.id] = channel
+        self._wanted.pop(channel.id, None)
+        if self._topics is None or channel.topic in self._topics:
+            self._wanted[channel.id] = channel.topic
 
 
 def _attachment(body: bytes) -> Attachment:
@@ -272,9 +325,9 @@ class Survey:
     scan: Scan | None = None
     attachments: dict[str, int] = dataclasses.field(default_factory=dict)
 
-    def rescan(self) -> Scan:
-        """Return a new pass over the file."""
-        return Scan(self.path, self.index)
+    def rescan(self, topics: Collection[str] | None = None) -> Scan:
+        """Return a new pass over the file, for messages of some topics; None is all."""
+        return Scan(self.path, self.index, topics)
 
 
 def survey(path: Path, thorough: bool = False) -> Survey:
@@ -296,42 +349,35 @@ def survey(path: Path, thorough: bool = False) -> Survey:
 
 
 def _read_index(found: Survey, index: Summary) -> None:
-    statistics = index.statistics
+    statistics, contents = index.statistics, found.contents
     assert statistics is not None
     for channel in index.channels.values():
-        topic = _add_topic(found.contents, channel, index.schemas)
+        contents.topics[channel.topic] = topic_of(channel, index.schemas.get(channel.schema_id))
+        contents.counts.setdefault(channel.topic, 0)
         count = statistics.channel_message_counts.get(channel.id, 0)
-        found.contents.counts[topic] += count
+        contents.counts[channel.topic] += count
     if statistics.message_count:
-        found.contents.start = statistics.message_start_time
-        found.contents.end = statistics.message_end_time
+        contents.start = statistics.message_start_time
+        contents.end = statistics.message_end_time
     found.attachments = {entry.name: entry.offset for entry in index.attachment_indexes}
 
 
 def _read_through(found: Survey) -> None:
     contents = found.contents
     found.scan = scan = found.rescan()
-    for channel in scan.channels.values():
-        _add_topic(contents, channel, scan.schemas)
-    for record in scan:
-        if isinstance(record, Channel):
-            _add_topic(contents, record, scan.schemas)
-        else:
-            contents.counts[scan.channels[record.channel_id].topic] += 1
-            contents.start = min(contents.start, record.log_time)
-            contents.end = max(contents.end, record.log_time)
+    for batch in scan:
+        for topic, messages in batch.items():
+            contents.counts[topic] = contents.counts.get(topic, 0) + len(messages.data)
+            contents.start = min(contents.start, *messages.log_times)
+            contents.end = max(contents.end, *messages.log_times)
+    for channel in scan.channels:
+        contents.topics[channel.topic] = topic_of(channel, scan.schemas.get(channel.schema_id))
+        contents.counts.setdefault(channel.topic, 0)
     found.attachments = scan.attachments
     if found.index is not None and found.index.statistics is not None:
         missing = found.index.statistics.message_count - contents.message_count
         if missing:
             scan.damage.append(f"{missing} messages")
-
-
-def _add_topic(contents: FileContents, channel: Channel, schemas: dict[int, Schema]) -> str:
-    schema = schemas.get(channel.schema_id)
-    contents.topics[channel.topic] = topic_of(channel, schema)
-    contents.counts.setdefault(channel.topic, 0)
-    return channel.topic
 
 
 def topic_of(channel: Channel, schema: Schema | None) -> Topic:
