@@ -41,10 +41,7 @@ def run() -> Result:
             text = f"energy that {name} makes, led by {stiffness:g} Nm/rad"
             numbers[f"{hand}_{name.removeprefix('as_shipped_')}"] = Number(made, text, "J")
     drawn = ("euler_parameters", "rotation_vector", *SHIPPED[:3])
-    lines = [
-        Line(name, tuple(zip(t[1::10].tolist(), np.cumsum(done[name])[::10].tolist(), strict=True)))
-        for name in drawn
-    ]
+    lines = [Line(name, np.column_stack((t[1:], np.cumsum(done[name])))[::10]) for name in drawn]
     return Result(numbers, Chart("path [rad]", "work on the arm so far [J]", tuple(lines)))
 
 

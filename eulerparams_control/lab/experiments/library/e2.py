@@ -9,7 +9,6 @@ from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import T1, ur5
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.orientation import EulerSequence
-from eulerparams_control.laws.rotations import Array
 
 DELTAS_DEG = (30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 _NEAR = 10.0  # [deg] up to which the slope is taken
@@ -36,8 +35,8 @@ def run() -> Result:
             (
                 Line("slope -1", tuple((d, at[1.0] / d) for d in DELTAS_DEG), "predicted"),
                 Line("cond(J) < 10", ((DELTAS_DEG[-1], 10.0), (DELTAS_DEG[0], 10.0)), "bound"),
-                Line("cond(J_A), eq. (24)", _points(cond_J_A)),
-                Line("cond(J)", _points(cond_J)),
+                Line("cond(J_A), eq. (24)", np.column_stack((DELTAS_DEG, cond_J_A))),
+                Line("cond(J)", np.column_stack((DELTAS_DEG, cond_J))),
             ),
             log="xy",
         ),
@@ -56,7 +55,3 @@ def condition_numbers(delta: float) -> tuple[float, float]:
     T = sequence.T(sequence.extract(frame.R_d))
     J_A = np.vstack((J[:3], np.linalg.solve(T, J[3:])))  # eq. (24)
     return float(np.linalg.cond(J_A)), float(np.linalg.cond(J))
-
-
-def _points(values: Array) -> tuple[tuple[float, float], ...]:
-    return tuple(zip(DELTAS_DEG, values.tolist(), strict=True))

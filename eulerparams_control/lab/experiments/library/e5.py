@@ -41,18 +41,17 @@ def run() -> Result:
 
 def _chart(t: Array, found: dict[int, Array], closed: dict[int, Array]) -> Chart:
     """Return the picture of eta over time, with its closed forms."""
-    some = slice(None, None, _SHOWN)
     lines = [
         Line(
             "tanh(k t / 2 + c), eq. (29)" if error == ERRORS_DEG[0] else "",
-            _points(t[some], eta[some]),
+            np.column_stack((t, eta))[::_SHOWN],
             "predicted",
             False,
         )
         for error, eta in closed.items()
     ]
     lines += [
-        Line(f"from {error} deg", _points(t[some], eta[some]), markers=False)
+        Line(f"from {error} deg", np.column_stack((t, eta))[::_SHOWN], markers=False)
         for error, eta in found.items()
     ]
     return Chart("time [s]", "eta of the mutual quaternion", tuple(lines))
@@ -78,7 +77,3 @@ def closed_form(error_deg: float, t: Array) -> Array:
     c = math.atanh(math.cos(math.radians(error_deg) / 2))
     eta: Array = np.tanh(K * t / 2 + c)
     return eta
-
-
-def _points(x: Array, y: Array) -> tuple[tuple[float, float], ...]:
-    return tuple(zip(x.tolist(), y.tolist(), strict=True))

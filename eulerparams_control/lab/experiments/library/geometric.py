@@ -47,7 +47,7 @@ def run() -> Result:
             "stiffest axis of K_o over the other two",
             "least eigenvalue of K_R over these",
             (
-                Line("K_R = tr(K_o) I / 2 - K_o", tuple(zip(ratios.tolist(), least, strict=True))),
+                Line("K_R = tr(K_o) I / 2 - K_o", np.column_stack((ratios, least))),
                 Line("0: triangle inequality", ((1.0, 0.0), (100.0, 0.0)), "bound"),
             ),
             log="x",

@@ -30,9 +30,8 @@ def run() -> Result:
             text = f"{name}, {sign}: error after 5 s"
             numbers[f"{name}_{sign}"] = Number(math.degrees(left), text, "deg")
             if name == LAWS[0]:
-                shown = np.degrees(theta[::_SHOWN]).tolist()
-                t = (_DT * _SHOWN * np.arange(len(shown))).tolist()
-                lines.append(Line(sign, tuple(zip(t, shown, strict=True)), markers=False))
+                points = np.column_stack((_DT * np.arange(len(theta)), np.degrees(theta)))
+                lines.append(Line(sign, points[::_SHOWN], markers=False))
         for sign in ("hysteretic", "continuous"):
             text = f"{name}, {sign}: turn from an error of 2 deg, eta < 0"
             numbers[f"{name}_{sign}_turn"] = Number(unwound(name, sign), text, "deg")

@@ -33,7 +33,7 @@ def run() -> Result:
     }
     numbers |= {n: Number(found[n][at], f"{n}, 30 deg off") for n in SHIPPED}
     drawn = ("euler_parameters", "rotation_vector", *SHIPPED)
-    lines = [Line(n, tuple(zip(ANGLES_DEG, found[n], strict=True))) for n in drawn]
+    lines = [Line(n, np.column_stack((ANGLES_DEG, found[n]))) for n in drawn]
     label = "|A - A'| / |A + A'|"
     return Result(numbers, Chart("orientation error [deg]", label, tuple(lines)))
 

@@ -49,10 +49,9 @@ def run() -> Result:
     }
     text = "peak effort off k_P times the largest f on the way, relative"
     numbers["closed_form"] = Number(float(max(first.values())), text)
-    efforts = {name: zip(ERRORS_DEG, f[:, 2].tolist(), strict=True) for name, f in found.items()}
-    lines = tuple(Line(name, tuple(points)) for name, points in efforts.items())
+    lines = [Line(name, np.column_stack((ERRORS_DEG, f[:, 2]))) for name, f in found.items()]
     label = "peak effort per inertia [rad/s^2]"
-    return Result(numbers, Chart("error at first [deg]", label, lines, log="y"))
+    return Result(numbers, Chart("error at first [deg]", label, tuple(lines), log="y"))
 
 
 def _all_errors(name: str) -> list[tuple[float, float, float]]:

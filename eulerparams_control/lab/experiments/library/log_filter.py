@@ -35,8 +35,8 @@ def run() -> Result:
         numbers[f"geodesic_{a:g}".replace(".", "_")] = Number(
             max(geodesic), f"geodesic, a = {a}", "deg"
         )
-        lines.append(Line(f"log, a = {a}", _points(t, by_log), markers=False))
-    lines.append(Line("geodesic, a = 0.9", _points(t, geodesic), markers=False))
+        lines.append(Line(f"log, a = {a}", np.column_stack((t, by_log))[::2], markers=False))
+    lines.append(Line("geodesic, a = 0.9", np.column_stack((t, geodesic))[::2], markers=False))
     return Result(numbers, Chart("time [s]", "target off what is asked [deg]", tuple(lines)))
 
 
@@ -60,7 +60,3 @@ def off(targets: list[Array], a: float, step: "Filter") -> list[float]:
 
 
 type Filter = Callable[[Array, Array, float], Array]
-
-
-def _points(t: Array, y: list[float]) -> tuple[tuple[float, float], ...]:
-    return tuple(zip(t[::2].tolist(), y[::2], strict=True))

@@ -33,8 +33,8 @@ def run() -> Result:
         "dual_90": Number(found["dual quaternion"][at], "dual quaternion, 90 deg", "mm"),
         "apart": Number(max(found["apart"]), "position and orientation apart", "mm"),
     }
-    lines = [Line("d/2 tan(theta/4)", tuple(zip(ANGLES_DEG, arc, strict=True)), "predicted")]
-    lines += [Line(name, tuple(zip(ANGLES_DEG, f, strict=True))) for name, f in found.items()]
+    lines = [Line("d/2 tan(theta/4)", np.column_stack((ANGLES_DEG, arc)), "predicted")]
+    lines += [Line(name, np.column_stack((ANGLES_DEG, f))) for name, f in found.items()]
     return Result(numbers, Chart("turn [deg]", "tip off the straight line [mm]", tuple(lines)))
 
 

@@ -39,8 +39,7 @@ def run() -> Result:
         name = variant.orientation
         numbers[f"{name}_off"] = Number(max(off), f"{variant.label}, shaper off", "deg")
         numbers[f"{name}_on"] = Number(max(on), f"{variant.label}, shaper on", "deg")
-        points = tuple(zip(share.tolist(), off, strict=True))
-        lines.append(Line(variant.label, points, markers=False))
+        lines.append(Line(variant.label, np.column_stack((share, off)), markers=False))
     ends = _away(shaped(np.array([R_1, R_2])), R_1)
     numbers["ends"] = Number(max(ends), "set-points as they are, shaper on", "deg")
     stream = between(VARIANTS[0], R_1, R_2, share[:, None])
