@@ -637,7 +637,7 @@ ON_AND_ON = [("motion", "none", []), ("wrenches", [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
 def test_reference_does_not_end_what_goes_on(name, value, times):
     given = {**CIRCLE, "once": True, "wrench_times": times, name: value}
     with pytest.raises(ConfigurationError, match="expected a motion, and no stream"):
-        from_mapping(ReferenceParameters, given)
+        from_mapping(ReferenceParameters, given).refuse_endless()
 
 
 def test_reference_without_a_motion_says_so_when_asked_for_it(world):

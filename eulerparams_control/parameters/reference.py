@@ -69,7 +69,8 @@ class ReferenceParameters:
     )
     once: bool = parameter(False, "end when the motion is over, by its own time")
 
-    def __post_init__(self) -> None:
+    def refuse_endless(self) -> None:
+        """Raise ConfigurationError if what is to be sent once goes on."""
         if self.once and (self.motion == "none" or self.courses()):
             raise ConfigurationError(
                 f"once is true, but motion is {self.motion}, and {[*self.courses()] or 'nothing'} "

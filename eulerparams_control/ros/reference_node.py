@@ -94,6 +94,7 @@ class ReferenceNode(Node):
         self.done = False
         self._health = diagnostics.Health(self)
         self._params = declare(self, self.parameters_type)
+        self._params.refuse_endless()
         self._pending = self._params.motion != "none"
         self._way_points = (
             self._params.way_points() if self._params.motion == "way_points" else None
