@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.analysis.compliant import ActingImpedance, Wrenches
 from eulerparams_control.analysis.quantities.base import (
@@ -121,7 +122,7 @@ def calming_time(recording: Recording, most: float = 4.0) -> float:
     return float(acting.t[np.argmax(rises)]) - first if rises.any() else math.inf
 
 
-def _soon(t: Array, y: Array) -> Array:
+def _soon(t: Array, y: NDArray[Any]) -> NDArray[Any]:
     """Return the values (M, 3, K) within ``_SWING`` from each of the first of N instants on."""
     n = int((t < t[:1] + _SWING).sum())
     if n >= len(t):
