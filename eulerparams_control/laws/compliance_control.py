@@ -767,14 +767,15 @@ class ComplianceControl(DynamicControl):
 
         See :meth:`DynamicControl.tick`; h, a contact that is known, is not taken.
         """
+        force = NONE
         if self.is_pressing:
             more = self._wanted - self.fed
             size = float(np.linalg.norm(more))
-            self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
+            force = self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
         now = Springs(self.law, 1.0 - self._x_de.item(-1))
         if self.springs is None or self.springs.law is not now.law or self.springs != now:
             self.springs = now
-        tick = super().tick(dt, q, dq, desired, self.fed if self.is_pressing else NONE)
+        tick = super().tick(dt, q, dq, desired, force)
         self.loop_rate = tick.details.item(_RATE)
         return tick
 

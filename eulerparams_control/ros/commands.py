@@ -164,50 +164,31 @@ class ComplianceCommands:
             self._efforts.destroy()
 
 
-class WithImpedance[T]:
-    """Publishes commands, then on ``~/impedance`` what acts.
+class ImpedancePublisher[T]:
+    """Publishes on ``~/impedance`` what acts, after the commands.
 
     It comes with each command while it changes, else once a second, where somebody listens: as
     positions of a sensor_msgs/JointState, by name.
 
     Args:
         node: the node that publishes.
-        commands: publisher of the commands.
-        acting: returns what acts, the same object while nothing changes; None if nothing does.
-        to_ros: makes the message of it, with a stamp.
+        to_ros: makes the message of what acts, with a stamp.
     """
 
-    def __init__(
-        self, node: Node, commands: Commands, acting: Callable[[], T | None],
-        to_ros: Callable[[T, Time], JointState],
-    ) -> None:  # fmt: skip
-        self._node, self._commands, self._acting, self._to_ros = node, commands, acting, to_ros
+    def __init__(self, node: Node, to_ros: Callable[[T, Time], JointState]) -> None:
+        self._to_ros = to_ros
         self._publisher = node.create_publisher(JointState, "~/impedance", QOS_STREAM)
         self._shown_at = 0  # [s]
         self._shown: T | None = None
 
-    def publish(self, stamp: Any, command: JointCommand) -> None:
-        """Publish under the stamp of the joint_states that are answered."""
-        self._commands.publish(stamp, command)
-        acting = self._acting()
+    def show(self, stamp: Any, acting: T | None) -> None:
+        """Publish what acts, the same object while nothing changes, under the stamp of a command.
+
+        None: nothing does.
+        """
         if acting is None or (acting is self._shown and stamp.sec == self._shown_at):
             return
         if self._publisher.get_subscription_count():
             self._shown, self._shown_at = acting, stamp.sec
-            self._publisher.publish(
-                self._to_ros(acting, Time(sec=stamp.sec, nanosec=stamp.nanosec))
-            )
-
-    @property
-    def topic(self) -> str:
-        """The topic of the commands."""
-        return self._commands.topic
-
-    def count_subscribers(self) -> int:
-        """Return how many listen to the commands."""
-        return self._commands.count_subscribers()
-
-    def destroy(self) -> None:
-        """Take the publishers off the graph."""
-        self._commands.destroy()
-        self._node.destroy_publisher(self._publisher)
+            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            self._publisher.publish(self._to_ros(acting, time))

@@ -14,7 +14,7 @@ from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.commands import Commands, WithImpedance
+from eulerparams_control.ros.commands import ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.target_wrench import TargetWrench
@@ -24,6 +24,12 @@ class ComplianceControlNode(ControlNode):
     """Compliance control of one arm."""
 
     parameters_type = ComplianceParameters
+
+    def _subscribe(self) -> None:
+        self._impedance = ImpedancePublisher[Springs](
+            self, lambda now, stamp: springs_to_ros(now.law.K_p, now.law.K_o, now.clips, stamp)
+        )
+        super()._subscribe()
 
     def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
         """Return the topics that lead the arm, and its force."""
@@ -42,18 +48,10 @@ class ComplianceControlNode(ControlNode):
             timeout, is_simulated = self._params.target_timeout, self._input.receipt is None
             self._pressing.exert(self._controller, t, timeout, is_simulated=is_simulated)
 
-    def make_commands(self, joints: tuple[str, ...]) -> Commands:
-        """Return the publishers of ``joint_effort`` and of the springs."""
-        return WithImpedance(
-            self,
-            super().make_commands(joints),
-            self._springs,
-            lambda now, stamp: springs_to_ros(now.law.K_p, now.law.K_o, now.clips, stamp),
-        )
-
-    def _springs(self) -> Springs | None:
-        scheme = self._controller.scheme if self._controller else None
-        return scheme.springs if isinstance(scheme, ComplianceControl) else None
+    def review(self, controller: Controller, stamp: Any) -> None:
+        """Publish the springs."""
+        if stamp is not None and isinstance(controller.scheme, ComplianceControl):
+            self._impedance.show(stamp, controller.scheme.springs)
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the tip."""

@@ -97,8 +97,13 @@ class ControlNode(ManagedNode):
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take what else was measured for the state q, dq (n,), before it is answered."""
 
-    def review(self, controller: Controller) -> None:
-        """Look at what an answer has led to, before its report."""
+    def review(self, controller: Controller, stamp: Any) -> None:
+        """Look at what an answer has led to, before its report.
+
+        Args:
+            controller: that answered.
+            stamp: of its command; None where it commanded nothing.
+        """
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
@@ -204,7 +209,7 @@ class ControlNode(ManagedNode):
             self._commands.publish(stamp, command)
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
-        self.review(controller)
+        self.review(controller, None if command is None else stamp)
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             guidance = controller.guidance

@@ -24,7 +24,7 @@ from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.commands import Commands, ComplianceCommands, WithImpedance
+from eulerparams_control.ros.commands import ComplianceCommands, ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode, Lead
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
@@ -56,6 +56,9 @@ class ImpedanceControlNode(ControlNode):
         self._chain = WrenchChain(WrenchOptions())
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench()
+        self._impedance = ImpedancePublisher[ComplianceLaw](
+            self, lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp)
+        )
         self._read_wrench = self._health.reader(WrenchStamped)
         self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
         self.create_service(Trigger, "~/tare", self._on_tare)
@@ -104,23 +107,13 @@ class ImpedanceControlNode(ControlNode):
         assert isinstance(controller.scheme, ImpedanceControl)
         controller.scheme.change_impedance(compliance)
 
-    def make_commands(self, joints: tuple[str, ...]) -> Commands:
-        """Return the publishers of ``compliant_frame``, ``joint_effort`` and the impedance."""
+    def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
+        """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
         robot = self._robot
         assert robot is not None
         efforts = super().make_commands(joints) if self.commands_joints else None
         frames = robot.base_frame, robot.tip_frame
-        commands = ComplianceCommands(self, *frames, efforts)
-        return WithImpedance(
-            self,
-            commands,
-            self._law_now,
-            lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp),
-        )
-
-    def _law_now(self) -> ComplianceLaw | None:
-        scheme = self._controller.scheme if self._controller else None
-        return scheme.compliance_now if isinstance(scheme, ImpedanceControl) else None
+        return ComplianceCommands(self, *frames, efforts)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description; forget tare and sensor."""
@@ -200,10 +193,12 @@ class ImpedanceControlNode(ControlNode):
         elif is_new:
             self._resting.add(sensed, q, dq)
 
-    def review(self, controller: Controller) -> None:
-        """Say what is wrong with the wrench, or with the contact."""
+    def review(self, controller: Controller, stamp: Any) -> None:
+        """Publish the impedance; say what is wrong with the wrench, or with the contact."""
         why, scheme = self._sensor.trouble, controller.scheme
         assert isinstance(scheme, ImpedanceControl)
+        if stamp is not None:
+            self._impedance.show(stamp, scheme.compliance_now)
         if not why.note and scheme.damping > 1.0:
             why = calmed(scheme.damping)
         elif not why.note and scheme.waits:
