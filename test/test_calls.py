@@ -92,7 +92,7 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     [
         ("clik", 25, 13),
         ("dynamic_control", 28, 13),
-        ("compliance_control", 30, 16),
+        ("compliance_control", 31, 16),
         ("impedance_control", 40, 20),
     ],
 )
