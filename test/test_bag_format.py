@@ -398,6 +398,32 @@ def test_a_topic_that_cannot_be_decoded_is_named(tmp_path, data):
     assert len(list(bag.read_raw())) == 2
 
 
+def test_batches_are_the_messages_by_topic(small_bag):
+    bag, found = Bag(small_bag), {}
+    for batch in bag.batches():
+        for topic, messages in batch.items():
+            rows = zip(messages.log_times, messages.publish_times, messages.data, strict=True)
+            found.setdefault(topic, []).extend((topic, *row) for row in rows)
+    assert found.keys() == {message.topic for message in bag.read_raw()}
+    for topic, messages in found.items():
+        assert messages == list(bag.read_raw([topic]))
+    chosen = (batch.keys() for batch in bag.batches([DESCRIPTION.name]))
+    assert {topic for topics in chosen for topic in topics} == {DESCRIPTION.name}
+
+
+def test_messages_of_several_topics_keep_the_order_of_the_file(tmp_path):
+    names = ["/a", "/b"]
+    order = [names[k % 3 == 0] for k in range(50)]
+    with BagWriter(tmp_path / "bag") as bag:
+        for name in names:
+            bag.add_topic(Topic(name, STRING))
+        for k, name in enumerate(order):
+            bag.write(name, string(str(k)), START + k, START)
+    read = list(Bag(tmp_path / "bag").read_raw())
+    assert [message.topic for message in read] == order
+    assert [message.log_time - START for message in read] == list(range(50))
+
+
 def test_a_topic_whose_definition_changes_between_files_is_refused(tmp_path):
     for name, kind in (("bag", STRING), ("other", JOINT_STATE)):
         with BagWriter(tmp_path / name) as written:

@@ -132,6 +132,17 @@ def test_few_modules_lie_flat():
     assert flat == ["__init__.py", "command_line.py", "errors.py", "events.py", "resources.py"]
 
 
+def test_analyze_loads_no_matplotlib_before_figures_are_asked_for():
+    """It takes as long to load as half a minute of a bag to analyse."""
+    loaded, pending = set(), {"eulerparams_control.analysis.main"}
+    while pending:
+        name = pending.pop()
+        loaded.add(name)
+        found = imports(MODULES[name], at_module_level=True)
+        assert not {module for module in found if module.startswith("matplotlib")}, name
+        pending |= (found & MODULES.keys()) - loaded
+
+
 def test_only_robot_imports_pinocchio_and_only_the_engine_imports_pybullet():
     users = {name: {module for module, path in MODULES.items() if name in imports(path)}
              for name in ("pinocchio", "pybullet")}  # fmt: skip
