@@ -24,7 +24,7 @@ from eulerparams_control.errors import RobotError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.catalogue import RobotDescription
-from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute
+from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute, numbers
 
 SENSOR_LINK = "_force_torque_sensor"
 """The massless link at the sensor frame; the fixed joint above it measures."""
@@ -236,13 +236,9 @@ def _read_body(link: ET.Element) -> Body:
     inertial = link.find("inertial")
     if inertial is None:
         return Body(0.0, np.zeros(3), np.zeros((3, 3)))
-    try:
-        T = _placement(inertial)
-        entries = _part(inertial, "inertia")
-        xx, xy, xz, yy, yz, zz = (float(attribute(entries, name)) for name in _INERTIA)
-        mass = float(attribute(_part(inertial, "mass"), "value"))
-    except (ValueError, RobotError) as error:
-        raise RobotError(f"inertial of link '{link.get('name')}': {error}") from error
+    T, entries = _placement(inertial), _part(inertial, "inertia")  # UrdfTree has checked them
+    xx, xy, xz, yy, yz, zz = (float(attribute(entries, name)) for name in _INERTIA)
+    mass = float(attribute(_part(inertial, "mass"), "value"))
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return Body(mass, T[:3, 3], T[:3, :3] @ inertia @ T[:3, :3].T)
 
@@ -266,9 +262,9 @@ def _placement(element: ET.Element) -> Array:
     """Return the ``<origin>`` of an element as a homogeneous transform (4, 4)."""
     T = np.eye(4)
     if (origin := element.find("origin")) is not None:
-        roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"))
+        roll, pitch, yaw = numbers(origin, "rpy", "0 0 0")
         T[:3, :3] = EulerSequence("ZYX").R(np.array([yaw, pitch, roll]))
-        T[:3, 3] = _numbers(origin.get("xyz", "0 0 0"))
+        T[:3, 3] = numbers(origin, "xyz", "0 0 0")
     return T
 
 
@@ -288,14 +284,6 @@ def _find_mesh(name: str, urdf_path: Path) -> Path:
         if (folder / package.removeprefix("file://")).is_file():
             return folder / package.removeprefix("file://")
     raise RobotError(f"mesh '{name}' was not found from {urdf_path.parent}")
-
-
-def _numbers(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(number) for number in text.split())
-    except ValueError as error:
-        raise RobotError(f"expected three numbers, got '{text}'") from error
-    return x, y, z
 
 
 def _text(values: Iterable[float]) -> str:

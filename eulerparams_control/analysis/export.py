@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from eulerparams_control.analysis.quantities import EVERYTHING
 from eulerparams_control.analysis.quantities.base import Quantity
@@ -79,6 +76,10 @@ class Export:
     """
 
     def __init__(self, path: Path) -> None:
+        import pyarrow.csv  # takes time and memory, and few ask for a table
+        import pyarrow.parquet
+
+        self._arrow: Any = pyarrow
         self.path = path
         self._writer: Any = None
         self._schema: Any = None
@@ -91,7 +92,7 @@ class Export:
 
     def add(self, part: Recording) -> None:
         """Write the rows of a part; those of before are not written again."""
-        new = part.measured.t > self._until
+        pa, new = self._arrow, part.measured.t > self._until
         self._until = float(part.measured.t[-1])
         found = {name: pa.array(values[new]) for name, values in columns(part).items()}
         stamps = part.began + np.round(1e9 * part.measured.t[new]).astype(np.int64)
@@ -107,9 +108,10 @@ class Export:
 
     def _open(self, columns: list[str]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        pa = self._arrow
         stamp = pa.field("stamp [ns]", pa.int64())
         self._schema = pa.schema([stamp, *((name, pa.float64()) for name in columns)])
-        of = pyarrow.csv.CSVWriter if self.path.suffix == ".csv" else pyarrow.parquet.ParquetWriter
+        of = pa.csv.CSVWriter if self.path.suffix == ".csv" else pa.parquet.ParquetWriter
         self._writer = of(str(self.path), self._schema)
 
 
