@@ -15,13 +15,36 @@ from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import EulerParameters, R_angle_axis
 from eulerparams_control.live import page
 from eulerparams_control.live.desk import HELD, KEPT, Deed, Desk, Order
-from eulerparams_control.live.geometry import MARGIN, R_rpy, joint_motion, passage, wxyz
+from eulerparams_control.live.geometry import (
+    MARGIN,
+    R_rpy,
+    joint_motion,
+    passage,
+    stiffness_of,
+    wxyz,
+)
 from eulerparams_control.live.ros.exchange import Exchange
+from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
 ROUNDING = 1e-7  # of angles near a pole, where their cosine is flat
 PUSH = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", schemes())
+def test_a_page_draws_the_stiffness_of_each_controller_that_has_one(name):
+    """300 N/m along u = (1, 1, 0) / sqrt(2), 100 across: 100 I + 200 u u'."""
+    scheme, h = schemes()[name], 0.5**0.5
+    axes = [h, h, 0.0, -h, h, 0.0, 0.0, 0.0, 1.0]
+    values = {"K_p": [300.0, 100.0, 100.0], "K_p_axes": axes, "translational_frame": "desired"}
+    if not hasattr(scheme.parameters(), "K_p"):
+        assert stiffness_of(scheme, {}) is None
+        return
+    K, frame = stiffness_of(scheme, values)
+    assert_close(K, [[200.0, 100.0, 0.0], [100.0, 200.0, 0.0], [0.0, 0.0, 100.0]], 1e-9)
+    assert frame == "desired"
+    assert stiffness_of(scheme, values | {"K_p": [1.0]}) is None
 
 
 def test_joints_turn_and_slide_as_the_urdf_says():

@@ -1,13 +1,18 @@
-"""Geometry of the page: joints of a URDF, and the turn of an arm through a pole."""
+"""Geometry of the page: joints of a URDF, a stiffness, the turn of an arm through a pole."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.errors import EulerParamsError
+from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, log
 from eulerparams_control.motion.frames import Placement
+from eulerparams_control.parameters.fields import from_mapping
+from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.robot import Robot
 
 MARGIN = math.radians(20)
@@ -34,6 +39,20 @@ def joint_motion(kind: str, axis: Array, value: float) -> Placement:
     if kind == "prismatic":
         return Placement(np.eye(3), value * along)
     return Placement(np.asarray(R_angle_axis(value, along)), np.zeros(3))
+
+
+def stiffness_of(scheme: SchemeInfo, values: Mapping[str, Any]) -> tuple[Array, str] | None:
+    """Return K_p (3, 3) [N/m] of the parameters of a controller, and whose axes it has.
+
+    None where there is none, or it is impossible.
+    """
+    if "K_p" not in values:
+        return None
+    try:
+        p: Any = from_mapping(scheme.parameters, values)
+        return symmetric_matrix("K_p", p.K_p, p.K_p_axes), p.translational_frame
+    except EulerParamsError:
+        return None
 
 
 class Passage(NamedTuple):

@@ -167,9 +167,9 @@ class LivePanel:
     def _build_push(self) -> None:
         gui = self._gui
         self._say(
-            "**Push the simulated tool** as a hand would: with `impedance_control` it gives way "
-            "like a spring. The orange arrow is what the sensor feels, the blue ellipsoid the "
-            "stiffness."
+            "**Push the simulated tool** as a hand would: with `impedance_control` or "
+            "`compliance_control` it gives way like a spring. The orange arrow is what the sensor "
+            "feels, the blue ellipsoid the stiffness."
         )
         axis = gui.add_dropdown("Along", AXES)
         force = gui.add_slider("N (0.1 Nm)", -40.0, 40.0, 1.0, 20.0)
@@ -198,7 +198,7 @@ class LivePanel:
             self._inputs[name] = [choice]
         compliance = [name for name in _COMPLIANCE if name in self._fields]
         if compliance:
-            self._say("**Stiffness and damping** of the compliant frame: what a push meets.")
+            self._say("**Stiffness and damping**: what a push meets.")
         for name in compliance:
             self._sliders(name)
         loop = [name for name in _LOOP if name in self._fields]

@@ -24,7 +24,7 @@ from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.live.desk import KEPT, Deed, Desk, Order
-from eulerparams_control.live.geometry import Passage, passage
+from eulerparams_control.live.geometry import Passage, passage, stiffness_of
 from eulerparams_control.live.page import serve, stop
 from eulerparams_control.live.panel import BASE, LivePanel
 from eulerparams_control.live.ros.exchange import Exchange
@@ -40,7 +40,7 @@ from eulerparams_control.messages.from_ros import (
 from eulerparams_control.messages.keys import CAUSE, MODE, REMEDY
 from eulerparams_control.messages.to_ros import pose_to_ros, vector_to_ros
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.parameters.fields import fields_of, from_mapping
+from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.catalogue import RobotDescription
 from eulerparams_control.robot.robot import Robot
@@ -490,12 +490,8 @@ class LiveNode(Node):
     def _stiffness_now(self, desired: Placement | None) -> Array | None:
         """Return the stiffness (3, 3) [N/m] along the axes of the base, if there is one."""
         values, known = self._values, self._stiffness[0]
-        if values is not known and values.get("K_p") is not None:
-            try:
-                found = from_mapping(self._scheme.parameters, values)
-                self._stiffness = values, (found.translation().K, found.translational_frame)
-            except EulerParamsError:
-                self._stiffness = values, None
+        if values is not known:
+            self._stiffness = values, stiffness_of(self._scheme, values)
         if self._stiffness[1] is None:
             return None
         K, axes = self._stiffness[1]
