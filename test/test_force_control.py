@@ -241,10 +241,19 @@ def slid(stiffness, rate):
     return arm, arm.error(lambda _: FORCE, 0.95) / FORCE
 
 
-def test_sliding_over_a_sphere_leaves_the_force_within_5_percent():
-    arm, error = slid(1e5, 500)
-    assert error < 0.05
+@pytest.mark.parametrize(("stiffness", "most"), [(1e4, 0.01), (1e5, 0.05)])
+def test_sliding_over_a_sphere_leaves_the_force_nearly_as_it_is(stiffness, most):
+    arm, error = slid(stiffness, 500)
+    assert error < most
     assert arm.scheme.damping == 1.0
+
+
+def test_a_contact_that_begins_is_not_taken_for_noise():
+    """It is felt for 0.09 s before, from when the noise is hardly known; f rises by 150 N/s."""
+    arm = Pressing(rate=500, gap=0.0005, stiffness=1e4, stiffest_contact=1e4)
+    while not arm.scheme.force.stiffness[2] > 0:
+        arm.press(0.002)
+    assert 0 < arm.f[-1] < 2.0
 
 
 def test_noise_of_the_sensor_is_no_contact():

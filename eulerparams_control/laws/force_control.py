@@ -320,7 +320,8 @@ def _moved(
         surface, means = _Surface(f, 0.0, 0.0), _Changes(x_e, f, f_d)
         know = _Learned(options.K_max, 0.0, False, 0.0, 0.0)
     elif not touches:
-        variance -= math.expm1(-dt / _LISTENS) * (by.f * by.f - variance)
+        if by.f * f_d <= 0.0:  # a contact that begins is on the other side
+            variance -= math.expm1(-dt / _LISTENS) * (by.f * by.f - variance)
     else:
         surface = _observed(surface, know, f, dx, options.v_max + across, options.w, dt)
         if know.is_reached:

@@ -39,7 +39,7 @@ _GOES_ON, _LONGEST = 1.5, 0.4
 # Longest wait [s] for a pose of a stream after it was to come.
 _LATE = 0.05
 
-# A wait of more than this part of the time stops it.
+# A wait of more than this part of the time stops it: an arm that is blocked creeps.
 _STILL = 0.998
 
 # Wait [s] of a set-point between two plans of its stream.
