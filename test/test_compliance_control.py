@@ -216,17 +216,21 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
     scheme = parameters.make_scheme(UR5, parameters.limits(UR5))
     home = pose_of(UR5, HOME)
     away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
-    parts = []
+    parts, pulls = [], []
     for speed in (-0.3, 0.2, 0.22, 0.24, 0.25, 0.3):
         dq = np.linalg.solve(UR5.state(HOME, STILL).J, [speed, 0, 0, 0, 0, 0])
         scheme.reset(HOME)
-        effects = effects_of(scheme.tick(1e-3, HOME, dq, away))
+        drawn = scheme.tick(1e-3, HOME, dq, away)
         scheme.reset(HOME)
-        damped = effects_of(scheme.tick(1e-3, HOME, dq, home)).dissipated
+        free = scheme.tick(1e-3, HOME, dq, home)
+        pulls.append(np.abs(drawn.command.effort - free.command.effort).max())
+        effects, damped = effects_of(drawn), effects_of(free).dissipated
         parts.append(1.0 - (effects.dissipated - damped) / (30.0 * speed))
         assert effects.lowered == 0.0
     assert_close(parts[:2] + parts[4:], [1.0, 1.0, 0.0, 0.0], 1e-9)
     assert 1.0 > parts[2] > parts[3] > 0.0
+    assert pulls[1] > 0.1
+    assert max(pulls[4:]) < 1e-9  # the springs are not felt
 
 
 def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():
@@ -394,6 +398,9 @@ def test_a_force_is_added_to_that_of_the_springs_and_taken_back():
     run.controller.aim(run.start._replace(p_d=run.start.p_d + [0.0, 0.021, 0.0]))
     run.go(1.0)
     force = run.start.R_d.T @ [0.0, 15.0, 0.0]
+    run.scheme.press(force)
+    run.go(0.005)
+    assert np.linalg.norm(run.scheme.fed) == pytest.approx(1.0)  # 200 N/s
     for _ in range(200):
         run.scheme.press(force)
         run.go(0.005)
