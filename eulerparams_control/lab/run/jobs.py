@@ -31,6 +31,13 @@ from eulerparams_control.errors import ConfigurationError, EulerParamsError
 # cores.
 _THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
 
+# Dask looks into its threads every 10 ms, and wakes up every 20 ms, unless told otherwise.
+_DASK = {
+    "distributed.nanny.pre-spawn-environ": _THREADS,
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+}
+
 
 def results[J, R](
     pool: Executor,
@@ -141,7 +148,7 @@ def workers(count: int, scheduler: str = "") -> Iterator[Executor]:
             f"Dask is not installed ({error}): pip install 'dask[distributed]', or --workers 0"
         ) from error
     with ExitStack() as stack:
-        stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": _THREADS}))
+        stack.enter_context(dask.config.set(_DASK))
         try:
             at = scheduler or stack.enter_context(_cluster(count))
             client = stack.enter_context(Client(at, timeout="10s" if scheduler else "30s"))
