@@ -76,7 +76,32 @@ def write_arms(folder: Path, arms: Sequence[str], nodes: Sequence[str]) -> Path:
 
 def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
     levels = {OK: "ok", WARN: "warning", ERROR: "error"}
-    return [(pytest.approx(t), name, levels[level], *words) for t, name, level, *words in story]
+    return [(pytest.approx(t), name, levels[level], *words, "") for t, name, level, *words in story]
+
+
+def stopping(mode: str, cause: str) -> dict[str, str]:
+    return {"mode": mode, "cause": cause}
+
+
+def test_the_first_fault_of_each_node_that_stopped_the_arm_is_the_first_warning(tmp_path):
+    story: list[Saying] = [
+        (0.1, "clik", ERROR, "halted", stopping("stopped", "halt")),
+        (0.2, "pybullet_bridge", ERROR, "protective stop", stopping("stopping", "acceleration")),
+        (0.3, "clik", ERROR, "it is blocked", stopping("stopped", "not_following")),
+        (0.4, "clik", ERROR, "it is at a pole", stopping("stopped", "singularity")),
+        (0.5, "watchdog", WARN, "braking", stopping("braking", "silence")),
+        (0.6, "clik", OK, "following a reference", stopping("following", "")),
+        (0.9, "clik", ERROR, "no states", stopping("stopped", "no_states")),
+    ]
+    stops = [
+        "pybullet_bridge stopped the arm at 0.200 s: acceleration",
+        "clik stopped the arm at 0.300 s: not_following",
+    ]
+    for size in (0, 30):
+        digest = Digest.of_parts(blocks(write_story(tmp_path / str(size), story), size=size))
+        found = [warning for warning in digest.warnings if warning.kind is BagFlaw.STOPPED]
+        assert [warning.text for warning in found] == stops
+        assert digest.warning.startswith("; ".join(stops))
 
 
 @pytest.mark.parametrize("size", [0, 2, 7, 20, 30, 99])

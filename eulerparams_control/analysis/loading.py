@@ -234,6 +234,13 @@ class _Reader:
         stamps, sent = self._states.times()
         told = reports.told(sent, self._times(stamps), options.start, options.end)
         self._told, self._rates, self._delayed = told
+        stops = {one.node: one for one in reversed(told.reports) if one.fault}
+        self._stops = [
+            BagWarning(
+                BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}"
+            )
+            for one in sorted(stops.values())
+        ]
 
     def _desired_frames(self) -> DesiredFrames:
         """Return the desired frames; references begin at the ticks of the controller."""
@@ -269,9 +276,7 @@ class _Reader:
             if latest is None and topic.latest >= 0:
                 text = f"{name} has no stamp within those of joint_states"
                 self._arm.warn(BagFlaw.INCOMPLETE, text)
-            if name == "desired":  # none while a fault lasts
-                continue
-            if latest is not None and latest < last - _ANSWERED:
+            if topic.is_steady and latest is not None and latest < last - _ANSWERED:
                 end, of = self._times(np.array([latest, last]))
                 text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
                 self._arm.warn(BagFlaw.INCOMPLETE, text)
@@ -444,7 +449,7 @@ class _Reader:
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
         words = self._departure.words
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
-        return *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
+        return *self._stops, *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
 
 
 def read_urdf(path: str) -> str:

@@ -9,15 +9,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.control.mode import Mode
+from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.keys import FROZEN, MODE, PACE, REMEDY, SATURATED, SLOWED
+from eulerparams_control.messages.keys import CAUSE, FROZEN, MODE, PACE, REMEDY, SATURATED, SLOWED
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
 
 _MOST = 50  # reports of a node that are shown, first and last each; its errors count apart
 _LONGEST = 400  # characters of a text
+
+# Modes in which an arm is stopped, the last one of a simulated robot; causes that are no fault.
+_STOPS = Mode.STOPPED, Mode.RELEASING, "stopping"
+_TOLD = "", Cause.HALT, Cause.DEACTIVATED, Cause.NO_STATES
 
 
 class Report(NamedTuple):
@@ -29,6 +33,7 @@ class Report(NamedTuple):
         level: a name of ``LEVELS``, or its number.
         message: what happened.
         remedy: what to do; "" if the node named nothing.
+        fault: the key of the cause for which it stopped the arm; "" if it did not.
     """
 
     t: float
@@ -36,6 +41,7 @@ class Report(NamedTuple):
     level: str
     message: str
     remedy: str
+    fault: str = ""
 
 
 class Told(NamedTuple):
@@ -78,7 +84,7 @@ class Reports:
             with suppress(ValueError):
                 rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
                 self._rates.append((sent, *map(float, rates)))  # type: ignore[arg-type]
-        report = Report(0.0, node, _level(status.level), message, remedy)
+        report = Report(0.0, node, _level(status.level), message, remedy, _fault(values))
         if message and self._said.get(node) != report:
             self._said[node] = report
             self._new.append((sent, report))
@@ -147,6 +153,12 @@ def _waits(values: Mapping[str, str]) -> bool:
         slows = rate < 1 or values.get(FROZEN) == "1"
         return values.get(MODE) == Mode.FOLLOWING and slows
     return False
+
+
+def _fault(values: Mapping[str, str]) -> str:
+    """Return the cause for which a node stopped the arm; "" if it did not, or was told to."""
+    cause = _short(values.get(CAUSE, ""))
+    return cause if values.get(MODE) in _STOPS and cause not in _TOLD else ""
 
 
 def _short(text: str) -> str:

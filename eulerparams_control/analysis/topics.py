@@ -205,6 +205,7 @@ class RecordedTopic:
         name: of the topic, without a namespace.
         type: of its messages.
         is_timed: whether each part of a run has the rows of its time.
+        is_steady: whether it goes on for as long as joint_states do.
         field: of the recording that has them; "": they are among its ``others``, by name.
         invalid: how many messages were not valid.
         repeated: how many had the stamp of another one, but not its values.
@@ -216,6 +217,7 @@ class RecordedTopic:
     name: ClassVar[str] = ""
     type: ClassVar[str] = ""
     is_timed: ClassVar[bool] = True
+    is_steady: ClassVar[bool] = True
     field: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
@@ -432,6 +434,7 @@ class TargetWrenches(SensedWrenches):
     """What the tool is to exert: force and moment (N, 6), and the frames that they are in."""
 
     name = "target_wrench"
+    is_steady = False  # who sends it may end it
     field = "targets"
 
 
@@ -439,6 +442,7 @@ class PublishedImpedance(RecordedTopic):
     """M, D, K of the impedance, clips of springs (N, 38), by name; 0 what one has not."""
 
     name = "impedance"
+    is_steady = False  # once a second while it stays the same
     type = "sensor_msgs/msg/JointState"
     field = "acting"
 
@@ -459,6 +463,7 @@ class ShapedFrames(RecordedTopic):
     """The columns of :class:`Frames`."""
 
     name = "desired"
+    is_steady = False  # none while a fault lasts
     type = "trajectory_msgs/msg/MultiDOFJointTrajectory"
     field = "shaped"
 
@@ -475,6 +480,7 @@ class CompliantFrames(ShapedFrames):
     """The compliant frame."""
 
     name = "compliant_frame"
+    is_steady = True
     field = "compliant"
 
     def series(self, rows: Rows, t: Array, desired: Frames) -> Any:

@@ -48,6 +48,7 @@ class BagFlaw(StrEnum):
     PARAMETERS = "parameters"  # of a node are not valid
     FRAMES = "frames"  # of the reference are others: errors are not known
     DELAY = "delay"  # the motion came later than it was sent to be
+    STOPPED = "stopped"  # a node stopped the arm because of a fault
     SHAPED = "shaped"  # the motion was made to differ from what was asked
 
 

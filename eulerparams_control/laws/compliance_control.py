@@ -664,14 +664,17 @@ class ElasticLaw:
 
         Without a contact they have to, within their clip.
         """
-        K = self.stiffness(R_d)
+        K, size = self.stiffness(R_d), float(np.linalg.norm(force))
         x = np.linalg.pinv(K) @ force
-        held = np.linalg.norm(K @ x - force) < _TINY + _HELD * np.linalg.norm(force)
-        if not (held and math.sqrt(x @ force) <= _MOST_FED * _clip(self.K_p, self.clip_position)):
+        is_held = np.linalg.norm(K @ x - force) < _TINY + _HELD * size
+        stretched = math.sqrt(max(float(x @ force), _TINY**2))  # in the metric of K_p
+        most = _MOST_FED * _clip(self.K_p, self.clip_position) / stretched if is_held else 0.0
+        if most < 1.0:
             raise ConfigurationError(
-                f"the springs do not hold {np.linalg.norm(force):.3g} N along "
-                f"{np.round(force, 3).tolist()} (base frame) where there is no contact; expected "
-                f"at most {_MOST_FED:g} of K_p error_clip_position"
+                f"the springs do not hold {size:.3g} N along {np.round(force / size, 3).tolist()} "
+                f"(base frame) where there is no contact; expected at most "
+                f"{size * most:.3g} N, {_MOST_FED:g} of what they hold at "
+                "error_clip_position"
             )
 
     def stiffness(self, R_d: Array) -> Array:

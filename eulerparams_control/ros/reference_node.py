@@ -190,7 +190,10 @@ class ReferenceNode(Node):
         if self._params.once and self._latest:
             t = ns_from_ros(deserialize_message(self._latest, JointState).header.stamp)
             self._over = t + self._lasting if self._over is None else self._over
-            self.done = t >= self._over
+            if t >= self._over:
+                text = "the motion is over; whether the arm followed it, its controller says"
+                self.get_logger().info(text)
+                self.done = True
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Send the motion of the parameters again, as after a fault; a circle begins again here."""

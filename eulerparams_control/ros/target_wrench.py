@@ -133,7 +133,7 @@ def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
     try:
         scheme.law.refuse_force(R_d @ f, R_d)
     except ConfigurationError as error:
-        raise InvalidMessageError(f"target_wrench: {error}") from error
+        raise InvalidMessageError(str(error)) from error
     return f
 
 

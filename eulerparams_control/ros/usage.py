@@ -30,8 +30,12 @@ def usage(program: str, node: type[Any]) -> str:
         f"usage: {name} [--ros-args --params-file FILE] [--ros-args -p NAME:=VALUE] ...",
         *("", about, "", "Parameters, with their defaults; those with * may change while it runs:"),
     ]
-    for field in dataclasses.fields(node.parameters_type):
-        lines += ["", *_described(field, width)]
+    parameters = node.parameters_type
+    fields = {field.name: field for field in dataclasses.fields(parameters)}
+    for kind in parameters.__mro__:  # what is special comes first
+        for own in inspect.get_annotations(kind):
+            if own in fields:
+                lines += ["", *_described(fields.pop(own), width)]
     return "\n".join(lines)
 
 
