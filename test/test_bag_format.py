@@ -509,6 +509,55 @@ def test_zeros_that_a_power_cut_left_are_cut_off(small_bag, tmp_path):
     assert (result.messages, result.lost, result.kept) == (102, ["the last 5000 bytes"], [])
 
 
+@pytest.mark.parametrize("missing", [1, 2, 3, 4])
+def test_a_bag_whose_data_section_has_half_an_end_was_not_finished(small_bag, tmp_path, missing):
+    data = mcap_of(small_bag).read_bytes()
+    end = next(end for code, _, end in frames(data) if code == DATA_END)
+    bag = rewritten(tmp_path / "bag", data[: end - missing])
+    assert Bag(bag).truncated
+    assert "was not finished" in Bag(bag).warning
+    result = recover(bag)
+    assert (result.messages, result.lost) == (102, [f"the last {13 - missing} bytes"])
+    assert result.kept == []
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"\x0f" + b"\xff" * 8, f"the data_end at byte {{}}: {2**64 - 1} bytes; expected 4"),
+        (b"\x06" + b"\xff" * 8, f"the chunk at byte {{}}: {2**64 - 1} bytes; expected at most"),
+        (b"\xff" * 9, f"the record 255 at byte {{}}: {2**64 - 1} bytes; expected at most"),
+        (b"\x00" + b"\xff" * 8, f"the record 0 at byte {{}}: {2**64 - 1} bytes; expected at most"),
+    ],
+)
+def test_a_record_of_impossible_length_is_damage_and_no_end(small_bag, tmp_path, head, words):
+    """In a bag without an index nothing else tells that messages are missing."""
+    data = mcap_of(small_bag).read_bytes()
+    chunks = [(begin, end) for code, begin, end in frames(data) if code == CHUNK]
+    at, end = chunks[2][0], chunks[-1][1]
+    damaged = data[:at] + head + data[at + len(head) : end]
+    bag = rewritten(tmp_path / "bag", damaged)
+    assert Bag(bag).truncated
+    assert words.format(at) in Bag(bag).warning
+    result = recover(bag)
+    assert result.messages == 22
+    assert result.lost[0].startswith(words.format(at))
+    assert result.lost[1:] == [f"the last {end - at} bytes"]
+    assert result.kept == [bag / "bag_0.mcap.damaged"]
+    assert result.kept[0].read_bytes() == damaged
+
+
+def test_an_end_in_the_place_of_a_chunk_costs_no_more_than_it(small_bag, tmp_path):
+    data = bytearray(mcap_of(small_bag).read_bytes())
+    chunks = [(begin, end) for code, begin, end in frames(bytes(data)) if code == CHUNK]
+    data[chunks[2][0]] = DATA_END
+    bag = rewritten(tmp_path / "bag", bytes(data[: chunks[-1][1]]))
+    assert len(list(Bag(bag).read_raw())) == 82
+    result = recover(bag)
+    assert (result.messages, result.kept) == (82, [bag / "bag_0.mcap.damaged"])
+    assert f"the data_end at byte {chunks[2][0]}: " in result.lost[0]
+
+
 def test_a_damaged_index_is_not_believed(small_bag, tmp_path):
     data = mcap_of(small_bag).read_bytes()
     at = data.rindex(STATES.name.encode())

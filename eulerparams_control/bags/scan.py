@@ -32,6 +32,8 @@ LARGEST = 2**28
 _HEAD = struct.Struct("<BQ")  # opcode and length begin each record
 _MESSAGE = struct.Struct("<BQHIQQ")  # and channel, sequence, log and publish time, then the data
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, checksum; magic
+_DATA_END = 4  # bytes of the record at the end of the data section: a checksum
+_OPCODES = set(Opcode)
 _READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT}
 _MOST_DAMAGE = 20  # phrases, at most: a file may be damaged everywhere
 _LONGEST_REASON = 200  # characters
@@ -158,8 +160,15 @@ class Scan:
             while at + _HEAD.size <= size:
                 head = file.read(_HEAD.size)
                 opcode, length = _HEAD.unpack(head)
-                if opcode in (0, Opcode.DATA_END) or length > size - at - _HEAD.size:
-                    self.ended = opcode == Opcode.DATA_END
+                is_cut = length > size - at - _HEAD.size
+                if opcode == Opcode.DATA_END and length != _DATA_END:
+                    self._leave_out(opcode, at, f"{length} bytes; expected {_DATA_END}")
+                elif length > LARGEST and (is_cut or opcode in _READ):
+                    self._leave_out(opcode, at, f"{length} bytes; expected at most {LARGEST}")
+                if opcode == 0 or is_cut:
+                    break
+                if opcode == Opcode.DATA_END and length == _DATA_END:
+                    self.ended = True
                     break
                 if opcode in _READ and length <= LARGEST:
                     batch: Batch = {}
@@ -167,8 +176,6 @@ class Scan:
                     if batch:
                         yield batch
                 else:
-                    if opcode in _READ:
-                        self._leave_out(opcode, at, f"{length} bytes; expected at most {LARGEST}")
                     file.seek(length, os.SEEK_CUR)
                 at += _HEAD.size + length
             self.unread = 0 if self.ended else size - at
@@ -192,7 +199,8 @@ class Scan:
 
     def _leave_out(self, opcode: int, at: int, reason: str) -> None:
         if len(self.damage) < _MOST_DAMAGE:
-            what = f"the {Opcode(opcode).name.lower()} at byte {at}"
+            name = Opcode(opcode).name.lower() if opcode in _OPCODES else f"record {opcode}"
+            what = f"the {name} at byte {at}"
             self.damage.append(f"{what}: {reason[:_LONGEST_REASON]}")
         elif len(self.damage) == _MOST_DAMAGE:
             self.damage.append(f"more that is damaged from byte {at} on")
