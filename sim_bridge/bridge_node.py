@@ -1,7 +1,8 @@
 """The node ``pybullet_bridge``: stands in for the robot and its force/torque sensor.
 
 In ``realtime`` the wall clock drives; in ``lockstep`` the step to t_k+1 is made when the
-command stamped t_k arrives, so that runs repeat to the bit.
+command stamped t_k arrives, so that runs repeat to the bit.  Its surroundings are parameters
+``environment.NAME.KEY``, see docs/contact.md.
 """
 
 import math

@@ -64,6 +64,8 @@ def test_a_node_says_what_it_is_and_all_its_parameters(name, option, monkeypatch
     lines = printed.splitlines()
     assert f"The node {name}" in printed
     assert max(len(line) for line in lines if line.startswith(6 * " ")) <= 60
+    monkeypatch.setenv("COLUMNS", "5")  # too narrow for any word
+    assert import_module(executables()[name]).main([option]) == 0
     for field in fields_of(NODES[name]).values():
         star = "*" if field.metadata["live"] else ""
         (at,) = (k for k, line in enumerate(lines) if line.startswith(f"  {field.name}{star}: "))

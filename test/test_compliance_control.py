@@ -424,8 +424,12 @@ def test_a_force_ends_with_a_halt_and_the_springs_have_to_hold_it():
     run.go(0.1)
     assert_close(run.scheme.fed, [0.0, 0.0, 5.0])
     run.controller.halt()
+    assert run.scheme.springs.law is run.scheme.law
     run.go(0.5)
     assert not run.scheme.is_pressing
+    assert run.scheme.springs is None
+    with pytest.raises(ConfigurationError, match="takes no contact h"):
+        run.scheme.tick(0.005, HOME, STILL, run.start, np.ones(6))
     law, y = run.scheme.law, np.array([0.0, 1.0, 0.0])
     law.refuse_force(44.0 * y, np.eye(3))
     with pytest.raises(ConfigurationError, match=r"do not hold 46 N"):

@@ -14,7 +14,16 @@ from test_contact_watch import LOOPS, START, Admittance, wall
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.force_control import ForceOptions
+from eulerparams_control.laws.force_control import (
+    ForceOptions,
+    _Axis,
+    _Changes,
+    _Learned,
+    _moved,
+    _Numbers,
+    _SetPoint,
+    _Surface,
+)
 from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
@@ -253,9 +262,26 @@ def test_sliding_over_a_sphere_leaves_the_force_nearly_as_it_is(stiffness, rate,
 def test_a_contact_that_begins_is_not_taken_for_noise():
     """It is felt for 0.09 s before, from when the noise is hardly known; f rises by 150 N/s."""
     arm = Pressing(rate=500, gap=0.0005, stiffness=1e4, stiffest_contact=1e4)
-    while not arm.scheme.force.stiffness[2] > 0:
+    for _ in range(200):
         arm.press(0.002)
+        if arm.scheme.force.stiffness[2] > 0:
+            break
+    assert arm.scheme.force.stiffness[2] > 0
     assert 0 < arm.f[-1] < 2.0
+
+
+@pytest.mark.parametrize("f_d", [FORCE, -FORCE])
+@pytest.mark.parametrize("size", [2.0, 3.0])
+def test_a_sway_of_the_sensor_is_no_contact(size, f_d):
+    """Of 2 Hz and 5 Hz, from when the noise is hardly known."""
+    none, known = _Surface(0.0, 0.0, 0.0), _Learned(1e5, 0.0, False, 0.0, 0.0)
+    axis = _Axis(True, False, 0.0, 0.0, _SetPoint(f_d, 0.0, f_d), none, 0.1,
+                 _Changes(0.0, 0.0, f_d), known)  # fmt: skip
+    options = _Numbers(30.0, 0.05, 1e5, 10.0)
+    for t in np.arange(0.0, 2.0, 0.001):
+        f = size * math.sin(2 * math.pi * {2.0: 2.0, 3.0: 5.0}[size] * t)
+        axis = _moved(axis, f_d, f, 0.0, 0.0, options, 0.001)
+        assert not axis.touches
 
 
 def test_noise_of_the_sensor_is_no_contact():

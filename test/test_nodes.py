@@ -630,13 +630,29 @@ def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world):
     assert len(motions) == 1
 
 
+def test_reference_that_is_to_send_once_ends_also_after_a_restart_of_the_simulation(world):
+    peer, arm = world.peer, Arm(world, UR5)
+    motions = peer.listen(MultiDOFJointTrajectory, "reference")
+    process = world.start("reference", {**FRAMES, **CIRCLE, "circle_ramp": 0.0, "once": True})
+    peer.status("reference", lambda s: s.message == "ready")
+    arm.send_next()
+    world.until(lambda: motions, "the motion")
+    lasting = ns_from_ros(motions[0].points[-1].time_from_start)
+    for t in (arm.t, 1, lasting, lasting + 1):
+        assert process.exit_code is None
+        arm.t = t
+        arm.send(arm.message())
+        world.advance(1.0)
+    assert process.end() == 0
+
+
 ON_AND_ON = [("motion", "none", []), ("wrenches", [0.0, 0.0, 5.0, 0.0, 0.0, 0.0], [0.0])]
 
 
 @pytest.mark.parametrize(("name", "value", "times"), ON_AND_ON)
 def test_reference_does_not_end_what_goes_on(name, value, times):
     given = {**CIRCLE, "once": True, "wrench_times": times, name: value}
-    with pytest.raises(ConfigurationError, match="expected a motion, and no stream"):
+    with pytest.raises(ConfigurationError, match="once ends the node with its motion, but"):
         from_mapping(ReferenceParameters, given).refuse_endless()
 
 

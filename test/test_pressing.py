@@ -200,6 +200,8 @@ def test_the_calming_time_is_from_the_first_swing_there_and_back_until_the_dampi
     assert calming_time("weak", {0: usual, 150: damped}, most=6.5) == 0.0
     with pytest.raises(BagError, match="no ~/impedance"):
         calming_time("without", {})
+    with pytest.raises(BagError, match="no damping on ~/impedance up to the first swing"):
+        calming_time("late", {120: damped, 150: usual})
 
 
 def test_the_energy_of_a_contact_is_that_of_force_and_speed(tmp_path):

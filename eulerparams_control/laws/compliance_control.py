@@ -730,7 +730,7 @@ class ComplianceControl(DynamicControl):
 
     Attributes:
         fed: (3,) [N] that is added now, on the environment, axes of the tip.
-        springs: those of the last tick, the same object while they are; None before the first.
+        springs: that act, the same object while they stay the same; None where none do.
     """
 
     law: ElasticLaw
@@ -758,18 +758,25 @@ class ComplianceControl(DynamicControl):
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), with no force."""
         self._wanted = self.fed = np.zeros(3)
+        self.springs = None
         super().reset(q)
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return efforts that stop the joints, and hold them there; no force is added then."""
         self._wanted = self.fed = np.zeros(3)
+        self.springs = None
         return super().hold(dt, q, dq)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, with the force that is added.
 
-        See :meth:`DynamicControl.tick`; h, a contact that is known, is not taken.
+        See :meth:`DynamicControl.tick`; a contact h is not compensated: it stretches the springs.
+
+        Raises:
+            ConfigurationError: if one is given.
         """
+        if len(h):
+            raise ConfigurationError("compliance control takes no contact h; expected none")
         force = NONE
         if self.is_pressing:
             more = self._wanted - self.fed

@@ -79,6 +79,10 @@ _TOUCH, _NOISE = 0.05, 0.5
 # which [N^2] is known after this time [s], and is this one before.
 _NOISES, _LISTENS, _FIRST_VARIANCE = 6.0, 0.1, 0.1
 
+# What changes the force towards f_d by more than this many times its variance may be a contact that
+# begins, and is not taken for noise.
+_BEGINS = 16.0
+
 # Changes are those within the first time [s]; what was learned counts for the next ones [s], while
 # the force is not yet reached to within this part, and from then on.
 _CHANGES, _FIRST, _LATER, _REACHED = 0.03, 0.1, 0.3, 0.1
@@ -320,7 +324,8 @@ def _moved(
         surface, means = _Surface(f, 0.0, 0.0), _Changes(x_e, f, f_d)
         know = _Learned(options.K_max, 0.0, False, 0.0, 0.0)
     elif not touches:
-        if by.f * f_d <= 0.0:  # a contact that begins is on the other side
+        # a contact that begins is beyond the noise, on the other side
+        if by.f * f_d <= 0.0 or by.f * by.f <= _BEGINS * variance:
             variance -= math.expm1(-dt / _LISTENS) * (by.f * by.f - variance)
     else:
         surface = _observed(surface, know, f, dx, options.v_max + across, options.w, dt)

@@ -71,10 +71,11 @@ class ReferenceParameters:
 
     def refuse_endless(self) -> None:
         """Raise ConfigurationError if what is to be sent once goes on."""
-        if self.once and (self.motion == "none" or self.courses()):
+        if self.once and self.motion == "none":
+            raise ConfigurationError("once ends the node with its motion, but motion is none")
+        if self.once and (streams := " and ".join(self.courses())):
             raise ConfigurationError(
-                f"once is true, but motion is {self.motion}, and {[*self.courses()] or 'nothing'} "
-                "is streamed; expected a motion, and no stream: those go on until the node ends"
+                f"once ends the node with its motion, but {streams} would be streamed on"
             )
 
     def way_points(self) -> Trajectory:

@@ -1,11 +1,11 @@
 """The node ``reference``: a desired motion, force and stiffness from parameters."""
 
 import sys
+from typing import Any
 
 from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -16,7 +16,7 @@ from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
-from eulerparams_control.messages.to_ros import motion_to_ros
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.course import Course
@@ -63,7 +63,7 @@ class Sender:
         """How many listen."""
         return int(self._publisher.get_subscription_count())
 
-    def answer(self, msg: JointState) -> None:
+    def answer(self, msg: Any) -> None:
         """Send what belongs to a state, if it is due."""
         t = ns_from_ros(msg.header.stamp)
         if self._began is None or t < self._began:
@@ -73,7 +73,7 @@ class Sender:
         self._sent = t
         values = self._course.at((t - self._began) / 1e9).tolist()
         sent = WrenchStamped(wrench=Wrench(force=_vector(values[:3]), torque=_vector(values[3:])))
-        sent.header.stamp, sent.header.frame_id = msg.header.stamp, self._frame
+        sent.header.stamp, sent.header.frame_id = stamp_to_ros(t), self._frame
         self._publisher.publish(sent)
 
 
@@ -102,9 +102,10 @@ class ReferenceNode(Node):
         if self._params.motion == "circle":
             self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
+        self._read_state = self._health.reader(JointState)
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent, self._lasting = 0, 0  # [ns] of the motion
-        self._over: int | None = None  # when [ns] it is
+        self._begun: int | None = None  # when [ns] it did, as far as is known
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
         p = self._params
         frames = {"target_wrench": p.tip_frame, "target_stiffness": ""}
@@ -152,7 +153,11 @@ class ReferenceNode(Node):
         if any(name in serialized for name in self._names):  # else it is one of others
             self._latest = serialized  # read when a motion starts from it
             if self._streams and not self._pending:
-                state = deserialize_message(serialized, JointState)
+                try:
+                    state = self._read_state(serialized)
+                except InvalidMessageError as error:
+                    self._health.reject("joint_states", error)
+                    return
                 for stream in self._streams:
                     stream.answer(state)
 
@@ -163,7 +168,7 @@ class ReferenceNode(Node):
         if not self._latest:
             return "no valid joint_states yet"
         try:
-            _, q, dq = self._reader.from_ros(deserialize_message(self._latest, JointState))
+            _, q, dq = self._reader.from_ros(self._read_state(self._latest))
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             self._latest = b""
@@ -187,13 +192,21 @@ class ReferenceNode(Node):
 
     def _end_when_over(self) -> None:
         """End when the motion is over, by the stamps of joint_states, if it is sent once."""
-        if self._params.once and self._latest:
-            t = ns_from_ros(deserialize_message(self._latest, JointState).header.stamp)
-            self._over = t + self._lasting if self._over is None else self._over
-            if t >= self._over:
-                text = "the motion is over; whether the arm followed it, its controller says"
-                self.get_logger().info(text)
-                self.done = True
+        if not (self._params.once and self._latest):
+            return
+        try:
+            stamp = ns_from_ros(self._read_state(self._latest).header.stamp)
+        except InvalidMessageError as error:
+            self._health.reject("joint_states", error)
+            self._latest = b""
+            return
+        t = stamp or round(1e9 * steady.now())  # without stamps
+        if self._begun is None or t < self._begun:  # a simulation was started again
+            self._begun = t
+        if t >= self._begun + self._lasting:
+            text = "the motion is over; whether the arm followed it, its controller says"
+            self.get_logger().info(text)
+            self.done = True
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Send the motion of the parameters again, as after a fault; a circle begins again here."""
@@ -234,7 +247,7 @@ class ReferenceNode(Node):
                 "waits for a command; with fewer way-points or turns the arm need not brake"
             )
         self._publisher.publish(msg)
-        self._lasting, self._over = round(1e9 * trajectory.duration), None
+        self._lasting, self._begun = round(1e9 * trajectory.duration), None
         for stream in self._streams:
             stream.restart()
         self._sent += 1

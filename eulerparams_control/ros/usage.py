@@ -12,8 +12,8 @@ from eulerparams_control.parameters.fields import allowed, default_text
 
 OPTIONS = "-h", "--help"
 
-# Widest text [characters], however wide the terminal is, and how far it is indented.
-_WIDEST, _INDENT = 100, 6 * " "
+# Widest and narrowest text [characters], however wide the terminal is, and how far it is indented.
+_WIDEST, _NARROWEST, _INDENT = 100, 20, 6 * " "
 
 
 def usage(program: str, node: type[Any]) -> str:
@@ -23,7 +23,7 @@ def usage(program: str, node: type[Any]) -> str:
         program: how it was called; its name counts.
         node: its class, in a module that says what it does.
     """
-    width = min(shutil.get_terminal_size().columns, _WIDEST)
+    width = max(_NARROWEST, min(shutil.get_terminal_size().columns, _WIDEST))
     name = Path(program).name.removesuffix("_node.py")
     about = inspect.cleandoc(inspect.getmodule(node).__doc__ or "").replace("``", "")
     lines = [

@@ -101,8 +101,9 @@ def rippling_time(
 def calming_time(recording: Recording, most: float = 4.0) -> float:
     """Time from the first swing of the contact force until the damping rises.
 
-    A swing goes by more than ``most`` [N] there and back, within 0.1 s each, along one base axis;
-    the damping is that on ~/impedance.  Infinite if it does not rise; 0 without a swing.
+    A swing goes by more than ``most`` [N] there and back, within 0.1 s each, along one base axis:
+    one bump is one.  The damping is that on ~/impedance.  Infinite if it does not rise; 0 without a
+    swing.  It raises BagError if no damping was published up to the first swing.
     """
     acting: ActingImpedance = needed(recording, "acting")
     t, f = force(recording)
@@ -117,7 +118,10 @@ def calming_time(recording: Recording, most: float = 4.0) -> float:
     first = float(t[np.argmax(swings)])
     D_p = np.trace(acting.matrices[:, 1], axis1=1, axis2=2)
     later = acting.t > first
-    usual = D_p[max(int(np.argmax(later)) - 1, 0)]
+    before = D_p[~later]
+    if not len(before) or not before[-1] > 0.0:
+        raise BagError("no damping on ~/impedance up to the first swing of the force")
+    usual = before[-1]
     rises = later & (D_p > (1.0 + _RISES) * usual)
     return float(acting.t[np.argmax(rises)]) - first if rises.any() else math.inf
 

@@ -1,4 +1,7 @@
-"""The node ``bag_recorder``: messages as they come, serialised, into a bag."""
+"""The node ``bag_recorder``: messages as they come, serialised, into a bag.
+
+``bag_recorder --recover BAG`` makes a killed recording whole as far as it goes.
+"""
 
 import dataclasses
 import importlib
