@@ -97,6 +97,7 @@ def rewritten(folder: Path, data: bytes) -> Path:
 
 
 CHUNK, DATA_END, MESSAGE_INDEX = 6, 15, 7  # opcodes
+EMPTY_MESSAGE = 31  # bytes of its record
 
 
 def frames(data: bytes) -> Iterator[tuple[int, int, int]]:
@@ -411,17 +412,28 @@ def test_batches_are_the_messages_by_topic(small_bag):
     assert {topic for topics in chosen for topic in topics} == {DESCRIPTION.name}
 
 
-def test_messages_of_several_topics_keep_the_order_of_the_file(tmp_path):
-    names = ["/a", "/b"]
-    order = [names[k % 3 == 0] for k in range(50)]
-    with BagWriter(tmp_path / "bag") as bag:
-        for name in names:
-            bag.add_topic(Topic(name, STRING))
-        for k, name in enumerate(order):
-            bag.write(name, string(str(k)), START + k, START)
-    read = list(Bag(tmp_path / "bag").read_raw())
-    assert [message.topic for message in read] == order
-    assert [message.log_time - START for message in read] == list(range(50))
+@pytest.mark.parametrize("options", [{"chunk_size": 512}, {"use_chunking": False}])
+def test_messages_of_several_topics_keep_the_order_of_the_file(tmp_path, options):
+    """As the reader of mcap has it, across chunks and batches."""
+    path, names = mcap_of(tmp_path), ["/a", "/b", "/c"]
+    with open(path, "wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, **options)
+        writer.start("ros2")
+        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        channels = [writer.register_channel(name, "cdr", schema) for name in names]
+        for k in range(3000):
+            data = string(str(k) * (k % 50))
+            writer.add_message(channels[k * k % 7 % 3], START - k, data, START + k)
+        writer.finish()
+    with open(path, "rb") as file:
+        expected = [
+            (channel.topic, message.log_time, message.publish_time, message.data)
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
+    batches = list(Bag(tmp_path).batches())
+    assert 2 < len(batches) < 10
+    assert all(len(batch) == 3 for batch in batches)
+    assert list(Bag(tmp_path).read_raw()) == expected
 
 
 def test_a_topic_whose_definition_changes_between_files_is_refused(tmp_path):
@@ -449,6 +461,35 @@ def test_reading_needs_little_memory_however_long_the_bag(tmp_path):
     tracemalloc.stop()
     assert size > 2.5e6
     assert peak < 1e6
+
+
+def test_reading_needs_little_memory_however_many_messages_are_in_a_chunk(tmp_path):
+    size = 2**23
+    with open(mcap_of(tmp_path), "wb") as file:
+        writer = Writer(file, chunk_size=size)
+        writer.start("ros2")
+        channel = writer.register_channel("/a", "cdr", writer.register_schema(STRING, "", b""))
+        count = size // EMPTY_MESSAGE
+        for number in range(count):
+            writer.add_message(channel, number, b"", number)
+        writer.finish()
+    tracemalloc.start()
+    read = sum(1 for _ in Bag(tmp_path).read_raw())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert read == count
+    assert peak < 1.6 * size  # the chunk once, and some thousand messages
+
+
+def test_large_messages_outside_of_chunks_are_handed_over_one_by_one(tmp_path):
+    with open(mcap_of(tmp_path), "wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2")
+        channel = writer.register_channel("/a", "cdr", writer.register_schema(STRING, "", b""))
+        for number in range(10):
+            writer.add_message(channel, number, bytes(100_000), number)
+        writer.finish()
+    assert [len(batch["/a"].data) for batch in Bag(tmp_path).batches()] == [1] * 10
 
 
 # --- what survives -------------------------------------------------------------------

@@ -15,12 +15,12 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from eulerparams_control.analysis import arm, topics
+from eulerparams_control.analysis import arm, loading, topics
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.analysis.topics import NO_START, RecordedTopic
-from eulerparams_control.bags import Bag, BagWriter
+from eulerparams_control.bags import Bag, BagWriter, scan
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
@@ -89,6 +89,18 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag):
     assert parts[-1].measured.t[-1] == 2.0
     with pytest.raises(BagError, match="no joint_states from 9 to 10 s"):
         load(bag, start=9.0, end=10.0)
+
+
+def test_progress_is_told_each_time_that_many_messages_were_read(bag, monkeypatch):
+    monkeypatch.setattr(scan, "_BATCH_BYTES", 1)
+    monkeypatch.setattr(loading, "_TOLD", 1000)
+    total = sum(topic.count for topic in Bag(bag).topics.values())
+    shares: list[float] = []
+    list(blocks(bag, progress=shares.append))
+    read = [share for share in shares if share <= 0.5]
+    assert total / 1000 - 1 <= len(read) <= total / 1000 + 1
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
 def _references(

@@ -37,6 +37,7 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
+_TOLD = 10_000  # messages between calls of progress
 _MOST = 10  # messages of a topic in a part, for each state that it was to have
 
 BLOCK = 20_000
@@ -206,12 +207,14 @@ class _Reader:
         """Read the bag once, up to where the clock jumps, or to the end that is asked for."""
         by_topic = {self._arm.topics[name]: topic for name, topic in self._topics.items()}
         total = sum(self._bag.topics[topic].count for topic in by_topic)
-        number, end, states = 0, math.inf, self._states
+        number, told, end, states = 0, 0, math.inf, self._states
         for batch in self._bag.batches(by_topic):
             for name, messages in batch.items():
                 by_topic[name].add(messages)
                 number += len(messages.data)
-            self._progress(number / total / 2)
+            if number >= told:
+                self._progress(number / total / 2)
+                told = number + _TOLD
             if len(states):
                 end = states.stamp(0) + 1e9 * self._options.end + 2 * _ANSWERED
             if states.latest > end:
@@ -236,9 +239,7 @@ class _Reader:
         self._told, self._rates, self._delayed = told
         stops = {one.node: one for one in reversed(told.reports) if one.fault}
         self._stops = [
-            BagWarning(
-                BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}"
-            )
+            BagWarning(BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}")
             for one in sorted(stops.values())
         ]
 

@@ -6,6 +6,7 @@ the size that a chunk states may be wrong.
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import struct
 import zlib
@@ -35,6 +36,8 @@ _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, che
 _DATA_END = 4  # bytes of the record at the end of the data section: a checksum
 _OPCODES = set(Opcode)
 _READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT}
+_BATCH_MESSAGES = 5000  # of one record at most
+_BATCH_BYTES = 2**16  # of records whose messages are handed over together
 _MOST_DAMAGE = 20  # phrases, at most: a file may be damaged everywhere
 _LONGEST_REASON = 200  # characters
 
@@ -84,7 +87,7 @@ class Messages(NamedTuple):
     """Messages of a topic, as they were recorded.
 
     Attributes:
-        places: increase in file order, over the topics of one batch.
+        places: increase in file order, over all topics.
         log_times, publish_times: [ns].
         data: serialised.
     """
@@ -110,10 +113,10 @@ def in_file_order(batch: Batch) -> list[RawMessage]:
 
 
 class Scan:
-    """One pass over an MCAP file; iterating gives its messages, chunk by chunk.
+    """One pass over an MCAP file; iterating gives its messages, some at a time.
 
-    What cannot be read is left out and listed in ``damage``.  Memory is bounded by the
-    largest record.
+    What cannot be read is left out and listed in ``damage``.  Memory is bounded by some
+    copies of the largest record, packed and unpacked, and 5000 messages.
 
     Args:
         path: of the file.
@@ -145,6 +148,9 @@ class Scan:
         self._known: dict[int, Channel] = {}
         self._wanted: dict[int, str] = {}  # topics, by the number of the channel
         self._strangers = 0
+        self._batch: Batch = {}
+        self._bytes = 0  # of the records that the batch is from
+        self._places = itertools.count()
         for channel in index.channels.values() if index else ():
             self._meet(channel)
 
@@ -171,31 +177,37 @@ class Scan:
                     self.ended = True
                     break
                 if opcode in _READ and length <= LARGEST:
-                    batch: Batch = {}
-                    self._parse(opcode, head + file.read(length), at, batch)
-                    if batch:
-                        yield batch
+                    yield from self._parse(opcode, head, file.read(length), at)
                 else:
                     file.seek(length, os.SEEK_CUR)
                 at += _HEAD.size + length
             self.unread = 0 if self.ended else size - at
+        yield from self._hand_over()
         if self._strangers:
             text = f"{self._strangers} messages of topics whose description is lost"
             self.damage.append(text)
 
-    def _parse(self, opcode: int, record: bytes, at: int, batch: Batch) -> None:
+    def _parse(self, opcode: int, head: bytes, body: bytes, at: int) -> Iterator[Batch]:
         """Take what is in a record, that is at a byte of the file."""
         try:
             if opcode == Opcode.CHUNK:
-                chunk = Chunk.read(ReadDataStream(BytesIO(record[_HEAD.size :])))
+                chunk = Chunk.read(ReadDataStream(BytesIO(body)))
                 self.compression = chunk.compression
-                self._take(unpacked(chunk), batch)
+                yield from self._take(unpacked(chunk))
             elif opcode == Opcode.ATTACHMENT:
-                self.attachments[_attachment(record[_HEAD.size :]).name] = at
+                self.attachments[_attachment(body).name] = at
             else:
-                self._take(record, batch)
+                yield from self._take(head + body)
         except Exception as error:  # the parsers leak any type on damaged bytes
             self._leave_out(opcode, at, str(error) or type(error).__name__)
+        if self._bytes >= _BATCH_BYTES:
+            yield from self._hand_over()
+
+    def _hand_over(self) -> Iterator[Batch]:
+        """Yield the messages that were taken, if any."""
+        batch, self._batch, self._bytes = self._batch, {}, 0
+        if batch:
+            yield batch
 
     def _leave_out(self, opcode: int, at: int, reason: str) -> None:
         if len(self.damage) < _MOST_DAMAGE:
@@ -205,12 +217,17 @@ class Scan:
         elif len(self.damage) == _MOST_DAMAGE:
             self.damage.append(f"more that is damaged from byte {at} on")
 
-    def _take(self, data: bytes, batch: Batch) -> None:
+    def _take(self, data: bytes) -> Iterator[Batch]:
         """Take schemas, channels and messages from records that follow each other."""
         at, size, wanted, head, whole = 0, len(data), self._wanted, _HEAD.size, _MESSAGE.size
-        padded, unpack = data + bytes(whole), _MESSAGE.unpack_from
+        unpack, batch, count, last = _MESSAGE.unpack_from, self._batch, 0, size - whole
+        rest = max(0, last)  # from here on a record may be shorter than the head of a message
+        padded = data[rest:] + bytes(whole)
+        self._bytes += size
         while at < size:  # no calls but these: it runs once for each message of an hour
-            opcode, length, number, _, log_time, publish_time = unpack(padded, at)
+            opcode, length, number, _, log_time, publish_time = (
+                unpack(data, at) if at <= last else unpack(padded, at - rest)
+            )
             begin, at = at, at + head + length
             if at > size:
                 raise ValueError("a record does not fit into its chunk")
@@ -222,10 +239,14 @@ class Scan:
                     if messages is None:
                         messages = batch[wanted[number]] = Messages([], [], [], [])
                     places, log_times, publish_times, contents = messages
-                    places.append(begin)
+                    places.append(next(self._places))
                     log_times.append(log_time)
                     publish_times.append(publish_time)
                     contents.append(data[begin + whole : at])
+                    count += 1
+                    if count == _BATCH_MESSAGES:
+                        yield from self._hand_over()
+                        batch, count = self._batch, 0
                 elif number not in self._known:
                     self._strangers += 1
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
