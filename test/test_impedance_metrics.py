@@ -18,12 +18,14 @@ from samples import derivative
 from synthetic_runs import all_numbers, recorded
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, assert_close
 
+from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
     rotational_residual,
     translational_residual,
 )
 from eulerparams_control.analysis.digest import Digest
+from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME, measure
 from eulerparams_control.analysis.quantities.contact import desired_rotations
@@ -600,3 +602,27 @@ def test_springs_are_those_that_acted_clips_included(tmp_path):
     after = sum(2.0 * s * c - c * c / 2 for s, c in ((s_p, 2.0), (s_o, math.sqrt(32.0) * 0.05)))
     energy = BY_NAME["elastic_energy"].samples(found)[1]
     np.testing.assert_allclose(energy, [before] * 3 + [after] * 3, rtol=EXACT)
+
+
+def energies(run: Recording) -> dict[float, float]:
+    """Return the elastic energy [J] by instant [s]."""
+    t, energy = BY_NAME["elastic_energy"].samples(run)
+    return dict(zip(t.tolist(), energy.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("size", [0, 2, 3])
+def test_springs_that_acted_before_the_time_that_is_looked_at_act_on(tmp_path, size):
+    """Not those before them, nor the stated ones; what comes later counts from its instant on."""
+    told = {"K_p": [100.0] * 3, "K_o": [8.0] * 3}
+    changes = {
+        k: partial(springs_to_ros, factor * np.eye(3), np.eye(3), (0.1, 0.05))
+        for k, factor in ((0, 50.0), (1, 400.0), (5, 800.0))
+    }
+    run = {"parameters": told, "node": "/compliance_control", "impedances": changes}
+    whole = energies(recorded(tmp_path / "run", [0.4] * 8, **run))
+    assert len({*whole.values()}) == 3
+    found: dict[float, float] = {}
+    for part in blocks(tmp_path / "run", Options(start=0.03, end=0.06), size):
+        found |= energies(part)
+    assert found == {t: energy for t, energy in whole.items() if 0.03 <= t <= 0.06}
+    assert len(found) == 4

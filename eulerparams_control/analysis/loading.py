@@ -344,8 +344,8 @@ class _Reader:
         frames = self._desired.at(own)
         if shaped := taken.get("desired"):  # those before were in the last part
             shaped = shaped.take(shaped.stamp >= begin) if first else shaped
-            taken["desired"] = self._within(shaped)
-        inside = self._within(measured)
+            taken["desired"] = self._within(shaped, "desired")
+        inside = self._within(measured, "joint_states")
         until = math.inf if is_last else float(self._times(measured.stamp[-1:])[0])
         said = self._said(until if inside is not None else -math.inf)
         before = self._displacements
@@ -353,7 +353,7 @@ class _Reader:
         if inside is measured:
             yield whole
         elif inside is not None:
-            taken = {name: self._within(found) for name, found in taken.items()}
+            taken = {name: self._within(found, name) for name, found in taken.items()}
             before = self._displacements_at(whole, self._options.start)
             yield self._recording(inside, taken, own, frames, before, said)
         if not is_last:
@@ -413,12 +413,14 @@ class _Reader:
             **fields,
         )
 
-    def _within(self, found: Rows | None) -> Rows | None:
-        """Return what is within the time that is looked at; None if nothing is."""
+    def _within(self, found: Rows | None, name: str) -> Rows | None:
+        """Return what is of, or acts in, the time that is looked at; None if nothing is."""
         if found is None:
             return None
-        t = self._times(found.stamp)
-        inside = (t >= self._options.start) & (t <= self._options.end)
+        t, start = self._times(found.stamp), self._options.start
+        inside = (t >= start) & (t <= self._options.end)
+        if self._topics[name].is_lasting:
+            inside |= t == t.max(where=t <= start, initial=-math.inf)
         return found if inside.all() else found.take(inside) if inside.any() else None
 
     def _times(self, stamps: NDArray[np.int64]) -> Array:

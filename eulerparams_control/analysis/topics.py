@@ -206,6 +206,7 @@ class RecordedTopic:
         type: of its messages.
         is_timed: whether each part of a run has the rows of its time.
         is_steady: whether it goes on for as long as joint_states do.
+        is_lasting: whether a message counts until the next one.
         field: of the recording that has them; "": they are among its ``others``, by name.
         invalid: how many messages were not valid.
         repeated: how many had the stamp of another one, but not its values.
@@ -218,6 +219,7 @@ class RecordedTopic:
     type: ClassVar[str] = ""
     is_timed: ClassVar[bool] = True
     is_steady: ClassVar[bool] = True
+    is_lasting: ClassVar[bool] = False
     field: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
@@ -443,6 +445,7 @@ class PublishedImpedance(RecordedTopic):
 
     name = "impedance"
     is_steady = False  # once a second while it stays the same
+    is_lasting = True
     type = "sensor_msgs/msg/JointState"
     field = "acting"
 
