@@ -612,7 +612,8 @@ def test_reference_sends_its_motion_from_good_states_again_when_asked_and_says_w
     assert process.stop() == 0
 
 
-def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world):
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world, is_restarted):
     peer, arm = world.peer, Arm(world, UR5)
     motions = peer.listen(MultiDOFJointTrajectory, "reference")
     process = world.start("reference", {**FRAMES, **CIRCLE, "circle_ramp": 0.0, "once": True})
@@ -620,30 +621,15 @@ def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world):
     arm.send_next()
     world.until(lambda: motions, "the motion")
     peer.status("reference")  # a second later, by the clock of the node
-    begun, lasting = arm.t, ns_from_ros(motions[0].points[-1].time_from_start)
-    for t in (begun + lasting - 1, begun + lasting):
+    lasting = ns_from_ros(motions[0].points[-1].time_from_start)
+    begun = 1 if is_restarted else arm.t  # also the simulation
+    for t in (begun, begun + lasting - 1, begun + lasting):
         assert process.exit_code is None
         arm.t = t
         arm.send(arm.message())
         world.advance(1.0)
     assert process.end() == 0
     assert len(motions) == 1
-
-
-def test_reference_that_is_to_send_once_ends_also_after_a_restart_of_the_simulation(world):
-    peer, arm = world.peer, Arm(world, UR5)
-    motions = peer.listen(MultiDOFJointTrajectory, "reference")
-    process = world.start("reference", {**FRAMES, **CIRCLE, "circle_ramp": 0.0, "once": True})
-    peer.status("reference", lambda s: s.message == "ready")
-    arm.send_next()
-    world.until(lambda: motions, "the motion")
-    lasting = ns_from_ros(motions[0].points[-1].time_from_start)
-    for t in (arm.t, 1, lasting, lasting + 1):
-        assert process.exit_code is None
-        arm.t = t
-        arm.send(arm.message())
-        world.advance(1.0)
-    assert process.end() == 0
 
 
 ON_AND_ON = [("motion", "none", []), ("wrenches", [0.0, 0.0, 5.0, 0.0, 0.0, 0.0], [0.0])]
