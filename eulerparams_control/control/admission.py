@@ -18,6 +18,7 @@ from eulerparams_control.control.clock import (
     take_step,
 )
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
+from eulerparams_control.control.steady import LONGEST_STEP, NOT_STEADY, admit_steady
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.rotations import Array
@@ -40,9 +41,6 @@ _SET_BACK = 3
 _MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 
 _NOT_FINE = -1.0, -1.0
-
-# The longest step that a law integrates over [usual periods].
-_LONGEST_STEP = 3.0
 
 
 class Restart(NamedTuple):
@@ -271,12 +269,47 @@ class Admission:
                 leapt = min(early, dt - max(silence, usual_now))
             if restart or not (is_set_back or usual_now < 2 * leapt):  # less is jitter
                 leapt = 0.0
-        longest = _LONGEST_STEP * usual
+        longest = LONGEST_STEP * usual
         if usual and (dt > longest or acted > longest):
             lost, acted = max(dt - longest, 0.0), min(acted, longest)
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
+
+    def admit_steady(
+        self, at: Instant, q: Array, dq: Array, velocity: Array, patient: bool,
+        points: tuple[Array, Array], since: float, longest: float, frame: Array,
+    ) -> tuple[Array, float, float] | None:  # fmt: skip
+        """Take a state that is just the next one, and fill the desired frame (24,).
+
+        Args:
+            at, q, dq, velocity, patient: see :meth:`admit`.
+            points: of the motion, see :attr:`Leg.points`.
+            since: [s] on it.
+            longest: [s] of a step.
+            frame: is filled.
+
+        Returns:
+            q (n,), dt and acted [s], see :class:`Accept`; None: the state is not sure to be the
+            next one, and nothing was changed.
+        """
+        last, receipt = self.clock.last, at.receipt
+        if last is None or (receipt is None) is not (last.receipt is None):
+            return None
+        dt, silence, behind = (at.stamp - last.stamp) / 1e9, 0.0, 0.0
+        if receipt is not None and last.receipt is not None:
+            silence, behind = receipt - last.receipt, receipt - at.stamp / 1e9
+        latency, now = self._latency, self._now
+        code = admit_steady(
+            q, dq, velocity, self._arm, self._before, now, self._believed, self.period.row,
+            latency.row, latency.most, patient, dt, silence, min(longest, self._timeout), behind,
+            receipt or 0.0, receipt is not None, *points, since, frame,
+        )  # fmt: skip
+        if code == NOT_STEADY:
+            return None
+        self.clock.last, self._before, self._now = at, now, self._before
+        acted = dt if receipt is None or 0 < dt < silence else silence
+        return (now[judge.Q].copy() if code else q), dt, acted
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.

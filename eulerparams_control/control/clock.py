@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Row, entry
+from eulerparams_control.laws.compiled import Row, entry, kernel
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
@@ -195,6 +195,13 @@ class Latency:
         return late(self.row, now - t / 1e9, now, self.most, patient)
 
 
+@kernel
+def best_at(row: Row, now: float) -> float:
+    """Return what the best state would be behind at ``now`` [s]; NaN if there is none."""
+    best: float = row[_BEST] + _DRIFT * (now - row[_AT])
+    return best
+
+
 @entry
 def late(row: Row, behind: float, now: float, most: float, patient: bool) -> float:
     """Return how late [s] a state is that came at ``now`` [s], so far behind the steady clock.
@@ -204,8 +211,7 @@ def late(row: Row, behind: float, now: float, most: float, patient: bool) -> flo
     """
     if math.isnan(row[_BEST]):
         row[_BEST], row[_AT] = behind, now
-    pause = now - row[_AT]
-    best = row[_BEST] + _DRIFT * pause
+    pause, best = now - row[_AT], best_at(row, now)
     row[_BEST], row[EARLY], row[_AT] = min(behind, best), max(best - behind, 0.0), now
     by = behind - row[_BEST]
     if by <= most or pause > _PAUSE:

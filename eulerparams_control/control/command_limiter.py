@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import NONE, Input, Inputs, Rows, entry, kernel
+from eulerparams_control.laws.compiled import NONE, Input, Rows, entry, kernel
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, clip, difference
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
@@ -83,13 +83,13 @@ class CommandLimiter:
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
-        q_c, dq, effort, frame = command
+        q_c, dq, effort, frame_row = command
         rows = (
             NONE if q_c is None else q_c,
             NONE if dq is None else dq,
             NONE if effort is None else effort,
         )
-        if frame is not None and not _is_finite(*frame):
+        if frame_row is not None and not _is_finite(frame_row):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
         given = self._bounds, self._joints, self._safe, elapsed, dt
         code = _bounded(*rows, *self._last, q, *given)
@@ -101,18 +101,17 @@ class CommandLimiter:
             safe = [self._safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
             rows = safe[0], safe[1], safe[2]
             q_c, dq, effort = (row if len(row) else None for row in rows)
-            command = JointCommand(q_c, dq, effort, frame)
+            command = JointCommand(q_c, dq, effort, frame_row)
         self._last, self.commands_efforts = rows, effort is not None
         return command
 
 
 @entry
-def _is_finite(p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega: Input) -> bool:
-    """Return whether all numbers of a frame are finite."""
+def _is_finite(row: Input) -> bool:
+    """Return whether all numbers of a row are finite."""
     total = 0.0
-    for i in range(3):
-        total += abs(p[i]) + abs(dp[i]) + abs(omega[i]) + abs(ddp[i]) + abs(domega[i])
-        total += abs(R[i, 0]) + abs(R[i, 1]) + abs(R[i, 2])
+    for value in row:
+        total += abs(value)
     return math.isfinite(total)
 
 

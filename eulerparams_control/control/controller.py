@@ -5,6 +5,7 @@ gives it measured states and references.  A step is four stages: admit the state
 mode, ask the mode for a command, limit it.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from eulerparams_control.control.admission import Accept, Admission
 from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.guidance import LONG, Guidance
 from eulerparams_control.control.judge import AGAIN, AT_REST, SAME
 from eulerparams_control.control.mode import (
     DEACTIVATED,
@@ -25,7 +26,7 @@ from eulerparams_control.control.mode import (
     stuck,
     why_of,
 )
-from eulerparams_control.control.modes import Release
+from eulerparams_control.control.modes import ControlMode, Release
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
@@ -52,6 +53,7 @@ class Controller:
         guidance: the scheme on its desired motion.
         limiter: of the commands.
         supervisor: keeps the mode.
+        detours: how many states did not go the short way, see :mod:`.control.steady`.
     """
 
     def __init__(
@@ -66,7 +68,8 @@ class Controller:
         )
         self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
-        self._q, self._dq = q, np.zeros_like(q)
+        self._q, self._dq, self.detours = q, np.zeros_like(q), 0
+        self._steady: ControlMode | None = None  # in which the next state may be a steady one
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
@@ -126,7 +129,7 @@ class Controller:
 
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
-        self.options = options
+        self.options, self._steady = options, None
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:
             self._wanted = joints
@@ -214,12 +217,53 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor, admission = Instant(t, now), self.supervisor, self._admission
+        at, supervisor = Instant(t, now), self.supervisor
+        if self._steady is supervisor.mode and self.guidance.is_at_full_rate:
+            frame = np.empty(24)
+            if steady := self._steady_state(at, q, dq, frame):
+                q, dt, acted = steady
+                self._q, self._dq = q, dq
+                known = None if supervisor.sees_rate() else frame
+                command = supervisor.ask(t, dt, q, dq, known)
+                self._command = command = self._limit(command, acted, dt)
+                if command is not None:
+                    supervisor.left = at
+                return command
+        self.detours += 1
+        self._steady = None
+        command = self._step(at, q, dq)
+        is_plain = command is not None and self.limiter.limits is self._wanted
+        if is_plain and supervisor.mode.is_led and self.guidance.is_plain:
+            self._steady = supervisor.mode
+        return command
+
+    @property
+    def _runaway(self) -> Array:
+        """Limits (n,) of the speeds of an arm that may run away; (0,): it cannot."""
+        limits = self.limiter.limits
+        return NONE if limits is None or not self.limiter.commands_efforts else limits.velocity
+
+    def _steady_state(
+        self, at: Instant, q: Array, dq: Array, frame: Array
+    ) -> tuple[Array, float, float] | None:
+        """Take a state of a steady stream, see :meth:`Admission.admit_steady`."""
+        motion = self.guidance.motion
+        since, leg = motion.since(at.stamp), motion.leg
+        if since > leg.duration or leg.points is None:
+            return None
+        is_patient = not self.limiter.commands_efforts
+        longest = math.inf if motion.is_holding else LONG
+        return self._admission.admit_steady(
+            at, q, dq, self._runaway, is_patient, leg.points, since, longest, frame
+        )
+
+    def _step(self, at: Instant, q: Array, dq: Array) -> JointCommand | None:
+        """Return the command for a state, whatever it may be."""
+        supervisor, admission = self.supervisor, self._admission
         limiter, command = self.limiter, self._command
         limits, has_efforts = limiter.limits, limiter.commands_efforts
-        velocity = limits.velocity if has_efforts and limits is not None else NONE
         told = None if command is None else command.q
-        state = admission.admit(at, q, dq, told, velocity, not has_efforts)
+        state = admission.admit(at, q, dq, told, self._runaway, not has_efforts)
         if state.code & AGAIN:
             return self._answer_again(at, state)
         q = state.q
@@ -240,7 +284,7 @@ class Controller:
             self.guidance.wait(lost)
         if limits is not self._wanted:
             self._lower(dt)
-        self._command = command = self._limit(supervisor.ask(t, dt, q, dq), state.acted, dt)
+        self._command = command = self._limit(supervisor.ask(at.stamp, dt, q, dq), state.acted, dt)
         if command is not None:
             supervisor.left = at
         return command

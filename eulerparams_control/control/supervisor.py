@@ -159,13 +159,8 @@ class Supervisor:
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
             self.change(ModeEvent.TRUST)
-        if self._is_strict:
-            rate, period = self.rate, self._admission.period.row.item(SECONDS)
-            longest, turn = rate.fine
-            if not (period <= longest and self._scheme.loop_rate * period <= turn):
-                rate.judge(self._scheme)
-                if rate.rate is not Rate.FINE and self._is_rate_too_low():
-                    return
+        if self.sees_rate():
+            return
         if state.code & judge.FROZEN:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
@@ -183,6 +178,17 @@ class Supervisor:
             self._halted = self._halted + state.dt if mode.is_halted else 0.0
             if state.code & _FAST:
                 self._see_runaway(state, dq, self._limiter.limits.velocity)
+
+    def sees_rate(self) -> bool:
+        """Judge how often states come; return whether nothing can be commanded for that."""
+        if not self._is_strict:
+            return False
+        rate, period = self.rate, self._admission.period.row.item(SECONDS)
+        longest, turn = rate.fine
+        if period <= longest and self._scheme.loop_rate * period <= turn:
+            return False
+        rate.judge(self._scheme)
+        return rate.rate is not Rate.FINE and self._is_rate_too_low()
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
@@ -231,15 +237,20 @@ class Supervisor:
         """Hold from now on because of a defect; no reference is followed any more."""
         self.change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), REPORT_IT))
 
-    def ask(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand | None:
+    def ask(
+        self, t: int, dt: float, q: Array, dq: Array, desired: Array | None = None
+    ) -> JointCommand | None:
         """Return what the mode commands for q, dq (n,) stamped t [ns], dt [s] after the last.
 
+        ``desired`` (24,) is the desired frame, where it is known; see :meth:`Guidance.follow`.
         Where that fails it is what holds the arm; None if the scheme cannot even say that.
         """
         scheme = self._scheme
         try:
             try:
                 mode, guidance = self.mode, self._guidance
+                if desired is not None:
+                    return guidance.follow(t, dt, q, dq, desired)
                 ask = guidance.tick if mode.is_led else partial(mode.command, guidance)
                 command, motion = ask(t, dt, q, dq), guidance.motion
                 if motion.waiting or motion.leap is not None or motion.ends is not None:

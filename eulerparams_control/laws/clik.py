@@ -56,7 +56,7 @@ from eulerparams_control.laws.scheme import (
     tick_places,
     too_far,
 )
-from eulerparams_control.motion.frames import DesiredFrame, frame_of
+from eulerparams_control.motion.frames import DesiredFrame, frame_of, read_frame
 from eulerparams_control.motion.motion_limits import (
     NO_LIMITS,
     UNBOUNDED,
@@ -297,17 +297,15 @@ def _slow_down(
 
 
 def _tick(
-    chain: Rows, q: Input, dq: Input,
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    before: Input, dt: float, numbers: Input, posture: Input, turns: Rows,
-    loop: Input, limits: Rows, step: Row, row: Row,
+    chain: Rows, q: Input, dq: Input, desired_row: Input, before: Input, dt: float,
+    numbers: Input, posture: Input, turns: Rows, loop: Input, limits: Rows, step: Row, row: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick, see :class:`Clik`, and return what is found.
 
     Args:
         chain: of the arm.
         q, dq: (n,) measured.
-        p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
+        desired_row: the desired frame.
         before: the row of the tick before.
         dt: [s] since then.
         numbers, posture, turns: of the law.
@@ -324,7 +322,7 @@ def _tick(
         return _LOST
     if is_limited and not agree(limits, q_c, q, closed.deviation):
         return _AWAY
-    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    desired = read_frame(desired_row, 0)
     if closed.is_internal:
         tip = put_arm(chain, q_c, dq_0, work, row)
     else:
@@ -485,7 +483,7 @@ class Clik(Scheme):
         """Return the pose of the tip at the integrated q."""
         return self.frame_at(self._q)
 
-    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+    def step(self, dt: float, q: Array, dq: Array, desired: Array) -> Tick:
         """Integrate over dt [s] and return q, dq for this instant.
 
         Raises:
@@ -498,11 +496,11 @@ class Clik(Scheme):
             robot.refuse_size(q, dq)
         row, joints = np.empty(len(before)), UNLIMITED if limits is None else limits.rows
         found = self._step(
-            robot.chain, q, dq, *desired, before, dt, *self._given, self._loop, joints,
+            robot.chain, q, dq, desired, before, dt, *self._given, self._loop, joints,
             self._blend.row, row,
         )  # fmt: skip
         if found < 0:
-            raise self._error(found, row, q, desired)
+            raise self._error(found, row, q, DesiredFrame.of(desired))
         at, at_q, at_dq, at_x = self._places
         self._row, self._q, self._dq = row, row[at_q:at_dq], row[at_dq:at_x]
         told = found > 0, row.item(at), None, row[at_x:]

@@ -80,7 +80,7 @@ from eulerparams_control.laws.scheme import (
     tick_places,
     too_far,
 )
-from eulerparams_control.motion.frames import DesiredFrame, frame_of
+from eulerparams_control.motion.frames import DesiredFrame, read_frame
 from eulerparams_control.motion.motion_limits import TipLimits
 from eulerparams_control.robot.chain import (
     Motion,
@@ -535,8 +535,7 @@ def _drive(
 
 
 def _tick(
-    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input,
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
     force: Input, previous: Input, numbers: Input, bounds: Input,
     resolution: Input, posture: Input, turns: Rows, step: Row,
     friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
@@ -551,7 +550,7 @@ def _tick(
     if len(q_now) > 0:
         put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
-    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    desired = read_frame(desired_row, 0)
     given, most = _numbers(numbers, 0), read_bounds(bounds, 0)
     put(row, at_x, displacement(desired.R_d, tip.R_e, read(previous, 0), given.options))
     part = 1.0 - _read_effects(previous, len(previous) - effects_width).lowered
@@ -767,10 +766,10 @@ class ComplianceControl(DynamicControl):
         self.springs = None
         return super().hold(dt, q, dq)
 
-    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
+    def step(self, dt: float, q: Array, dq: Array, desired: Array, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, with the force that is added.
 
-        See :meth:`DynamicControl.tick`; a contact h is not compensated: it stretches the springs.
+        See :meth:`DynamicControl.step`; a contact h is not compensated: it stretches the springs.
 
         Raises:
             ConfigurationError: if one is given.
@@ -785,7 +784,7 @@ class ComplianceControl(DynamicControl):
         now = Springs(self.law, 1.0 - self._x_de.item(-1))
         if self.springs is None or self.springs.law is not now.law or self.springs != now:
             self.springs = now
-        tick = super().tick(dt, q, dq, desired, force)
+        tick = super().step(dt, q, dq, desired, force)
         self.loop_rate = tick.details.item(_RATE)
         return tick
 

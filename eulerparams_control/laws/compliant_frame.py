@@ -21,7 +21,6 @@ from eulerparams_control.errors import ConfigurationError, SingularityError, Unk
 from eulerparams_control.laws.compiled import (
     Array,
     Input,
-    Inputs,
     Row,
     entry,
     formula,
@@ -54,7 +53,14 @@ from eulerparams_control.laws.linear import (
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.orientation.base import Coordinates
 from eulerparams_control.laws.rotations import exp
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, frame_of, moved
+from eulerparams_control.motion.frames import (
+    AT_ORIGIN,
+    DesiredFrame,
+    Placement,
+    moved,
+    put_frame,
+    read_frame,
+)
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
@@ -135,7 +141,6 @@ _NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
 _read_law, _put_law = layout(LawNumbers)[1:3]
 _read_vec, _read_change = layout(Vec).read, layout(_Change).read
 _read_tank, _put_tank = layout(_Tank).read, layout(_Tank).put
-_, _read_frame, _put_frame = layout(DesiredFrame)[:3]
 
 
 @dataclass(frozen=True)
@@ -264,13 +269,12 @@ def _largest(v: Vec) -> float:
 
 
 def _step(
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    dt: float, wrench: Input, memory: Row, numbers: Input, frame: Row,
-) -> int:  # fmt: skip
+    desired_row: Input, dt: float, wrench: Input, memory: Row, numbers: Input, frame: Row
+) -> int:
     """Fill the compliant frame (24,) of a step; return what it finds, and then keep the memory."""
     law, known = _read_law(numbers, 0), _read_memory(memory, 0)
-    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
-    _put_frame(frame, 0, desired)
+    desired = read_frame(desired_row, 0)
+    put_frame(frame, 0, desired)
     if not math.isfinite(_square(frame) + 0.0 * _square(wrench)):
         return _NOT_FINITE
     behind = _width + 6 + y_width
@@ -318,7 +322,7 @@ def _step(
         desired.ddp_d + ddx + cross(domega, x) + cross(omega, turning + 2.0 * dx),
         rotation.domega_c,
     )
-    _put_frame(frame, 0, now)
+    put_frame(frame, 0, now)
     if math.isnan(_square(frame)):
         return _SINGULAR
     has_state = _STATE
@@ -327,7 +331,7 @@ def _step(
         now, is_less = bounded(now, desired, start, v_p, v_o, law.most, dt)
         if is_less:
             has_state = _FRAMES
-            _put_frame(frame, 0, now)
+            put_frame(frame, 0, now)
     _put_memory(memory, 0, _Memory(has_state, True, f, mu, now, desired))
     memory[_width:behind], memory[behind:] = z, v_1
     return 0
@@ -403,12 +407,12 @@ def _step_of(kind: type[OrientationRepresentation]) -> Callable[..., int]:
 @entry
 def _freeze(before: Input, dt: float, T: float, frame: Row) -> None:
     """Fill the frame (24,) that comes to rest with the time constant T [s], dt [s] later."""
-    p, R, dp, omega, _, _ = _read_frame(before, 0)
+    p, R, dp, omega, _, _ = read_frame(before, 0)
     left = math.exp(-dt / T)
     gone = T * (1.0 - left)  # the way [s] of a velocity that decays
     rates = left * dp, left * omega
     a, alpha = (-1.0 / T) * rates[0], (-1.0 / T) * rates[1]
-    _put_frame(frame, 0, DesiredFrame(p + gone * dp, exp(gone * omega) @ R, *rates, a, alpha))
+    put_frame(frame, 0, DesiredFrame(p + gone * dp, exp(gone * omega) @ R, *rates, a, alpha))
 
 
 class CompliantFrame:
@@ -419,7 +423,7 @@ class CompliantFrame:
         tank: the energy [J] that changes of the impedance may add, beside what the damping takes.
 
     Attributes:
-        now: the compliant frame of the last step; None before the first.
+        row: (24,) the compliant frame of the last step; None before the first.
     """
 
     def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
@@ -427,6 +431,11 @@ class CompliantFrame:
         self._tank = to_rows(_Tank, _Tank(1.0, tank, tank))
         self._change, self._changed = np.zeros(layout(_Change).width), law.numbers.copy()
         self.reset()
+
+    @property
+    def now(self) -> DesiredFrame | None:
+        """The compliant frame of the last step; None before the first."""
+        return None if self.row is None else DesiredFrame.of(self.row)
 
     @property
     def law(self) -> ComplianceLaw:
@@ -466,7 +475,7 @@ class CompliantFrame:
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
         self._tank[:2] = 1.0, self._tank[2]
-        self.now: DesiredFrame | None = None
+        self.row: Array | None = None
         kinds = self._law.orientation.compliance
         widths = (layout(of.result).width for of in (kinds.begin, kinds.drive))
         self._memory = np.zeros(_width + 6 + 3 + sum(widths))
@@ -485,7 +494,7 @@ class CompliantFrame:
         self.reset()
         self._memory[1 : _NOW.start], self._tank[1] = felt, left
         if now is not None:  # the state is recomputed from the frames
-            self._set(_FRAME, now.carrying(moved[0]).carrying(moved[1]))
+            self._set(_FRAME, now.carrying(moved[0]).carrying(moved[1]).row)
 
     def change_impedance(self, law: ComplianceLaw) -> None:
         """Go over to another impedance, smoothly, and as far as there is energy for it.
@@ -495,7 +504,7 @@ class CompliantFrame:
         """
         before = self.law_now
         Z_p, Z_o, to = before.translation, before.rotation, before.orientation
-        if self.now is None or np.array_equal(before.numbers, law.numbers):
+        if self.row is None or np.array_equal(before.numbers, law.numbers):
             self.replace_law(law)
             return
         dip_o = replace(Z_o, K=dip_of(Z_o.K, law.rotation.K))
@@ -506,12 +515,12 @@ class CompliantFrame:
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
         """Set the compliant frame and its velocities."""
-        self._memory[_DESIRED] = np.concatenate(desired, axis=None)
-        self._set(_FRAMES, frame)
+        self._memory[_DESIRED] = desired.row
+        self._set(_FRAMES, frame.row)
 
-    def _set(self, known: int, frame: DesiredFrame) -> None:
-        self.now, self._memory[0] = frame, known
-        self._memory[_NOW] = np.concatenate(frame, axis=None)
+    def _set(self, known: int, row: Array) -> None:
+        self.row, self._memory[0] = row, known
+        self._memory[_NOW] = row
 
     def stop_time(self, motion: MotionLimits | None) -> float:
         """Return the time constant [s] with which it comes to rest now.
@@ -532,20 +541,19 @@ class CompliantFrame:
             actual: its first pose, if it has none yet.
             T: time constant [s].
         """
-        if self.now is None:
-            self._set(_FRAME, actual.at_rest())
+        if self.row is None:
+            self._set(_FRAME, actual.at_rest().row)
         row = np.empty(24)
         _freeze(self._memory[_NOW], dt, T, row)
         self._memory[1] = False
-        self._set(_FRAME, DesiredFrame.of(row))  # the next step begins from here
-        assert self.now is not None
-        return self.now
+        self._set(_FRAME, row)  # the next step begins from here
+        return DesiredFrame.of(row)
 
     def rearrange(self) -> None:
         """Go on from the same frame and velocities: what drives it means something else now."""
-        if self.now is not None:
+        if self.row is not None:
             self._memory[1] = False
-            self._set(_FRAMES, self.now)
+            self._set(_FRAMES, self.row)
 
     def step(
         self,
@@ -565,6 +573,16 @@ class CompliantFrame:
         Raises:
             SingularityError: if the representation has no finite answer.
         """
+        return DesiredFrame.of(self.step_row(dt, desired.row, wrench, along))
+
+    def step_row(
+        self,
+        dt: float,
+        desired: Array,
+        wrench: Array,
+        along: Callable[[Array], Array] | None = None,
+    ) -> Array:
+        """Return the same as a row (24,), for a desired frame in one; see :meth:`step`."""
         row = np.empty(24)
         numbers = self._law.numbers
         if self._tank[0] < 1.0 or self._tank[1] < self._tank[2]:
@@ -572,10 +590,10 @@ class CompliantFrame:
             go_on(self._memory, self._change, numbers, dt, self._tank, self._changed)
             numbers = self._changed
         numbers = along(numbers) if along else numbers
-        found = self._law.step(*desired, dt, wrench, self._memory, numbers, row)
+        found = self._law.step(desired, dt, wrench, self._memory, numbers, row)
         if found == _SINGULAR:
             raise SingularityError(self._law.orientation.singularity)
         if found:
             raise SingularityError("the motion of the compliant frame is not finite")
-        self.now = DesiredFrame.of(row)
-        return self.now
+        self.row = row
+        return row

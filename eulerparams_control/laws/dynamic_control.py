@@ -64,7 +64,7 @@ from eulerparams_control.laws.scheme import (
     tick_places,
     too_far,
 )
-from eulerparams_control.motion.frames import DesiredFrame, frame_of
+from eulerparams_control.motion.frames import DesiredFrame, frame_of, read_frame
 from eulerparams_control.motion.motion_limits import (
     UNBOUNDED,
     MotionLimits,
@@ -182,8 +182,7 @@ def is_bounded(values: Row) -> bool:
 
 
 def _tick(
-    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input,
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
+    chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
     h: Input, previous: Input, numbers: Input, bounds: Input,
     resolution: Input, posture: Input, turns: Rows, step: Row,
     friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
@@ -195,7 +194,7 @@ def _tick(
         chain, work: of the arm; ``work`` has where its joints are.
         row: is filled: the arm, the excess, ddq and tau (n,), x_de.
         q_now, dq_now: (n,) of the arm; (0,): it is in ``row`` and ``work`` already.
-        p_d, R_d, dp_d, omega_d, ddp_d, domega_d: the desired frame.
+        desired_row: the desired frame.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         previous: x_de of the tick before.
         numbers, bounds: of the law, and of its errors.
@@ -209,7 +208,7 @@ def _tick(
     if len(q_now) > 0:
         put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
-    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
+    desired = read_frame(desired_row, 0)
     given, most, drifts, a = _numbers(numbers, 0), read_bounds(bounds, 0), np.zeros(6), np.empty(6)
     for i in range(6):
         for k in range(n):
@@ -402,7 +401,7 @@ class DynamicControl(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
 
     Attributes:
-        work: where the joints are, as :func:`place` fills it; see :meth:`tick_at`.
+        work: where the joints are, as :func:`place` fills it; see :meth:`step_at`.
         width: of the row of a tick.
 
     Raises:
@@ -562,13 +561,17 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
+        return self.step(dt, q, dq, desired.row, h)
+
+    def step(self, dt: float, q: Array, dq: Array, desired: Array, h: Array = NONE) -> Tick:
+        """Return the efforts for a desired frame in a row (24,); see :meth:`tick`."""
         n = self.robot.n
         if len(q) != n or len(dq) != n:
             self.robot.refuse_size(q, dq)
-        return self.tick_at(dt, np.empty(self.width), desired, h, q, dq)
+        return self.step_at(dt, np.empty(self.width), desired, h, q, dq)
 
-    def tick_at(
-        self, dt: float, row: Array, desired: DesiredFrame, h: Array,
+    def step_at(
+        self, dt: float, row: Array, desired: Array, h: Array,
         q: Array = NONE, dq: Array = NONE,
     ) -> Tick:  # fmt: skip
         """Return the efforts for this instant, see :meth:`tick`.
@@ -576,18 +579,18 @@ class DynamicControl(Scheme):
         Args:
             row: (width,) becomes that of the tick; without q, dq it begins with that of the arm,
                 and ``work`` was filled, too.
-            dt, desired, h, q, dq: as :meth:`tick` takes them.
+            dt, desired, h, q, dq: as :meth:`step` takes them.
         """
         robot, limits = self.robot, self.limits
         n, (at, at_ddq, at_tau, at_x) = robot.n, self._places
         law = self._x_de, self.law.numbers, limits.bounds, *self._resolution
         past = self._past(dt, self.dynamics)
         found = self._step(
-            robot.chain, self.work, row, q, dq, *desired, h, *law, self._blend.row, *past
+            robot.chain, self.work, row, q, dq, desired, h, *law, self._blend.row, *past
         )
         self._q, self._braked = row[:n], None
         if found < 0:
-            raise self._error(found, row, desired)
+            raise self._error(found, row, DesiredFrame.of(desired))
         self._saturated = found != 0
         self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
         self._x_de = x_de = row[at_x:]

@@ -39,7 +39,6 @@ from eulerparams_control.laws.force_control import ForceControl, ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.linear import mat
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws.rotations import angle_between, exp
@@ -51,7 +50,13 @@ from eulerparams_control.laws.wrench import (
     at_point,
     feel,
 )
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.motion.frames import (
+    AT_ORIGIN,
+    DesiredFrame,
+    Placement,
+    carried_row,
+    read_frame,
+)
 from eulerparams_control.robot.chain import (
     TIP,
     WORK,
@@ -120,9 +125,9 @@ class NoMotionLoop:
         """Return no command."""
         return JointCommand()
 
-    def tick_at(self, dt: float, row: Array, desired: DesiredFrame, h: Array) -> Tick:
+    def step_at(self, dt: float, row: Array, desired: Array, h: Array) -> Tick:
         """Return no command; raises FollowingError if the arm does not follow."""
-        self.limits.refuse_error(desired, RobotState.of(row, self.robot.n))
+        self.limits.refuse_error(DesiredFrame.of(desired), RobotState.of(row, self.robot.n))
         return Tick(JointCommand(), desired, row, self.robot.n, tuple, False)
 
     def replace_law(
@@ -177,6 +182,16 @@ class ImpedanceLaw:
     def most(self) -> Array:
         """The largest force and moment of the contact."""
         return np.array([self.max_force, self.max_moment])
+
+    @cached_property
+    def at(self) -> Array:
+        """The centre seen from the tip, as a row."""
+        return self.centre.row
+
+    @cached_property
+    def back(self) -> Array:
+        """The tip seen from the centre, as a row."""
+        return self.centre.inverse.row
 
     @property
     def watched(self) -> tuple[float, float, Impedance, Impedance]:
@@ -263,10 +278,10 @@ displacement = read = put = slot  # of a representation
 _read_options = layout(Coordinates).read
 
 
-def _displaced(row: Row, n: int, R_d: Inputs, previous: Input, options: Input, x_de: Row) -> None:
+def _displaced(row: Row, n: int, desired: Input, previous: Input, options: Input, x: Row) -> None:
     """Fill x_de of the arm in a row from the desired frame."""
-    before, given = read(previous, 0), _read_options(options, 0)
-    put(x_de, 0, displacement(mat(R_d), read_tip(row, 2 * n).R_e, before, given))
+    before, given, R_d = read(previous, 0), _read_options(options, 0), read_frame(desired, 0).R_d
+    put(x, 0, displacement(R_d, read_tip(row, 2 * n).R_e, before, given))
 
 
 class ImpedanceControl(Scheme):
@@ -318,7 +333,7 @@ class ImpedanceControl(Scheme):
 
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
-        if (wrench is None) != (self._sensed is None) and self._compliant.now is not None:
+        if (wrench is None) != (self._sensed is None) and self._compliant.row is not None:
             self._fade.replace(-self._h)
         self._sensed, self.is_frozen = wrench, wrench is None
 
@@ -435,7 +450,7 @@ class ImpedanceControl(Scheme):
         self._restart(q.copy())
 
     def _restart(self, q: Array) -> None:
-        if self._compliant.now is not None:
+        if self._compliant.row is not None:
             self._balance = self._contact(q, np.zeros_like(q))
         self._q = q
         self._forget()
@@ -469,11 +484,11 @@ class ImpedanceControl(Scheme):
         self._forget()
         self._held = held
         self._balance = self._contact(q, dq)
-        return self.motion.hold(dt, q, dq)._replace(frame=held)
+        return self.motion.hold(dt, q, dq)._replace(frame_row=held.row)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command of the motion loop that may stay for good."""
-        return self.motion.last_command(q, dq)._replace(frame=super().frame_at(q))
+        return self.motion.last_command(q, dq)._replace(frame_row=super().frame_at(q).row)
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the desired frame with which the tip stays at q (n,).
@@ -498,7 +513,7 @@ class ImpedanceControl(Scheme):
         desired = DesiredFrame(frame.p_d - x, exp(-turn) @ frame.R_d)
         return desired.carrying(self.law.centre.inverse)
 
-    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+    def step(self, dt: float, q: Array, dq: Array, desired: Array) -> Tick:
         """Return the efforts and the compliant frame for this instant.
 
         Raises:
@@ -524,25 +539,26 @@ class ImpedanceControl(Scheme):
         if found or self.force.is_on or self.damping > 1.0:
             self._calm(found, dt)
         at_tip = centre is AT_ORIGIN
-        compliant = self._comply(dt, row, desired if at_tip else desired.carrying(centre))
-        compliant = compliant if at_tip else compliant.carrying(centre.inverse)
+        compliant = self._comply(dt, row, desired if at_tip else carried_row(desired, law.at))
+        compliant = compliant if at_tip else carried_row(compliant, law.back)
         if self.force.is_on:
             h = h + self._ahead(row)
-        tick = motion.tick_at(dt, row, compliant, h)  # eq. (48)
-        command = JointCommand(effort=tick.command.effort, frame=compliant)
+        tick = motion.step_at(dt, row, compliant, h)  # eq. (48)
+        command = JointCommand(effort=tick.command.effort, frame_row=compliant)
         # of the tip from the desired frame, not from the compliant one
         before, orientation = self._x_de, law.compliance.orientation
         self._x_de = x_de = np.empty(len(before))
-        law.displaced(row, n, desired.R_d, before, orientation.options.row, x_de)
+        law.displaced(row, n, desired, before, orientation.options.row, x_de)
         told = tick.saturated, tick.excess, None if self.is_frozen else w, x_de
         return Tick(command, desired, row, n, orientation.rows.unpack, *told)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
-        if tick.command.frame is None or tick.wrench is None:
+        frame = tick.command.frame
+        if frame is None or tick.wrench is None:
             return None
         law, centre = self.law.compliance, self.law.centre
-        desired, compliant = tick.desired.carrying(centre), tick.command.frame.carrying(centre)
+        desired, compliant = tick.desired.carrying(centre), frame.carrying(centre)
         mu = at_point(tick.wrench, tick.state.R_e @ centre.p)[3:]
         return law.orientation.lyapunov_3(
             desired.R_d.T @ compliant.R_d,
@@ -592,29 +608,32 @@ class ImpedanceControl(Scheme):
         ahead = np.concatenate((self.force.ahead, np.zeros(3)))
         return at_point(ahead, -(R_e @ self.law.centre.p))
 
-    def _comply(self, dt: float, row: Array, desired: DesiredFrame) -> DesiredFrame:
-        """Return the compliant frame of the centre of compliance, for the arm in a row."""
+    def _comply(self, dt: float, row: Array, desired: Array) -> Array:
+        """Return the compliant frame of the centre of compliance, for the arm in a row.
+
+        Both frames are rows (24,).
+        """
         law, frame, w = self.law, self._compliant, self._w
-        is_new, centre = frame.now is None, law.centre
+        is_new, centre = frame.row is None, law.centre
         if self.is_frozen:
             self._was_frozen = not is_new
             self.force.restart()
-            return frame.freeze(dt, self._actual(row), self.stop_time)
+            return frame.freeze(dt, self._actual(row), self.stop_time).row
         if self._was_frozen and frame.now is not None:
-            law.refuse_return(desired, frame.now)
+            law.refuse_return(DesiredFrame.of(desired), frame.now)
         self._was_frozen = False
         if centre is not AT_ORIGIN:
             w = at_point(w, RobotState.of(row, self.robot.n).R_e @ centre.p)
         if is_new or not law.inner_loop:
-            frame.begin(desired, self._actual(row))
-            return frame.step(0.0, desired, w)
+            frame.begin(DesiredFrame.of(desired), self._actual(row))
+            return frame.step_row(0.0, desired, w)
         if not self.force.is_on:
-            return frame.step(dt, desired, w)
-        actual, before = self._actual(row), frame.now
+            return frame.step_row(dt, desired, w)
+        actual, before, leads = self._actual(row), frame.now, DesiredFrame.of(desired)
         assert before is not None
-        drive, rate = self.force.drive(dt, actual, before, desired, w, self.damping)
-        now = frame.step(dt, desired, drive, partial(self.force.freed, desired.R_d, rate))
-        self._reach = float(np.linalg.norm(now.p_d - desired.p_d))
+        drive, rate = self.force.drive(dt, actual, before, leads, w, self.damping)
+        now = frame.step_row(dt, desired, drive, partial(self.force.freed, leads.R_d, rate))
+        self._reach = float(np.linalg.norm(now[:3] - leads.p_d))
         return now
 
     def _actual(self, row: Array) -> DesiredFrame:

@@ -27,13 +27,18 @@ class JointCommand(NamedTuple):
         q: (n,) positions [rad or m].
         dq: (n,) velocities [rad/s or m/s].
         effort: (n,) efforts [Nm or N].
-        frame: compliant frame of the tip.
+        frame_row: (24,) compliant frame of the tip.
     """
 
     q: Array | None = None
     dq: Array | None = None
     effort: Array | None = None
-    frame: DesiredFrame | None = None
+    frame_row: Array | None = None
+
+    @property
+    def frame(self) -> DesiredFrame | None:
+        """The compliant frame of the tip."""
+        return None if self.frame_row is None else DesiredFrame.of(self.frame_row)
 
 
 class Bounds(NamedTuple):
@@ -140,7 +145,7 @@ class Tick(NamedTuple):
 
     Attributes:
         command: for the joints.
-        desired: the desired frame.
+        desired_row: (24,) the desired frame.
         arm: row of the arm of n joints on which the loop was closed.
         n: its joints.
         unpack: returns x_de of its row.
@@ -152,7 +157,7 @@ class Tick(NamedTuple):
     """
 
     command: JointCommand
-    desired: DesiredFrame
+    desired_row: Array
     arm: Array
     n: int
     unpack: Callable[[Array], Any]
@@ -160,6 +165,11 @@ class Tick(NamedTuple):
     excess: float = 1.0
     wrench: Array | None = None
     details: Array = NONE
+
+    @property
+    def desired(self) -> DesiredFrame:
+        """The desired frame."""
+        return DesiredFrame.of(self.desired_row)
 
     @property
     def state(self) -> RobotState:
@@ -273,9 +283,13 @@ class Scheme(ABC):
     def start_frame(self) -> DesiredFrame:
         """Return the frame at which the scheme has zero error after a reset, or while it holds."""
 
-    @abstractmethod
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the command for the measured q, dq (n,), dt [s] after the tick before."""
+        return self.step(dt, q, dq, desired.row)
+
+    @abstractmethod
+    def step(self, dt: float, q: Array, dq: Array, desired: Array) -> Tick:
+        """Return the same for a desired frame in a row (24,); see :meth:`tick`."""
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command that may stay for good, for an arm at rest at q, dq (n,)."""

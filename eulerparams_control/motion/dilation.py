@@ -11,12 +11,11 @@ trajectory: the least of its surroundings, averaged, so that it changes slowly.
 import numpy as np
 
 from eulerparams_control.laws.compiled import Array, Row, Rows, entry
-from eulerparams_control.motion.frames import DesiredFrame, at_pace
+from eulerparams_control.motion.frames import DesiredFrame, at_pace, put_frame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import (
     Trajectory,
     polynomial,
-    put_frame,
     quintic,
     sampled,
 )

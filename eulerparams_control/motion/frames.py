@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.compiled import Array, Input, Inputs, formula, kernel
+from eulerparams_control.laws.compiled import Array, Input, Inputs, formula, kernel, layout
 from eulerparams_control.laws.linear import MatLike, Vec, VecLike, cross, mat, norm, vec
 from eulerparams_control.laws.rotations import angle_between, exp
 
@@ -28,6 +28,11 @@ class Placement(NamedTuple):
 
     R: MatLike
     p: VecLike
+
+    @property
+    def row(self) -> Array:
+        """The placement as a row (12,)."""
+        return np.concatenate(self, axis=None)
 
     @property
     def inverse(self) -> "Placement":
@@ -71,6 +76,11 @@ class DesiredFrame(NamedTuple):
         return cls(row[:3], R_d, row[12:15], row[15:18], row[18:21], row[21:])
 
     @property
+    def row(self) -> Array:
+        """The frame as a row (24,)."""
+        return np.concatenate(self, axis=None)
+
+    @property
     def _is_still(self) -> bool:
         """Whether it is known to be at rest."""
         return self.dp_d is self.omega_d is self.ddp_d is self.domega_d is _ZERO
@@ -98,6 +108,14 @@ class DesiredFrame(NamedTuple):
     def at_rest(self) -> "DesiredFrame":
         """Return the same pose without velocity and acceleration."""
         return self if self._is_still else DesiredFrame(self.p_d, self.R_d)
+
+
+read_frame, put_frame = layout(DesiredFrame)[1:3]
+
+
+def as_frame(frame: DesiredFrame | Array) -> DesiredFrame:
+    """Return a frame that may lie in a row (24,)."""
+    return frame if isinstance(frame, DesiredFrame) else DesiredFrame.of(frame)
 
 
 @kernel
@@ -172,6 +190,11 @@ def apart(here: DesiredFrame, there: DesiredFrame) -> Ways:
         (norm(there.dp_d - here.dp_d), norm(there.omega_d - here.omega_d)),
         (norm(there.ddp_d - here.ddp_d), norm(there.domega_d - here.domega_d)),
     )
+
+
+def carried_row(row: Array, point: Array) -> Array:
+    """Return the frame in a row (24,) that another carries at a :attr:`Placement.row`, likewise."""
+    return carried.rows(np.concatenate((row, point))[None])[0]
 
 
 for _formula in (carried, at_pace, moved, apart):

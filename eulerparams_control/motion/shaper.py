@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.dilation import Dilated, within
-from eulerparams_control.motion.frames import DesiredFrame, distance
+from eulerparams_control.motion.frames import DesiredFrame, as_frame, distance
 from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Plan, attain, join, reach
@@ -64,7 +65,7 @@ class Shaper:
 
     Attributes:
         limits: of the tip.
-        last: the frame sampled last.
+        leg: of the motion, which is sampled.
         began: time [ns] at which the trajectory that is followed began; None if there is none.
         is_holding: whether no reference was given since it began to hold.
         bearable: rate of time that fits the limits, which were lowered since the motion began.
@@ -91,8 +92,9 @@ class Shaper:
 
     def hold(self, frame: DesiredFrame) -> None:
         """Hold the pose of ``frame`` from now on."""
-        self.last = self._before = frame.at_rest()
-        self._leg = resting(frame)
+        self._last: DesiredFrame | Array = frame.at_rest()
+        self._before: DesiredFrame | Array = self._last
+        self.leg = resting(frame)
         self._start = self._late = 0
         self._waited = 0  # how much of the time to the next sample does not count [ns]
         self._at: int | None = None  # when it was sampled last [ns]
@@ -105,13 +107,23 @@ class Shaper:
         self.began: int | None = None
         self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
 
+    @property
+    def last(self) -> DesiredFrame:
+        """The frame sampled last."""
+        self._last = last = as_frame(self._last)
+        return last
+
+    @last.setter
+    def last(self, frame: DesiredFrame) -> None:
+        self._last = frame
+
     def stop(self, t: int) -> None:
         """Come to rest from the last frame, at t [ns]; what was to follow is forgotten."""
         here = self.last
         self.hold(here)
         if self.limits is not None:
-            self.last = self._before = here
-            self._leg, self._start = self._brake(here), t
+            self._last = self._before = here
+            self.leg, self._start = self._brake(here), t
 
     def has_stopped(self, t: int) -> bool:
         """Whether set-points that moved have stopped coming, t [ns]."""
@@ -141,7 +153,7 @@ class Shaper:
     def change(self, limits: MotionLimits | None, max_jump: tuple[float, float]) -> None:
         """Take over other limits; what moves goes on as it was planned, but slower."""
         self.max_jump = max_jump
-        if limits is not None and self.limits is not None and self._leg.held is None:
+        if limits is not None and self.limits is not None and self.leg.held is None:
             self.bearable *= min(1.0, limits.slowdown(self.limits))
         self.limits = limits
 
@@ -167,17 +179,17 @@ class Shaper:
 
     def sample(self, t: int) -> DesiredFrame:
         """Return the desired frame at the time t [ns]."""
-        leg, since = self._leg, t - self._start - self._late
+        leg, since = self.leg, t - self._start - self._late
         if leg.end is not None and t > leg.expires:
-            self._leg = leg = leg.end(leg.sample(since / 1e9))
+            self.leg = leg = leg.end(leg.sample(since / 1e9))
             self._start, self._late, since = t, 0, 0
         while leg.then is not None and since > leg.duration * 1e9:
             whole = round(leg.duration * 1e9)
-            self._leg = leg = leg.then(leg.sample(leg.duration))
+            self.leg = leg = leg.then(leg.sample(leg.duration))
             self._start, since = self._start + whole, since - whole
         if self._waited and leg.then is resting and self._stands(t):  # it stops: not later
-            self._leg = leg = resting(leg.sample(since / 1e9))
-        self._before = self.last
+            self.leg = leg = resting(leg.sample(since / 1e9))
+        self._before = self._last
         self.last = leg.sample(since / 1e9) if leg.held is None else leg.held
         self.restarts = False
         if self.waiting:
@@ -185,10 +197,24 @@ class Shaper:
         self._at, self._waited = t, 0
         return self.last
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it goes on through the points of its leg, with nothing else to come."""
+        to_come = self.waiting or self._waited or self.leap or self.ends is not None
+        return not to_come and self.bearable == 1.0 and self.leg.points is not None
+
+    def since(self, t: int) -> float:
+        """Return the time [s] on the leg at t [ns]; beyond its end if another leg begins."""
+        return (t - self._start - self._late) / 1e9
+
+    def take(self, t: int, row: Array) -> None:
+        """Take the frame in a row (24,) for the sample of a plain motion at t [ns]."""
+        self._before, self._last, self._at, self.restarts = self._last, row, t, False
+
     def after(self, dt: float) -> DesiredFrame:
         """Return the frame dt [s] after the last sample, on the leg that it is on."""
         since = (self._at or 0) - self._start - self._late
-        return self._leg.sample(since / 1e9 + dt)
+        return self.leg.sample(since / 1e9 + dt)
 
     def _stands(self, t: int) -> bool:
         """Whether the time of the motion has not gone on since the last sample, t [ns] now."""
@@ -231,7 +257,7 @@ class Shaper:
             leg, tau = found
         else:
             leg, tau = self._jog(reference, t), 0.0
-        self._leg, self._start, self._late = leg, t - round(tau * 1e9), 0
+        self.leg, self._start, self._late = leg, t - round(tau * 1e9), 0
         if tau <= 0 or leg.duration >= tau:
             self.last = leg.sample(tau)
 
@@ -246,7 +272,7 @@ class Shaper:
         """Return the leg along a trajectory, and how far [s] it has come."""
         limits = self.limits
         if limits is None:
-            return Leg(trajectory.sample), tau
+            return Leg(trajectory.sample, path=trajectory), tau
         motion = within(trajectory, limits)
         if isinstance(motion, Dilated):
             self.slowed, tau = motion.slowest, motion.time_at(tau)
@@ -261,11 +287,12 @@ class Shaper:
     def _along(self, motion: Trajectory | Dilated, offset: float) -> Leg:
         """Return the leg along a motion from the time ``offset`` [s] on."""
         sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
+        path = motion if offset == 0 and isinstance(motion, Trajectory) else None
         end = motion.sample(motion.duration)
         if not (end.dp_d.any() or end.omega_d.any()):
-            return Leg(sample)
+            return Leg(sample, path=path)
         left = max(motion.duration - offset, 0.0)
-        return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
+        return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()), path=path)
 
     def _set_point(
         self, point: SetPoint, begin: int, tau: float, t: int
@@ -284,7 +311,7 @@ class Shaper:
             lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
             self.ends = t + round(lasting * 1e9)
             dt = 0.0 if before is None or self._waited else (t - before) / 1e9
-            if passes(self._before, point.sample(tau), dt, limits):
+            if passes(as_frame(self._before), point.sample(tau), dt, limits):
                 return self._goes_on(point.frames[0], tau, lasting, t), tau
         elif not stream.interval:
             return self._to_rest(self.last, line), 0.0

@@ -26,7 +26,6 @@ from eulerparams_control.laws.compiled import (
     formula,
     from_rows,
     kernel,
-    layout,
 )
 from eulerparams_control.laws.linear import Mat, Vec, cross, norm, solve
 from eulerparams_control.laws.rotations import (
@@ -36,12 +35,10 @@ from eulerparams_control.laws.rotations import (
     log,
     right_jacobian,
 )
-from eulerparams_control.motion.frames import DesiredFrame, with_an_angle
+from eulerparams_control.motion.frames import DesiredFrame, put_frame, read_frame, with_an_angle
 
 # Points of one trajectory: more would be a message of megabytes.
 MAX_POINTS = 20000
-
-read_frame, put_frame = layout(DesiredFrame).read, layout(DesiredFrame).put
 
 
 @kernel
