@@ -11,7 +11,7 @@ from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Circle
+from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.parameters.schemes import schemes
 
 MS = 1_000_000  # [ns]
@@ -44,11 +44,11 @@ class Pair:
             return str(error)
         return None
 
-    def state(self, stamp=1.0, late=0.0, noise=1e-7, moved=0.0) -> None:
-        """Give both the next state, this many periods and seconds [s] later."""
-        self.t += round(stamp * MS)
+    def state(self, stamp=1.0, alone=0.0, late=0.0, moved=0.0) -> None:
+        """Give both the next state, this many periods later, its stamp more; it is late [s]."""
+        self.t += round((stamp + alone) * MS)
         self.now += stamp / 1000
-        q, dq = self.q + noise * self.random.normal(size=6) + moved, self.dq
+        q, dq = self.q + 1e-7 * self.random.normal(size=6) + moved, self.dq
         wrench = SensedWrench(0.1 * self.random.normal(size=6), UR5.placement(""))
         now, found = self.now + late if self.timed else None, []
         for side, is_plain in zip(self.sides, (False, True), strict=True):
@@ -95,8 +95,10 @@ def test_both_ways_command_the_same_whatever_comes(name, timed):
     for stamp in (2.0, 3.5, 0.4, 1.0, 7.0, -1.0, 1.0, 60.0):  # lost, early, set back, a pause
         pair.state(stamp=stamp)
         pair.states(20)
+    pair.states(3, alone=1.0)  # the stamps go on without time
     pair.states(40, late=0.002)
-    pair.state(late=1.0)  # too late
+    for k in range(150):  # later and later
+        pair.state(late=k / 1000)
     pair.states(20)
     pair.state(moved=1.0)  # of another arm
     pair.states(30)
@@ -104,18 +106,45 @@ def test_both_ways_command_the_same_whatever_comes(name, timed):
     pair.states(100)
     pair.both(Controller.resume)
     pair.states(10)
-    goal = pair.sides[0].guidance.motion.last
-    pair.both(lambda side: side.aim(DesiredFrame(goal.p_d + [0.0, 0.01, 0.0], goal.R_d)))
+    pair.both(lambda side: side.aim(moved_up(side)))
     pair.states(200)
     pair.both(lambda side: circle(side, radius=0.1, period=0.5))  # slowed
     pair.states(100)
-    options = replace(ControllerOptions.of(pair.parameters), speed_override=0.5)
-    pair.both(lambda side: side.changed(options))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_ways_command_the_same_whatever_changes(name):
+    pair = Pair(name, timed=True)
+    options = ControllerOptions.of(pair.parameters)
+    pair.states(30)
+    pair.both(circle)
     pair.states(100)
+    pair.both(lambda side: side.changed(replace(options, speed_override=0.5)))
+    pair.states(50)
+    pair.both(lambda side: side.changed(options))
+    pair.states(300)
+    assert pair.sides[0].mode is Mode.FOLLOWING
+    sigma = pair.sides[0].guidance.pace._row[1]  # the motion goes towards less, and more
+    pair.both(lambda side: setattr(side.guidance.pace, "threshold", 1.0001 * sigma))
+    pair.states(500)
+    pair.both(lambda side: setattr(side.guidance.pace, "threshold", 0.0))
+    pair.both(lambda side: circle(side, period=1.0))
+    pair.states(30)
+    end = moved_up(pair.sides[0])
+    end = end._replace(dp_d=np.array([0.0, 0.0, 0.01]))
+    pair.both(lambda side: side.follow(Trajectory([0.1], [end]), None))  # it ends while it moves
+    pair.states(300)
     if pair.needs_wrench:
+        pair.both(circle)
+        pair.states(100)
         pair.needs_wrench = False
         pair.both(lambda side: side.scheme.sense(None))
         pair.states(60)
+
+
+def moved_up(side):
+    last = side.guidance.motion.last
+    return DesiredFrame(last.p_d + [0.0, 0.0, 0.002], last.R_d)
 
 
 @pytest.mark.parametrize("name", NAMES)
