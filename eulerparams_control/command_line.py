@@ -55,11 +55,8 @@ def executables() -> dict[str, str]:
 
 
 def entry_points() -> list[str]:
-    """Return all executables as entry points: those that need an extra look for it first."""
-    return [
-        f"{name} = {f'eulerparams_control.command_line:{name}' if extra_of(name) else f'{at}:main'}"
-        for name, at in executables().items()
-    ]
+    """Return all executables as entry points; each is an attribute of this module."""
+    return [f"{name} = eulerparams_control.command_line:{name}" for name in executables()]
 
 
 def extra_of(name: str) -> str:
@@ -74,15 +71,27 @@ def package_name(requirement: str) -> str:
 
 
 def __getattr__(name: str) -> Any:
-    if name in PROGRAMS:
+    if name in executables():
         return partial(_run, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def _run(name: str, args: list[str] | None = None) -> int:
-    """Run a program; return its exit code, 2 if a package of its extra is missing."""
+    """Run a program; return its exit code, 2 if a package of its extra is missing.
+
+    Imports take seconds: who interrupts them with Ctrl-C gets 130 and no traceback.
+    """
+    try:
+        return _imported(name, args)
+    except KeyboardInterrupt:
+        from eulerparams_control.events import ExitCode  # not where setup.py runs this file
+
+        return ExitCode.INTERRUPTED
+
+
+def _imported(name: str, args: list[str] | None) -> int:
     extra = extra_of(name)
-    packages = map(package_name, EXTRAS[extra])
+    packages = map(package_name, EXTRAS.get(extra, ()))
     missing = [p for p in packages if find_spec(_MODULES.get(p, p)) is None]
     if missing:
         print(
@@ -91,7 +100,7 @@ def _run(name: str, args: list[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
-    return int(import_module(PROGRAMS[name]).main(args))
+    return int(import_module(executables()[name]).main(args))
 
 
 def make_console() -> "Console":

@@ -1,6 +1,7 @@
 """Events that processes tell programs: JSON lines on stdout, and exit codes.
 
-Words for people go to stderr and to /diagnostics; no program reads them.
+Words for people go to stderr and to /diagnostics; no program reads them.  In a terminal, which a
+person reads, the events are left out.
 """
 
 import json
@@ -38,9 +39,9 @@ _tells = False
 
 
 def begin() -> None:
-    """Tell events from now on: this process runs a node, and its stdout is for programs."""
+    """Tell events from now on: this process runs a node, and its stdout is no terminal."""
     global _tells
-    _tells = True
+    _tells = not sys.stdout.isatty()
 
 
 def tell(event: Event, **fields: Any) -> None:

@@ -62,7 +62,7 @@ class DriveWords:
             case DriveMode.BRAKED, _:
                 return WARN, "braked until the next command: one of two controllers has gone", ""
             case _, DriveCause.SHUTDOWN:
-                return ERROR, "ending: braked", ""
+                return OK, "ending: braked", ""
             case _, DriveCause.FINISHED:
                 return OK, "ended", ""
             case _:

@@ -1,4 +1,4 @@
-"""Shared by the executables: the console, whole numbers as options."""
+"""Shared by the executables: the console, whole numbers as options, events, interrupts."""
 
 import argparse
 import io
@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
+from eulerparams_control import command_line, events
 from eulerparams_control.command_line import executables, make_console, say, whole_number
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
@@ -70,3 +71,23 @@ def test_a_node_says_what_it_is_and_all_its_parameters(name, option, monkeypatch
         star = "*" if field.metadata["live"] else ""
         (at,) = (k for k, line in enumerate(lines) if line.startswith(f"  {field.name}{star}: "))
         assert lines[at + 1].split()[0] == field.metadata["description"].split()[0]
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_events_are_told_to_programs_and_not_to_who_reads_the_log_in_a_terminal(
+    is_terminal, monkeypatch, capsys
+):
+    monkeypatch.setattr(events, "_tells", False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal)
+    events.begin()
+    events.tell(events.Event.READY)
+    assert len(events.events_of(capsys.readouterr().out)) == (not is_terminal)
+
+
+def test_an_interrupt_while_modules_are_imported_ends_in_silence(monkeypatch, capsys):
+    def interrupted(_: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command_line, "import_module", interrupted)
+    assert command_line.clik() == 130
+    assert capsys.readouterr() == ("", "")

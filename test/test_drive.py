@@ -691,7 +691,7 @@ def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told
     paced.turn(0.2001)
     assert np.abs(paced.robot.state.dq).max() > 0.2
     assert not paced.pacing.brake()
-    assert (paced.robot.level, paced.robot.message) == (ERROR, "ending: braked")
+    assert (paced.robot.level, paced.robot.message) == (OK, "ending: braked")
     assert paced.answer(0, **at(HOME + 1.0)) is Reply.REFUSED
     for _ in range(10):
         paced.turn(0.01)

@@ -9,6 +9,7 @@ import sys
 import sysconfig
 import tomllib
 import xml.etree.ElementTree as ET
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -170,6 +171,7 @@ def test_each_executable_is_an_entry_point_with_a_main():
     }
     assert points.keys() == executables().keys() == EXECUTABLES
     assert all(callable(main) for main in points.values())
+    assert all(callable(import_module(module).main) for module in executables().values())
 
 
 def test_no_file_of_the_package_names_a_registry_or_a_path_of_a_machine():
