@@ -298,6 +298,13 @@ def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(pa
     assert line_times(page)[0] == pytest.approx(time, abs=0.01)
 
 
+def test_the_buttons_of_a_plot_cover_none_of_its_lines(page):
+    lines = page.locator(".graph .nsewdrag").first
+    lines.hover()
+    plotted, buttons = (at.bounding_box() for at in (lines, page.locator(".modebar").first))
+    assert buttons["y"] > plotted["y"] + plotted["height"]
+
+
 def test_the_slider_sets_the_time_of_plots_and_replay(page):
     page.locator("#time").focus()
     for key, time in (("End", END), ("Home", 0)):

@@ -3,7 +3,8 @@
 const config = {responsive: true, displaylogo: false, displayModeBar: "hover",
                 showSendToCloud: false, plotlyServerURL: "",  // nothing leaves the machine
                 doubleClick: false, doubleClickDelay: 500,
-                modeBarButtonsToRemove: ["select2d", "lasso2d"]};
+                modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d",
+                                         "autoScale2d"]};  // as few as leave room for a title
 
 const hidden = new Set();  // runs, as text
 
