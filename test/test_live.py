@@ -286,6 +286,8 @@ def test_two_pages_do_not_fight_and_a_narrow_one_has_all_controls(live, page, op
     live.until_moved(before)
     click(other, "Back to the start")
     other.get_by_text("moves the arm.").last.wait_for()
+    box = other.locator(".mantine-NumberInput-root:visible").first.bounding_box()
+    assert box["width"] > 55  # pixels: six digits
     choose(other, "x", "y")
     page.get_by_text("was changed on a page").first.wait_for()
     moved = live.until_at_rest() - before

@@ -48,6 +48,12 @@ _BOX = (
     '<div style="border-left:4px solid {};padding:0 0 0 10px;margin:8px 10px;min-height:4.8em;'
     'font-size:0.85em;line-height:1.4">{}</div>'
 )
+_LOOK = """<style>
+.mantine-NumberInput-root { width: 4.5rem !important; flex-shrink: 0; }
+.mantine-Slider-markLabel { font-size: 0.75rem !important; }
+</style>"""
+"""The box beside a slider shows six digits, and the ends of a slider are large enough to read."""
+
 _LINE = '<div style="padding:4px 14px;font-size:0.8em;opacity:0.8">{}</div>'
 
 _LINES = ("desired to tool", "#1c7ed6"), ("compliant to tool", "#e67700")
@@ -98,6 +104,7 @@ class LivePanel:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label(title)
         gui.main_panel.dock_right()
+        gui.add_html(_LOOK)
         self._state = gui.add_html("")
         self._people = gui.add_html("")
         self._button(
