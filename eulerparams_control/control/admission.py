@@ -2,7 +2,7 @@
 
 from collections import deque
 from enum import Enum, auto
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -193,6 +193,7 @@ class Admission:
         self._before, self._now = np.zeros((2, judge.WRAPS + 1, robot.n))
         self._before[judge.Q] = q
         self._latency = Latency(max_latency)
+        self._expected: tuple[Any, ...] = ()  # of the next state, by what is not its own
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
@@ -276,38 +277,52 @@ class Admission:
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
-    def admit_steady(
-        self, at: Instant, q: Array, dq: Array, velocity: Array, patient: bool,
-        points: tuple[Array, Array], since: float, longest: float, frame: Array,
-    ) -> tuple[Array, float, float] | None:  # fmt: skip
-        """Take a state that is just the next one, and fill the desired frame (24,).
+    def expect(
+        self, velocity: Array, patient: bool, points: tuple[Array, Array], longest: float,
+        fine: tuple[float, float],
+    ) -> None:  # fmt: skip
+        """Prepare for states of a steady stream, see :meth:`admit_steady`.
 
         Args:
-            at, q, dq, velocity, patient: see :meth:`admit`.
+            velocity, patient: see :meth:`admit`.
             points: of the motion, see :attr:`Leg.points`.
-            since: [s] on it.
             longest: [s] of a step.
+            fine: see :attr:`RateCheck.fine`; it is not judged again.
+        """
+        given = velocity, patient, *points, min(longest, self._timeout), *fine
+        rows = self.period.row, self._latency.row
+        self._expected = *given, self._arm, self._believed, *rows, self._latency.most
+
+    def admit_steady(
+        self, at: Instant, q: Array, dq: Array, loop_rate: float, since: float, frame: Array
+    ) -> tuple[Array, float, float] | None:
+        """Take a state that is just the one expected, and fill the desired frame (24,).
+
+        Args:
+            at, q, dq: see :meth:`admit`.
+            loop_rate: [1/s] of the law.
+            since: [s] on the motion.
             frame: is filled.
 
         Returns:
             q (n,), dt and acted [s], see :class:`Accept`; None: the state is not sure to be the
             next one, and nothing was changed.
         """
-        last, receipt = self.clock.last, at.receipt
+        last, receipt, silence, behind = self.clock.last, at.receipt, 0.0, 0.0
         if last is None or (receipt is None) is not (last.receipt is None):
             return None
-        dt, silence, behind = (at.stamp - last.stamp) / 1e9, 0.0, 0.0
-        if receipt is not None and last.receipt is not None:
-            silence, behind = receipt - last.receipt, receipt - at.stamp / 1e9
-        latency, now = self._latency, self._now
+        dt, before, now = (at.stamp - last.stamp) / 1e9, self._before, self._now
+        if receipt is None:
+            times = 0.0, 0.0, 0.0, False
+        else:
+            silence, behind = receipt - last.receipt, receipt - at.stamp / 1e9  # type: ignore[operator]
+            times = silence, behind, receipt, True
         code = admit_steady(
-            q, dq, velocity, self._arm, self._before, now, self._believed, self.period.row,
-            latency.row, latency.most, patient, dt, silence, min(longest, self._timeout), behind,
-            receipt or 0.0, receipt is not None, *points, since, frame,
-        )  # fmt: skip
+            *self._expected, q, dq, before, now, dt, *times, loop_rate, since, frame
+        )
         if code == NOT_STEADY:
             return None
-        self.clock.last, self._before, self._now = at, now, self._before
+        self.clock.last, self._before, self._now = at, now, before
         acted = dt if receipt is None or 0 < dt < silence else silence
         return (now[judge.Q].copy() if code else q), dt, acted
 

@@ -141,6 +141,13 @@ class NominalPeriod:
         take_step(self.row, step)
 
 
+@kernel
+def smoothed(usual: float, step: float) -> float:
+    """Return the usual period [s] after another step [s]."""
+    step = min(max(step, usual / 2.0), 2.0 * usual)
+    return usual + _SMOOTHING * (step - usual)
+
+
 @entry
 def take_step(row: Row, step: float) -> None:
     """Let a period follow a step [s] of the stamps."""
@@ -158,8 +165,7 @@ def take_step(row: Row, step: float) -> None:
     usual = row[SECONDS]
     if 1.5 * usual <= step < _LONGEST_LOSS:
         row[_MISSED] += np.rint(step / usual) - 1.0
-    step = min(max(step, usual / 2.0), 2.0 * usual)
-    row[SECONDS] = row[_LEAST] = usual + _SMOOTHING * (step - usual)
+    row[SECONDS] = row[_LEAST] = smoothed(usual, step)
 
 
 class Latency:

@@ -7,6 +7,7 @@ mode, ask the mode for a command, limit it.
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,14 @@ from eulerparams_control.motion.trajectories import Trajectory
 __all__ = ["Controller", "ControllerOptions"]
 
 
+class _Steady(NamedTuple):
+    """What may go on: a mode, along a leg that starts at a stamp [ns] and lasts [s]."""
+
+    mode: ControlMode
+    start: int
+    lasts: float
+
+
 class Controller:
     """Runs a scheme from measured state to command.
 
@@ -69,7 +78,7 @@ class Controller:
         self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
         self._q, self._dq, self.detours = q, np.zeros_like(q), 0
-        self._steady: ControlMode | None = None  # in which the next state may be a steady one
+        self._steady: _Steady | None = None  # None: the next state goes the plain way
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
@@ -217,45 +226,43 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor = Instant(t, now), self.supervisor
-        if self._steady is supervisor.mode and self.guidance.is_at_full_rate:
-            frame = np.empty(24)
-            if steady := self._steady_state(at, q, dq, frame):
-                q, dt, acted = steady
+        at, supervisor, steady = Instant(t, now), self.supervisor, self._steady
+        if steady is not None and steady.mode is supervisor.mode and self.guidance.is_at_full_rate:
+            since, frame = (t - steady.start) / 1e9, np.empty(24)
+            rate = self.scheme.loop_rate
+            if since <= steady.lasts and (
+                taken := self._admission.admit_steady(at, q, dq, rate, since, frame)
+            ):
+                q, dt, acted = taken
                 self._q, self._dq = q, dq
-                known = None if supervisor.sees_rate() else frame
-                command = supervisor.ask(t, dt, q, dq, known)
+                command = supervisor.ask(t, dt, q, dq, frame)
                 self._command = command = self._limit(command, acted, dt)
                 if command is not None:
                     supervisor.left = at
                 return command
-        self.detours += 1
-        self._steady = None
+        self.detours, self._steady = self.detours + 1, None
         command = self._step(at, q, dq)
-        is_plain = command is not None and self.limiter.limits is self._wanted
-        if is_plain and supervisor.mode.is_led and self.guidance.is_plain:
-            self._steady = supervisor.mode
+        if command is not None and self.limiter.limits is self._wanted:
+            self._expect_more()
         return command
+
+    def _expect_more(self) -> None:
+        """Let the next states go the short way, if the motion allows it."""
+        mode, guidance = self.supervisor.mode, self.guidance
+        motion, leg = guidance.motion, guidance.motion.leg
+        if not (mode.is_led and guidance.is_plain) or leg.points is None:
+            return
+        is_patient = not self.limiter.commands_efforts
+        longest = math.inf if motion.is_holding else LONG
+        fine = self.supervisor.fine_rate
+        self._admission.expect(self._runaway, is_patient, leg.points, longest, fine)
+        self._steady = _Steady(mode, motion.start, leg.duration)
 
     @property
     def _runaway(self) -> Array:
         """Limits (n,) of the speeds of an arm that may run away; (0,): it cannot."""
         limits = self.limiter.limits
         return NONE if limits is None or not self.limiter.commands_efforts else limits.velocity
-
-    def _steady_state(
-        self, at: Instant, q: Array, dq: Array, frame: Array
-    ) -> tuple[Array, float, float] | None:
-        """Take a state of a steady stream, see :meth:`Admission.admit_steady`."""
-        motion = self.guidance.motion
-        since, leg = motion.since(at.stamp), motion.leg
-        if since > leg.duration or leg.points is None:
-            return None
-        is_patient = not self.limiter.commands_efforts
-        longest = math.inf if motion.is_holding else LONG
-        return self._admission.admit_steady(
-            at, q, dq, self._runaway, is_patient, leg.points, since, longest, frame
-        )
 
     def _step(self, at: Instant, q: Array, dq: Array) -> JointCommand | None:
         """Return the command for a state, whatever it may be."""

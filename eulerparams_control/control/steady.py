@@ -6,7 +6,7 @@ way through :class:`Admission` and :class:`Shaper`, which this one leaves as the
 
 import math
 
-from eulerparams_control.control.clock import SECONDS, best_at, late, take_step
+from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
 from eulerparams_control.control.judge import SWINGS, WOUND, code_of
 from eulerparams_control.laws.compiled import Input, Row, Rows, entry
 from eulerparams_control.motion.frames import put_frame
@@ -23,24 +23,27 @@ _EARLY = 0.45
 
 @entry
 def admit_steady(
-    q: Input, dq: Input, velocity: Input, arm: Rows, before: Rows, now: Rows, believed: int,
-    period: Row, latency: Row, most: float, patient: bool, dt: float, silence: float,
-    longest: float, behind: float, receipt: float, is_timed: bool,
-    times: Row, frames: Rows, since: float, frame: Row,
+    velocity: Input, patient: bool, times: Row, frames: Rows, longest: float,
+    fine_period: float, fine_turn: float,
+    arm: Rows, believed: int, period: Row, latency: Row, most: float,
+    q: Input, dq: Input, before: Rows, now: Rows, dt: float, silence: float, behind: float,
+    receipt: float, is_timed: bool, loop_rate: float, since: float, frame: Row,
 ) -> int:  # fmt: skip
     """Take the next state, and sample the motion; return WOUND, 0, or NOT_STEADY.
 
     Nothing is changed where the state is not as expected.
 
     Args:
-        q, dq, velocity, arm, before, now: see :func:`code_of`.
+        velocity, arm, q, dq, before, now: see :func:`code_of`.
+        patient, most, behind, receipt: see :func:`late`, if ``is_timed``.
+        times, frames: points of the motion; without times it rests at the first.
+        longest: [s] of ``dt`` and of the time by when the state came.
+        fine_period, fine_turn: see :attr:`RateCheck.fine`.
         believed: the codes that count.
         period, latency: rows of :func:`take_step` and :func:`late`.
-        most, patient, behind, receipt: see :func:`late`, if ``is_timed``.
         dt, silence: [s] since the last state, by the stamps and by when it came.
-        longest: [s] of ``dt`` and of ``silence``.
-        times, frames: points of the motion; without times it rests at the first.
-        since: [s] on it.
+        loop_rate: [1/s] of the law.
+        since: [s] on the motion.
         frame: (24,) is filled with the desired frame.
     """
     usual, acted = period[SECONDS], silence
@@ -48,6 +51,9 @@ def admit_steady(
         acted = dt
     longest = min(longest, LONGEST_STEP * usual)
     if not (len(q) == before.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
+        return NOT_STEADY
+    period_now = smoothed(usual, dt)
+    if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
         return NOT_STEADY
     if is_timed:
         early = best_at(latency, receipt) - behind

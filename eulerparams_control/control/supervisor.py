@@ -1,5 +1,6 @@
 """Changes of the mode of a controller: by references, and by the measured states."""
 
+import math
 from contextlib import suppress
 from functools import partial
 
@@ -159,8 +160,13 @@ class Supervisor:
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
             self.change(ModeEvent.TRUST)
-        if self.sees_rate():
-            return
+        if self._is_strict:
+            rate, period = self.rate, self._admission.period.row.item(SECONDS)
+            longest, turn = rate.fine
+            if not (period <= longest and self._scheme.loop_rate * period <= turn):
+                rate.judge(self._scheme)
+                if rate.rate is not Rate.FINE and self._is_rate_too_low():
+                    return
         if state.code & judge.FROZEN:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
@@ -179,16 +185,10 @@ class Supervisor:
             if state.code & _FAST:
                 self._see_runaway(state, dq, self._limiter.limits.velocity)
 
-    def sees_rate(self) -> bool:
-        """Judge how often states come; return whether nothing can be commanded for that."""
-        if not self._is_strict:
-            return False
-        rate, period = self.rate, self._admission.period.row.item(SECONDS)
-        longest, turn = rate.fine
-        if period <= longest and self._scheme.loop_rate * period <= turn:
-            return False
-        rate.judge(self._scheme)
-        return rate.rate is not Rate.FINE and self._is_rate_too_low()
+    @property
+    def fine_rate(self) -> tuple[float, float]:
+        """Within what the rate of the states is fine, see :attr:`RateCheck.fine`."""
+        return self.rate.fine if self._is_strict else (math.inf, math.inf)
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""

@@ -536,10 +536,10 @@ def _drive(
 
 def _tick(
     chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
-    force: Input, previous: Input, numbers: Input, bounds: Input,
-    resolution: Input, posture: Input, turns: Rows, step: Row,
-    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
-    ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
+    force: Input, previous: Input, dt: float, lasts: float, dq_before: Input, ddq_before: Input,
+    drift: Row, before: Input, numbers: Input, bounds: Input, resolution: Input, posture: Input,
+    turns: Rows, friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    step: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de.
 
@@ -579,14 +579,18 @@ def _tick(
     told = driven.dissipated, driven.rate, driven.turning, 1.0 - driven.part
     _put_effects(row, len(row) - effects_width, Effects(pull.f, pull.mu, pull.energy, *told))
     changed = commanded(
-        chain, work, q, dq, J, ddq, force[:0], friction, gravity, coriolis,
-        without_accelerations(limits), dt, dq_before, ddq_before, drift, rate, lasts, before,
+        chain, work, q, dq, J, ddq, force[:0], dt, lasts, dq_before, ddq_before, drift, before,
+        friction, gravity, coriolis, without_accelerations(limits), rate,
         row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
     if changed & INFINITE:
         return INFINITE_EFFORT
     kept(step)
     return changed
+
+
+_NO_FORCE = np.zeros(3)
+_NO_FORCE.setflags(write=False)
 
 
 @dataclass(frozen=True)
@@ -743,12 +747,12 @@ class ComplianceControl(DynamicControl):
 
         It ends by itself where the scheme restarts, or holds.
         """
-        self._wanted = force
+        self._wanted = force if force.any() else _NO_FORCE
 
     @property
     def is_pressing(self) -> bool:
         """Whether a force is added, or is to be."""
-        return bool(self._wanted.any() or self.fed.any())
+        return not (self._wanted is self.fed is _NO_FORCE)
 
     def _forget_x(self) -> None:
         self._known = self.fastest_gain  # also while the arm is held
@@ -756,13 +760,13 @@ class ComplianceControl(DynamicControl):
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), with no force."""
-        self._wanted = self.fed = np.zeros(3)
+        self._wanted = self.fed = _NO_FORCE
         self.springs = None
         super().reset(q)
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return efforts that stop the joints, and hold them there; no force is added then."""
-        self._wanted = self.fed = np.zeros(3)
+        self._wanted = self.fed = _NO_FORCE
         self.springs = None
         return super().hold(dt, q, dq)
 
@@ -780,10 +784,11 @@ class ComplianceControl(DynamicControl):
         if self.is_pressing:
             more = self._wanted - self.fed
             size = float(np.linalg.norm(more))
-            force = self.fed = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
-        now = Springs(self.law, 1.0 - self._x_de.item(-1))
-        if self.springs is None or self.springs.law is not now.law or self.springs != now:
-            self.springs = now
+            force = self.fed + min(1.0, _SLEW * dt / max(size, _TINY)) * more
+            self.fed = force if force.any() else _NO_FORCE
+        law, part, springs = self.law, 1.0 - self._x_de.item(-1), self.springs
+        if springs is None or springs.law is not law or springs.part != part:
+            self.springs = Springs(law, part)
         tick = super().step(dt, q, dq, desired, force)
         self.loop_rate = tick.details.item(_RATE)
         return tick

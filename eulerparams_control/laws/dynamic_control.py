@@ -183,10 +183,10 @@ def is_bounded(values: Row) -> bool:
 
 def _tick(
     chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
-    h: Input, previous: Input, numbers: Input, bounds: Input,
-    resolution: Input, posture: Input, turns: Rows, step: Row,
-    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, dt: float, dq_before: Input,
-    ddq_before: Input, drift: Row, rate: Input, lasts: float, before: Input,
+    h: Input, previous: Input, dt: float, lasts: float, dq_before: Input, ddq_before: Input,
+    drift: Row, before: Input, numbers: Input, bounds: Input, resolution: Input, posture: Input,
+    turns: Rows, friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    step: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick; return what is found.
 
@@ -197,11 +197,11 @@ def _tick(
         desired_row: the desired frame.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         previous: x_de of the tick before.
+        dt, lasts, dq_before, ddq_before, drift, before: see :func:`commanded`.
         numbers, bounds: of the law, and of its errors.
         resolution, posture, turns: see :func:`resolve_acceleration`.
+        friction, gravity, coriolis, limits, rate: see :func:`commanded`.
         step: see :func:`blend`.
-        friction, gravity, coriolis, limits, dt, dq_before, ddq_before, drift, rate, lasts, before:
-            see :func:`commanded`.
     """
     n = len(work)
     at, at_ddq, at_tau, at_x = tick_places(n)
@@ -230,8 +230,8 @@ def _tick(
         return STEEP_JOINT
     row[at] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
     changed = commanded(
-        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt, dq_before,
-        ddq_before, drift, rate, lasts, before, row[at_ddq:at_tau], row[at_tau:at_x],
+        chain, work, q, dq, J, ddq, h, dt, lasts, dq_before, ddq_before, drift, before,
+        friction, gravity, coriolis, limits, rate, row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
     if changed & INFINITE:
         return INFINITE_EFFORT
@@ -441,13 +441,25 @@ class DynamicControl(Scheme):
             self._blend.replace(self._ddq)
 
     def _take(self, law: EffortLaw, dynamics: InverseDynamics, limits: EffortLimits) -> None:
-        self.law, self.dynamics, self.limits = law, dynamics, limits
-        self._step = law.step  # it is compiled before it is ticked
-        posture = NONE if dynamics.posture is None else dynamics.posture
-        self._resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
+        self.law, self.dynamics, self._step = law, dynamics, law.step  # compiled before a tick
+        self._keep_to(limits)
         self.width, self._unpack = self._places[3] + law.width, law.orientation.rows.unpack
         gain = law.fastest_gain
         self.loop_rate = 0.0 if gain is None else gain.rate
+
+    def _keep_to(self, limits: EffortLimits) -> None:
+        self.limits, law, dynamics = limits, self.law, self.dynamics
+        posture = NONE if dynamics.posture is None else dynamics.posture
+        resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
+        compensated = self._compensated(dynamics)
+        self._given = law.numbers, limits.bounds, *resolution, *compensated, self._blend.row
+
+    def _compensated(self, dynamics: InverseDynamics) -> tuple[Any, ...]:
+        """Return what is compensated, and the limits, as :func:`commanded` takes them."""
+        limits = self.limits
+        joints = UNLIMITED if limits.joints is None else limits.joints.rows
+        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis
+        return *given, joints, limits.rates
 
     def _forget_x(self) -> None:
         self._x_de = np.zeros(self.law.width)
@@ -469,7 +481,7 @@ class DynamicControl(Scheme):
 
     def bound(self, joints: JointLimits) -> None:
         """Keep to limits of the joints from the next tick on."""
-        self.limits = replace(self.limits, joints=joints)
+        self._keep_to(replace(self.limits, joints=joints))
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does; else at its weight.
@@ -581,13 +593,12 @@ class DynamicControl(Scheme):
                 and ``work`` was filled, too.
             dt, desired, h, q, dq: as :meth:`step` takes them.
         """
-        robot, limits = self.robot, self.limits
-        n, (at, at_ddq, at_tau, at_x) = robot.n, self._places
-        law = self._x_de, self.law.numbers, limits.bounds, *self._resolution
-        past = self._past(dt, self.dynamics)
+        robot, (at, at_ddq, at_tau, at_x) = self.robot, self._places
+        n = robot.n
         found = self._step(
-            robot.chain, self.work, row, q, dq, desired, h, *law, self._blend.row, *past
-        )
+            robot.chain, self.work, row, q, dq, desired, h, self._x_de, *self._past(dt),
+            *self._given,
+        )  # fmt: skip
         self._q, self._braked = row[:n], None
         if found < 0:
             raise self._error(found, row, DesiredFrame.of(desired))
@@ -610,15 +621,12 @@ class DynamicControl(Scheme):
         assert isinstance(self.law, ResolvedAcceleration)  # another law has another scheme
         return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
-    def _past(self, dt: float, dynamics: InverseDynamics) -> tuple[Any, ...]:
-        """Return what is compensated and kept, and what is known of the command before."""
-        limits, start = self.limits, self._start
-        before, lasts = NONE if start is None else start, max(dt, SHORTEST)
-        if self._tau is not None:
-            before, lasts = self._tau, dt
-        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis
-        joints = UNLIMITED if limits.joints is None else limits.joints.rows
-        return *given, joints, dt, self._dq, self._ddq, self._drift, limits.rates, lasts, before
+    def _past(self, dt: float) -> tuple[Any, ...]:
+        """Return what is known of the command before, as :func:`commanded` takes it."""
+        before, lasts = self._tau, dt
+        if before is None:
+            before, lasts = NONE if self._start is None else self._start, max(dt, SHORTEST)
+        return dt, lasts, self._dq, self._ddq, self._drift, before
 
     def _command(
         self, q: Array, dq: Array, ddq: Array, dt: float, dynamics: InverseDynamics
@@ -629,8 +637,8 @@ class DynamicControl(Scheme):
             SingularityError: if they are not finite; nothing is kept then.
         """
         wanted, tau = np.empty_like(q), np.empty_like(q)
-        arm, past = (self.robot.chain, q, dq, _NO_J), self._past(dt, dynamics)
-        found = command_effort(*arm, ddq, NONE, *past, wanted, tau)
+        arm, given = (self.robot.chain, q, dq, _NO_J), self._compensated(dynamics)
+        found = command_effort(*arm, ddq, NONE, *self._past(dt), *given, wanted, tau)
         if found & INFINITE:
             raise SingularityError(_WORDS[INFINITE_EFFORT])
         self._keep(found, dq, wanted, tau)

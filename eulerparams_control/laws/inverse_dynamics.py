@@ -75,10 +75,10 @@ class InverseDynamics:
         Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
         on the environment, base frame.
         """
-        n, given = len(ddq), (self.friction_rows, self.gravity, self.coriolis, UNLIMITED)
+        n, given = len(ddq), (self.friction_rows, self.gravity, self.coriolis, UNLIMITED, NONE)
         wanted, tau = np.empty(n), np.empty(n)
-        past = 0.0, NONE, ddq, np.zeros(n), NONE, 0.0, NONE
-        command_effort(robot.chain, arm.q, arm.dq, arm.J, ddq, h, *given, *past, wanted, tau)
+        past = 0.0, 0.0, NONE, ddq, np.zeros(n), NONE
+        command_effort(robot.chain, arm.q, arm.dq, arm.J, ddq, h, *past, *given, wanted, tau)
         return tau
 
     @cached_property
@@ -121,9 +121,9 @@ def resolve_acceleration(
 @kernel
 def commanded(
     chain: Rows, work: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
-    friction: Rows, gravity: bool, coriolis: bool,
-    limits: Rows, dt: float, dq_before: Input, ddq_before: Input, drift: Row,
-    rate: Input, lasts: float, before: Input, wanted: Row, tau: Row,
+    dt: float, lasts: float, dq_before: Input, ddq_before: Input, drift: Row, before: Input,
+    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    wanted: Row, tau: Row,
 ) -> int:  # fmt: skip
     """Fill tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48), within the limits.
 
@@ -134,14 +134,14 @@ def commanded(
         q, dq, J: (n,), (n,), (6, n) of the arm.
         ddq: (n,) wanted.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
+        dt: [s] since the command before, which acts for ``lasts`` [s].
+        dq_before, ddq_before: (n,) measured, and wanted, then; dq_before (0,): it was not obeyed.
+        drift: (n,) [rad/s^2] by which the joints accelerate more than commanded; is updated.
+        before: (n,) efforts that act; (0,): the weight does.
         friction: (2, n), viscous and Coulomb, that is compensated; (2, 0) is none.
         gravity, coriolis: whether these are compensated here; else the robot adds them itself.
         limits: (5, n) of the joints; (5, 0) are none.
-        dt: [s] since the command before.
-        dq_before, ddq_before: (n,) measured, and wanted, then; dq_before (0,): it was not obeyed.
-        drift: (n,) [rad/s^2] by which the joints accelerate more than commanded; is updated.
-        rate: (n,) [Nm/s] of each effort, for ``lasts`` [s].
-        before: (n,) efforts that act; (0,): the weight does.
+        rate: (n,) [Nm/s] of each effort.
         wanted: (n,) is filled with the accelerations within the limits.
         tau: (n,) is filled.
     """
@@ -193,16 +193,16 @@ def commanded(
 @entry
 def command_effort(
     chain: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
-    friction: Rows, gravity: bool, coriolis: bool,
-    limits: Rows, dt: float, dq_before: Input, ddq_before: Input, drift: Row,
-    rate: Input, lasts: float, before: Input, wanted: Row, tau: Row,
+    dt: float, lasts: float, dq_before: Input, ddq_before: Input, drift: Row, before: Input,
+    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    wanted: Row, tau: Row,
 ) -> int:  # fmt: skip
     """Fill tau (n,) as ``commanded``, for an arm whose joints have to be placed."""
     work = np.empty((len(q), WORK))
     place(chain, q, work)
     return commanded(
-        chain, work, q, dq, J, ddq, h, friction, gravity, coriolis, limits, dt,
-        dq_before, ddq_before, drift, rate, lasts, before, wanted, tau,
+        chain, work, q, dq, J, ddq, h, dt, lasts, dq_before, ddq_before, drift, before,
+        friction, gravity, coriolis, limits, rate, wanted, tau,
     )  # fmt: skip
 
 

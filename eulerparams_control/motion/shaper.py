@@ -203,9 +203,10 @@ class Shaper:
         to_come = self.waiting or self._waited or self.leap or self.ends is not None
         return not to_come and self.bearable == 1.0 and self.leg.points is not None
 
-    def since(self, t: int) -> float:
-        """Return the time [s] on the leg at t [ns]; beyond its end if another leg begins."""
-        return (t - self._start - self._late) / 1e9
+    @property
+    def start(self) -> int:
+        """When [ns] the leg starts."""
+        return self._start + self._late
 
     def take(self, t: int, row: Array) -> None:
         """Take the frame in a row (24,) for the sample of a plain motion at t [ns]."""

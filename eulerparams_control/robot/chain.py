@@ -22,7 +22,7 @@ from eulerparams_control.laws.compiled import (
     layout,
     to_rows,
 )
-from eulerparams_control.laws.linear import Mat, Vec, cross, identity
+from eulerparams_control.laws.linear import Mat, Vec, cross, identity, outer
 from eulerparams_control.laws.rotations import R_angle_axis
 
 
@@ -204,15 +204,32 @@ def efforts(
 
 @kernel
 def joint_inertia(chain: Rows, work: Rows, B: Rows) -> None:
-    """Fill B (n, n): its columns are the efforts of unit accelerations."""
-    n = len(work)
-    still, tau = np.zeros(n), np.empty(n)
-    for j in range(n):
-        ddq = np.zeros(n)
-        ddq[j] = 1.0
-        efforts(chain, still, ddq, work, False, False, tau)
-        for i in range(j + 1):
-            B[i, j] = B[j, i] = tau[i]
+    """Fill B (n, n): its columns are the efforts of unit accelerations at rest.
+
+    By composite bodies (Featherstone, Rigid Body Dynamics Algorithms, sec. 6.2): what a joint
+    carries is a body of one mass, with its first and second moments about the joint.
+    """
+    mass, first, second = 0.0, Vec(0.0, 0.0, 0.0), identity(0.0)
+    for j in range(len(work) - 1, -1, -1):
+        link, at = _link(chain[j], 0), _placed(work[j], 0)
+        c, inertia = at.R @ link.com, at.R @ link.inertia @ at.R.T
+        first, mass = first + link.mass * c, mass + link.mass
+        second = second + inertia + link.mass * _spread(c, c)
+        f, mu = cross(at.z, first), second @ at.z
+        if link.slides:
+            f, mu = mass * at.z, cross(first, at.z)
+        for i in range(j, -1, -1):  # down to the base
+            by = _placed(work[i], 0)
+            B[i, j] = B[j, i] = by.z @ (f if _link(chain[i], 0).slides else mu)
+            mu = mu + cross(by.r, f)
+        moved = _spread(first, at.r) + _spread(at.r, first) + mass * _spread(at.r, at.r)
+        first, second = first + mass * at.r, second + moved
+
+
+@kernel
+def _spread(a: Vec, b: Vec) -> Mat:
+    """Return a' b I - b a', the second moment of unit masses: at a = b, with Steiner's terms."""
+    return identity(a @ b) - outer(b, a)
 
 
 # --- what Python calls ----------------------------------------------------------------------

@@ -189,7 +189,8 @@ drawn(
     "energy given, less returned [J]",
     "What the tool gave to all contacts until then, less what they gave back: the passivity "
     "observer. The time integral of -(f' dp_e + mu' omega_e). A spring gives all back while the "
-    "tool leaves it, so that the curve falls to 0; below 0 a contact, or a hand, has driven the tool.",
+    "tool leaves it, so that the curve falls to 0; below 0 a contact, or a hand, has driven the "
+    "tool.",
     "J",
     1e-9,
     name="contact_energy",
