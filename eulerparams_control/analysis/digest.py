@@ -9,23 +9,19 @@ so that every peak survives.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.quantities import EVERYTHING, NUMBERS, TableNumber, get_metric
-from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.recording import RecordedRun, Recording
 from eulerparams_control.analysis.reports import Kept, Report
 from eulerparams_control.analysis.series import Frames
-from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError
-from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.robot.robot import Robot
 
 NEAR = math.radians(5)
 """Angle [rad] to the pole below which a plot is shaded."""
@@ -152,41 +148,26 @@ class Track(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Digest:
+class Digest(RecordedRun):
     """A run, small.
 
     Attributes:
-        path: of the bag.
-        robot: the arm.
-        urdf: its text.
-        parameters: of the recorded nodes, by node and name.
-        warnings: what is wrong with the bag.
         why_no_wrench: why there is no contact wrench although one was recorded; "" if not so.
-        diverged: [s] when the state became non-finite; None if it did not.
         start, end: [s] of what was analysed.
-        sequence: of its Euler angles.
-        approach: the closest to the pole of that sequence.
+        approach: the closest to the pole of its Euler angles.
         near_pole: intervals [s] within 5 deg of it.
         near_singular: intervals [s] near a kinematic singularity.
         curves: of each quantity by its name, one a component; without those not recorded.
         highest: the largest finite |y| of each quantity by its name.
         numbers: of the table, by their place in it; None where not recorded.
         track: for the replay.
-        namespace: of the arm; "" if it has none.
         reports: of its nodes; of a node with very many the first and the last.
         reports_left_out: how many are not among them.
     """
 
-    path: Path
-    robot: Robot = field(repr=False)
-    urdf: str = field(repr=False)
-    parameters: Mapping[str, Mapping[str, Any]] = field(repr=False)
-    warnings: tuple[BagWarning, ...]
     why_no_wrench: str
-    diverged: float | None
     start: float
     end: float
-    sequence: EulerSequence
     approach: Approach
     near_pole: Sequence[tuple[float, float]]
     near_singular: Sequence[tuple[float, float]]
@@ -194,19 +175,8 @@ class Digest:
     highest: Mapping[str, float] = field(repr=False)
     numbers: Sequence[float | None] = field(repr=False)
     track: Track = field(repr=False)
-    namespace: str = ""
     reports: Sequence[Report] = ()
     reports_left_out: int = 0
-
-    @property
-    def warning(self) -> str:
-        """The warnings in one line; "" if there are none."""
-        return in_words(self.warnings)
-
-    @property
-    def name(self) -> str:
-        """The name of the bag's folder, with the namespace of the arm if it has one."""
-        return self.path.resolve().name + self.namespace
 
     @classmethod
     def of(cls, recording: Recording) -> "Digest":
@@ -272,27 +242,21 @@ class _Making:
                    for column in zip(*parts, strict=True)]
             for name, parts in self._curves.items()
         }  # fmt: skip
+        same = {entry.name: getattr(last, entry.name) for entry in fields(RecordedRun)}
         return Digest(
-            last.path,
-            last.robot,
-            last.urdf,
-            last.parameters,
-            last.warnings,
-            last.why_no_wrench if last.sensed is not None else "",
-            last.diverged,
-            self._start,
-            max(float(last.leading.t[-1]), float(last.measured.t[-1])),
-            last.sequence,
-            min(self._approaches, key=lambda one: one.distance),
-            merged(self._poles),
-            merged(self._singular),
-            joined_curves,
-            self._highest,
-            together(self._numbers),
-            Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
-            last.namespace,
-            self._reports.all(),
-            self._reports.left_out,
+            **same,
+            why_no_wrench=last.why_no_wrench if last.sensed is not None else "",
+            start=self._start,
+            end=max(float(last.leading.t[-1]), float(last.measured.t[-1])),
+            approach=min(self._approaches, key=lambda one: one.distance),
+            near_pole=merged(self._poles),
+            near_singular=merged(self._singular),
+            curves=joined_curves,
+            highest=self._highest,
+            numbers=together(self._numbers),
+            track=Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
+            reports=self._reports.all(),
+            reports_left_out=self._reports.left_out,
         )
 
 

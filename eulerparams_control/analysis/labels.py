@@ -3,9 +3,10 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from eulerparams_control.laws.orientation import EulerSequence
+if TYPE_CHECKING:
+    from eulerparams_control.analysis.recording import RecordedRun
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Okabe and Ito's, which colour-blind people tell apart."""
@@ -17,24 +18,12 @@ PREDICTION_DASHES = ("dash", "dashdot", "dot")
 """Of the lines that are predicted, in a page."""
 
 
-class NamedRun(Protocol):
-    """A run with what its name is made of."""
-
-    @property
-    def path(self) -> Path:
-        """Of its bag."""
-
-    @property
-    def sequence(self) -> EulerSequence:
-        """Its Euler angles."""
-
-
-def labels(runs: Sequence[NamedRun]) -> list[str]:
+def labels(runs: "Sequence[RecordedRun]") -> list[str]:
     """Return a name for each run: its folder, with as many parents as it takes to differ.
 
     The namespace of the arm comes after it, where there is one.
     """
-    arms = [getattr(run, "namespace", "") for run in runs]
+    arms = [run.namespace for run in runs]
     paths = [run.path.resolve() for run in runs]
     depth = max((len(path.parts) for path in paths), default=1)
     for parts in range(1, depth + 1):
@@ -44,7 +33,7 @@ def labels(runs: Sequence[NamedRun]) -> list[str]:
     return [f"{i}: {path.name}" for i, path in enumerate(paths, 1)]  # the same bag twice
 
 
-def sequences(runs: Sequence[NamedRun]) -> str:
+def sequences(runs: "Sequence[RecordedRun]") -> str:
     """Return the names of the Euler angles of some runs, most often one."""
     return "/".join(sorted({run.sequence.name for run in runs}))
 

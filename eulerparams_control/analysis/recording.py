@@ -64,54 +64,29 @@ class LyapunovSeries(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Recording:
-    """One run: what was measured, what was commanded, and how it was set up.
+class RecordedRun:
+    """A run, whatever is kept of its samples.
 
     Attributes:
         path: of the bag.
         robot: the arm.
         parameters: of the recorded nodes, by node and name.
         warnings: what is wrong with the bag.
-        measured: from joint_states.
-        command: from joint_reference; None if there is none.
-        effort: from joint_effort; None if there is none.
         diverged: [s] when the simulation ended because its state became non-finite, or its
             controller gave up; None if it did not.
-        sensed: from wrench; None if there is none.
-        compliant: from compliant_frame; None if there is none.
-        targets: from target_wrench; None if there is none.
-        acting: from ~/impedance; None if there is none.
         urdf: text of the robot's description.
         namespace: of its topics; "" if they have none.
-        before: displacements, by representation, before the first instant of a later part of a run.
         options: of the representation; None: as the parameters say.
-        began: [ns] stamp of the first joint_states of the recording.
-        reports: of its nodes.
-        shaped: from ~/desired; None if there is none.
-        others: what topics without a field here have, by their names.
     """
 
     path: Path
-    robot: Robot
-    parameters: dict[str, dict[str, Any]]
+    robot: Robot = field(repr=False)
+    parameters: Mapping[str, Mapping[str, Any]] = field(repr=False)
     warnings: tuple[BagWarning, ...]
-    measured: Series
-    command: Series | None = None
-    effort: Efforts | None = None
-    diverged: float | None = None
-    sensed: SensorSeries | None = None
-    compliant: CompliantMotion | None = None
-    targets: SensorSeries | None = None
-    acting: ActingImpedance | None = None
-    urdf: str = field(default="", repr=False)
-    namespace: str = ""
-
-    before: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    options: OrientationOptions | None = None
-    began: int = 0
-    reports: Sequence[Report] = ()
-    shaped: ShapedMotion | None = None
-    others: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    diverged: float | None = field(default=None, kw_only=True)
+    urdf: str = field(default="", repr=False, kw_only=True)
+    namespace: str = field(default="", kw_only=True)
+    options: OrientationOptions | None = field(default=None, kw_only=True)
 
     @property
     def warning(self) -> str:
@@ -122,6 +97,44 @@ class Recording:
     def name(self) -> str:
         """The name of the bag's folder, with the namespace of the arm if it has one."""
         return self.path.resolve().name + self.namespace
+
+    @property
+    def sequence(self) -> EulerSequence:
+        """The sequence of Euler angles of its parameters; XYZ if they name none."""
+        return (self.options or options_of(self.parameters)).sequence
+
+
+@dataclass(frozen=True)
+class Recording(RecordedRun):
+    """One run: what was measured, what was commanded, and how it was set up.
+
+    Attributes:
+        measured: from joint_states.
+        command: from joint_reference; None if there is none.
+        effort: from joint_effort; None if there is none.
+        sensed: from wrench; None if there is none.
+        compliant: from compliant_frame; None if there is none.
+        targets: from target_wrench; None if there is none.
+        acting: from ~/impedance; None if there is none.
+        before: displacements, by representation, before the first instant of a later part of a run.
+        began: [ns] stamp of the first joint_states of the recording.
+        reports: of its nodes.
+        shaped: from ~/desired; None if there is none.
+        others: what topics without a field here have, by their names.
+    """
+
+    measured: Series
+    command: Series | None = None
+    effort: Efforts | None = None
+    sensed: SensorSeries | None = None
+    compliant: CompliantMotion | None = None
+    targets: SensorSeries | None = None
+    acting: ActingImpedance | None = None
+    before: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    began: int = 0
+    reports: Sequence[Report] = ()
+    shaped: ShapedMotion | None = None
+    others: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
     def servo_lag(self) -> tuple[Array, Array]:
@@ -233,11 +246,6 @@ class Recording:
             return lyapunov_series(self)
         except BagError as error:
             return str(error)
-
-    @property
-    def sequence(self) -> EulerSequence:
-        """The sequence of Euler angles of its parameters; XYZ if they name none."""
-        return (self.options or options_of(self.parameters)).sequence
 
     @cached_property
     def pole_distance(self) -> Array:
