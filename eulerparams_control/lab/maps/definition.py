@@ -8,7 +8,7 @@ from typing import Any
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
-from eulerparams_control.lab.run.fingerprint import digest, imported, version
+from eulerparams_control.lab.run.fingerprint import code_of_nodes, digest, version
 from eulerparams_control.lab.run.yaml_checks import check_name, known, load, require
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
@@ -45,8 +45,10 @@ class MapDefinition:
 
 @cache
 def _code(module: str) -> str:
-    """Return the version of the code of a kind in this module, but for the room that draws."""
-    return version(imported([module], but="analysis"))
+    """Return the version of the code of a kind in this module, without those of other kinds."""
+    own = f"{module.rpartition('.')[2]}.py"
+    files = (path for path in code_of_nodes("lab/maps") if path.name != "main.py")
+    return version(path for path in files if path.name == own or "_map" not in path.stem)
 
 
 def load_map(name_or_path: str, quick: bool = False, samples: int = 0) -> MapDefinition:

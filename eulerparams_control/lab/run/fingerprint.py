@@ -1,6 +1,5 @@
 """Versions of what gave a result: of the code and of files, by their content."""
 
-import ast
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
@@ -10,12 +9,10 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.command_line import executables
-from eulerparams_control.parameters.schemes import schemes
-
 _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("eulerparams_control", "sim_bridge")
 _PARTS = ("*.py", "analysis/assets/*", "analysis/templates/*")  # of code and pages
+_BESIDE = {"analysis", "live", "lab"}  # the rooms that no node of a run needs
 _LIBRARIES = ("pin", "pybullet", "numpy")  # what the numbers of a run are calculated with
 
 
@@ -27,58 +24,33 @@ def digest(content: Any) -> str:
 
 @cache
 def code_of_runs(faulty: bool = False) -> str:
-    """Return the version of the code that acts on runs: the nodes, and what they import.
+    """Return the version of the code that acts on runs: that of the nodes.
 
     Args:
         faulty: whether they are runs with faults, in which one more node acts.
     """
-    nodes = ["bag_recorder", "pybullet_bridge", "reference", *schemes()]
-    nodes += ["fault_injector"] if faulty else []
-    return version(imported(executables()[name] for name in nodes))
+    return version(code_of_nodes("lab/as_shipped", *["lab/faults"] * faulty))
 
 
 @cache
 def code() -> str:
     """Return the version of all code, and of what it puts into pages."""
-    found = {p for name in _PACKAGES for part in _PARTS for p in (_ROOT / name).rglob(part)}
-    return version(path for path in found if path.is_file())
+    return version(path for part in _PARTS for path in _files(part))
 
 
-def imported(modules: Iterable[str], but: str = "") -> set[Path]:
-    """Return the files of these modules and of all our modules that they import, recursively.
-
-    Args:
-        modules: their names.
-        but: the folder whose files are left out, with what only they import; "" leaves none out.
-    """
-    found: set[Path] = set()
-    pending = list(modules)
-    while pending:
-        for path in _files(pending.pop()):
-            if path not in found and but not in path.relative_to(_ROOT).parts:
-                found.add(path)
-                pending += _imports(path)
-    return found
+def code_of_nodes(*rooms: str) -> list[Path]:
+    """Return the files that nodes are made of, and those of some of the rooms they do not need."""
+    beside = tuple(_ROOT / _PACKAGES[0] / room for room in rooms)
+    return [
+        path
+        for path in _files("*.py")
+        if not _BESIDE & {*path.relative_to(_ROOT).parts} or path.parent in beside
+    ]
 
 
-def _files(module: str) -> Iterator[Path]:
-    """Yield the files that importing a module runs: its own, and those of its packages."""
-    parts = module.split(".")
-    if parts[0] not in _PACKAGES:
-        return
-    for end in range(1, len(parts) + 1):
-        place = _ROOT.joinpath(*parts[:end])
-        yield from (p for p in (place / "__init__.py", place.with_suffix(".py")) if p.is_file())
-
-
-def _imports(path: Path) -> Iterator[str]:
-    """Yield the modules that a file imports, wherever in it; names of their content too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+def _files(pattern: str) -> Iterator[Path]:
+    for name in _PACKAGES:
+        yield from (path for path in sorted((_ROOT / name).rglob(pattern)) if path.is_file())
 
 
 def version(files: Iterable[Path]) -> str:
