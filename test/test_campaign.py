@@ -37,7 +37,7 @@ from eulerparams_control.lab.campaign.record import (
 from eulerparams_control.lab.campaign.report import SequenceOutcome, look
 from eulerparams_control.lab.campaign.schedule import plans
 from eulerparams_control.lab.campaign.user import BEGINNING, Sent, Stream, User
-from eulerparams_control.lab.faults import Fault
+from eulerparams_control.lab.faults.base import Fault
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 

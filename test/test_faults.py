@@ -17,17 +17,10 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.lab.faults import (
-    Fault,
-    FaultStream,
-    Kill,
-    SecondPublisher,
-    parse_fault,
-    parse_faults,
-    random_faults,
-)
-from eulerparams_control.lab.faults.base import MessageFault
+from eulerparams_control.lab.faults.base import Fault, MessageFault, parse_fault, parse_faults
 from eulerparams_control.lab.faults.fields import numbers
+from eulerparams_control.lab.faults.kinds import Kill, SecondPublisher, random_faults
+from eulerparams_control.lab.faults.stream import FaultStream
 from eulerparams_control.parameters.schemes import schemes
 
 SECOND = 1_000_000_000
@@ -348,23 +341,23 @@ def changed(**changes: Any) -> dict[str, Any]:
         (changed(fault="dorp"), "unknown fault 'dorp' (did you mean 'drop'?); known: clock_jump, "),
         (changed(topic="joint_state"), "(did you mean 'joint_states'?); known: joint_effort, "),
         (changed(topic="robot"), "unknown topic of the fault 'drop' 'robot'"),
-        (changed(topic=3), "fault 'drop': topic: 3; expected a name"),
+        (changed(topic=3), "fault 'drop': topic is 3; expected a name"),
         (changed(topic=None), "the key 'topic' is missing; it needs topic, at, for"),
-        (changed(at=-0.1), "at: -0.1; expected a number from 0 to 1e+06, when it begins [s]"),
-        (changed(at=math.nan), "at: nan; expected a number"),
-        (changed(at=True), "at: True; expected a number"),
-        (changed(for_=-1), "for: -1.0; expected a number from 0"),
-        (changed(probability=1.1), "probability: 1.1; expected a number from 0 to 1"),
+        (changed(at=-0.1), "is -0.1; expected a finite number from 0 to 1e+06, when it begins"),
+        (changed(at=math.nan), "at is nan; expected a finite number"),
+        (changed(at=True), "at is True; expected a finite number"),
+        (changed(for_=-1), "for is -1; expected a finite number of 0 or more"),
+        (changed(probability=1.1), "probability is 1.1; expected a finite number from 0 to 1"),
         (changed(propability=1), "'propability' (did you mean 'probability'?)"),
-        (changed(fault="delay", by=-1), "by: -1.0; expected a number from 0 to 60, how late [s]"),
-        (changed(fault="reorder", depth=1), "depth: 1; expected a number from 2 to 100"),
-        (changed(fault="reorder", depth=2.5), "depth: 2.5; expected a whole number"),
-        (changed(fault="duplicate", copies=0), "copies: 0; expected a number from 1"),
+        (changed(fault="delay", by=-1), "is -1; expected a finite number from 0 to 60, how late"),
+        (changed(fault="reorder", depth=1), "depth is 1; expected a whole number from 2 to 100"),
+        (changed(fault="reorder", depth=2.5), "depth is 2.5; expected a whole number"),
+        (changed(fault="duplicate", copies=0), "copies is 0; expected a whole number from 1"),
         (changed(fault="nan", value="zero"), "unknown value of the fault 'nan' 'zero'"),
         (changed(fault="kill"), "unknown key of the fault 'kill' "),
         ({"fault": "kill", "at": 1.0}, "the key 'node' is missing; it needs at, node"),
-        ({"fault": "kill", "at": 1.0, "node": 3}, "node: 3; expected a name"),
-        (changed(fault="second_publisher", rate=0), "rate: 0.0; expected a number from 0.1"),
+        ({"fault": "kill", "at": 1.0, "node": 3}, "node is 3; expected a name"),
+        (changed(fault="second_publisher", rate=0), "rate is 0; expected a finite number from 0.1"),
     ],
 )
 def test_a_fault_that_means_nothing_is_refused_with_the_reason(content, words):

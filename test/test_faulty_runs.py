@@ -29,7 +29,8 @@ from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.faulty import deeds, remaps, turn
 from eulerparams_control.lab.experiments.model import Variant
 from eulerparams_control.lab.experiments.runner import making_of, node_parameters
-from eulerparams_control.lab.faults import Drop, Fault, Kill
+from eulerparams_control.lab.faults.base import Fault
+from eulerparams_control.lab.faults.kinds import Drop, Kill
 from eulerparams_control.lab.run.fingerprint import code_of_runs
 from eulerparams_control.lab.run.processes import RunStopped
 from eulerparams_control.parameters.schemes import schemes

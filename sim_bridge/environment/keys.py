@@ -32,8 +32,9 @@ def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> A
         unit: of each number.
         default: its value when it is not given; without one it must be.
         **rule: ``least`` and ``most`` allowed; ``above`` which numbers must be; ``endless``:
-            infinity is allowed; ``size``: of a list; ``one``: or one number for all of it;
-            ``is_unit``: of norm 1; ``choices``: the words.
+            infinity is allowed; ``whole``: no other number is; ``size``: of a list; ``one``: or
+            one number for all of it; ``is_unit``: of norm 1; ``choices``: the words; ``text``:
+            what it is, for messages.
     """
     metadata = {"unit": unit, "least": -math.inf, "above": -math.inf, **rule}
     return dataclasses.field(default=default, metadata=metadata)
@@ -62,7 +63,7 @@ def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
     if not (fits and all(_is_allowed(entry, meta) for entry in numbers)):
         raise ConfigurationError(f"{name} is {_shown(value)}; expected {_expected(meta)}")
     if size is None:
-        return numbers[0]
+        return int(numbers[0]) if meta.get("whole") else numbers[0]
     if meta.get("is_unit"):
         return _unit(name, numbers)
     return tuple(numbers) if len(numbers) == size else tuple(numbers) * size
@@ -96,7 +97,8 @@ def _number(value: Any) -> float:
 def _is_allowed(value: float, meta: Mapping[str, Any]) -> bool:
     finite = math.isfinite(value) or bool(meta.get("endless") and value == math.inf)
     within = meta["least"] <= value <= meta.get("most", math.inf)
-    return finite and within and value > meta["above"]
+    fits = value.is_integer() or not meta.get("whole")
+    return finite and within and fits and value > meta["above"]
 
 
 def _expected(meta: Mapping[str, Any]) -> str:
@@ -104,6 +106,7 @@ def _expected(meta: Mapping[str, Any]) -> str:
     size, one = meta.get("size"), meta.get("one")
     count = "a finite number" if size is None else f"{size} finite numbers"
     count = f"one finite number or {size}" if one else count
+    count = "a whole number" if meta.get("whole") else count
     if meta.get("is_unit"):
         count += " x, y, z, w"
     if meta.get("most", math.inf) < math.inf:
@@ -112,7 +115,8 @@ def _expected(meta: Mapping[str, Any]) -> str:
         count += f" of {meta['least']:g} or more"
     if meta["above"] > -math.inf:
         count += f" above {meta['above']:g}"
-    return count + (f" [{meta['unit']}]" if meta["unit"] else "")
+    count += f" [{meta['unit']}]" if meta["unit"] else ""
+    return count + (f", {meta['text']}" if meta.get("text") else "")
 
 
 def _unit(name: str, xyzw: list[float]) -> tuple[float, ...]:

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eulerparams_control.lab.campaign.record import AskedLimits
-from eulerparams_control.lab.faults import FROM_ROBOT, ROBOT, TO_ROBOT, Fault, random_faults
+from eulerparams_control.lab.faults.base import FROM_ROBOT, ROBOT, TO_ROBOT, Fault
+from eulerparams_control.lab.faults.kinds import random_faults
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import DesiredFrame

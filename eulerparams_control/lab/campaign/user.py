@@ -21,7 +21,8 @@ from eulerparams_control.lab.campaign.plan import (
     SequencePlan,
     StreamDraw,
 )
-from eulerparams_control.lab.faults import ClockJump, Fault
+from eulerparams_control.lab.faults.base import Fault
+from eulerparams_control.lab.faults.kinds import ClockJump
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory

@@ -35,7 +35,8 @@ from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup
 from eulerparams_control.lab.experiments.model import Variant
-from eulerparams_control.lab.faults import ROBOT, Fault, Kill, parse_faults
+from eulerparams_control.lab.faults.base import ROBOT, Fault, parse_faults
+from eulerparams_control.lab.faults.kinds import Kill
 from eulerparams_control.lab.run.processes import Nodes, RunStopped
 from eulerparams_control.lab.run.run_cache import RunRecord
 from eulerparams_control.lab.run.usage import UsageLog

@@ -11,7 +11,7 @@ import yaml
 from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments.drawn import ChartOf, Predicted
-from eulerparams_control.lab.faults import Fault
+from eulerparams_control.lab.faults.base import Fault
 from eulerparams_control.lab.run.run_cache import Run
 from eulerparams_control.resources import config_file
 

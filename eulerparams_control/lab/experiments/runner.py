@@ -34,7 +34,7 @@ from eulerparams_control.lab.experiments.faulty import (
     watch,
 )
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
-from eulerparams_control.lab.faults import FROM_ROBOT
+from eulerparams_control.lab.faults.base import FROM_ROBOT
 from eulerparams_control.lab.run.processes import EVENTS, Nodes
 from eulerparams_control.lab.run.run_cache import Making, Run, RunRecord
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics

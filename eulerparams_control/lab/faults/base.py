@@ -2,8 +2,9 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import Field, dataclass, fields
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,6 +13,7 @@ import yaml
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.run.yaml_checks import known, require
 from eulerparams_control.parameters.schemes import COMMANDS
+from sim_bridge.environment.keys import checked, number
 
 FROM_ROBOT = ("joint_states", "wrench")
 TO_CONTROLLER = (*FROM_ROBOT, "reference")
@@ -22,24 +24,8 @@ TOPICS = (*TO_CONTROLLER, *TO_ROBOT)
 ROBOT = "robot"
 """In the place of a topic: all of those that come from the robot, together."""
 
-_INF = float("inf")
-
-
-def setting(
-    text: str,
-    *,
-    low: float = -_INF,
-    high: float = _INF,
-    choices: tuple[str, ...] = (),
-    drawn: "Callable[[Draw, str], Any] | None" = None,
-    **default: Any,
-) -> Any:
-    """Return a field of a fault: a number from ``low`` to ``high``, or a word of ``choices``.
-
-    Its unit is in ``text``; ``drawn`` draws it for a topic, else it is not drawn.
-    """
-    metadata = {"text": text, "low": low, "high": high, "choices": choices, "drawn": drawn}
-    return field(**default, metadata=metadata)
+setting = partial(number, "")
+"""A field of a fault, its unit in ``text``; what is ``drawn`` draws it for a topic."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +81,10 @@ class Fault:
     shakes: ClassVar[bool] = False
 
     topic: str
-    at: float = setting("when it begins [s]", low=0.0, high=1e6)
-    duration: float = setting("for how long [s]; .inf is to the end", low=0.0)
+    at: float = setting(text="when it begins [s]", least=0.0, most=1e6)
+    duration: float = setting(
+        text="for how long [s]; .inf is to the end", least=0.0, endless=True
+    )
 
     def __init_subclass__(cls, **about: Any) -> None:
         """Register a kind of fault, ``about`` being its class attributes."""
@@ -108,19 +96,13 @@ class Fault:
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         for key, entry in settings(type(self)).items():
-            value, about = getattr(self, entry.name), entry.metadata
-            where = f"fault '{self.name}': {key}: {value!r}"
+            value, where = getattr(self, entry.name), f"fault '{self.name}': {key}"
             if entry.type is str:
-                require(isinstance(value, str), f"{where}; expected a name")
-                choices = self.topics if key == "topic" else about.get("choices")
+                require(isinstance(value, str), f"{where} is {value!r}; expected a name")
+                choices = self.topics if key == "topic" else entry.metadata.get("choices")
                 known(f"{key} of the fault '{self.name}'", value, choices or (value,))
-                continue
-            low, high = about["low"], about["high"]
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            text = f"expected a number from {low:g} to {high:g}, {about['text']}"
-            require(is_number and low <= value <= high, f"{where}; {text}")
-            is_whole = entry.type is not int or isinstance(value, int)
-            require(is_whole, f"{where}; expected a whole number")
+            else:
+                object.__setattr__(self, entry.name, checked(where, value, entry.metadata))
 
     @classmethod
     def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
@@ -150,7 +132,7 @@ class Fault:
         """Return it as the flow-style YAML that it is read from."""
         given = {key: getattr(self, entry.name) for key, entry in settings(type(self)).items()}
         content = {"fault": self.name, **given}
-        text = yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=_INF)
+        text = yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=math.inf)
         return str(text).strip()
 
 
@@ -174,7 +156,9 @@ class MessageFault(Fault):
 
     keeps_order: ClassVar[bool] = False
 
-    probability: float = setting("of a message to be hit", low=0.0, high=1.0, default=1.0)
+    probability: float = setting(
+        text="of a message to be hit", least=0.0, most=1.0, default=1.0
+    )
 
     def __init_subclass__(cls, **about: Any) -> None:
         """Register a kind, which has a ``change`` of its own."""
@@ -201,11 +185,11 @@ def parse_faults(where: str, content: Any) -> tuple[Fault, ...]:
     """Return the faults of a list of YAML; raises ConfigurationError that says which is wrong."""
     require(isinstance(content, list), f"{where}: expected a list of {{fault: ..., at: ..., ...}}")
     faults = []
-    for number, entry in enumerate(content, 1):
+    for place, entry in enumerate(content, 1):
         try:
             faults.append(parse_fault(entry))
         except ConfigurationError as error:
-            raise ConfigurationError(f"{where}: entry {number}: {error}") from error
+            raise ConfigurationError(f"{where}: entry {place}: {error}") from error
     return tuple(faults)
 
 
@@ -229,14 +213,8 @@ def parse_fault(content: Any) -> Fault:
     for key in needed:
         text = f"the key '{key}' is missing; it needs {', '.join(needed)}"
         require(key in given, f"fault '{name}': {text}")
-    values = {keys[key].name: _value(keys[key].type, value) for key, value in given.items()}
+    values: dict[str, Any] = {keys[key].name: value for key, value in given.items()}
+    for entry in keys.values():
+        if entry.type is str and isinstance(values.get(entry.name), float):  # .nan can be a word
+            values[entry.name] = str(values[entry.name])
     return Fault.registry[name](**values)
-
-
-def _value(kind: Any, value: Any) -> Any:
-    """Return a value of YAML as a field has it: .nan and .inf can be words, 1 can be 1.0."""
-    if kind is str and isinstance(value, float):
-        return str(value)
-    if kind is float and type(value) is int:
-        return float(value)
-    return value

@@ -32,16 +32,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.events import Event, tell
-from eulerparams_control.lab.faults import (
-    FROM_ROBOT,
-    ROBOT,
-    TOPICS,
-    Fault,
-    FaultStream,
-    Kill,
-    SecondPublisher,
-    parse_fault,
-)
+from eulerparams_control.lab.faults.base import FROM_ROBOT, ROBOT, TOPICS, Fault, parse_fault
+from eulerparams_control.lab.faults.kinds import Kill, SecondPublisher
+from eulerparams_control.lab.faults.stream import FaultStream
 from eulerparams_control.messages.keys import WorkMode
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros import diagnostics

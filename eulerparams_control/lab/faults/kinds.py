@@ -39,7 +39,7 @@ _NOISE_OF_OTHERS = 0.01  # [rad, m]
 def _sometimes() -> Any:
     """Return the probability with which a fault hits a message, drawn too."""
     return setting(
-        "of a message to be hit", low=0.0, high=1.0, default=1.0,
+        text="of a message to be hit", least=0.0, most=1.0, default=1.0,
         drawn=lambda draw, _: draw.sometimes(),
     )  # fmt: skip
 
@@ -64,7 +64,7 @@ class Duplicate(MessageFault, name="duplicate"):
     """
 
     copies: int = setting(
-        "more of each message", low=1, high=100, default=1,
+        text="more of each message", least=1, most=100, whole=True, default=1,
         drawn=lambda draw, _: int(draw.random.integers(1, 4)),
     )  # fmt: skip
 
@@ -82,7 +82,7 @@ class Delay(MessageFault, name="delay", shakes=True, keeps_order=True):
     """
 
     by: float = setting(
-        "how late [s]", low=0.0, high=60.0, drawn=lambda draw, _: draw.number(0.005, 0.3)
+        text="how late [s]", least=0.0, most=60.0, drawn=lambda draw, _: draw.number(0.005, 0.3)
     )
 
     def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
@@ -105,7 +105,7 @@ class Reorder(MessageFault, name="reorder", shakes=True):
     """
 
     depth: int = setting(
-        "messages that are mixed", low=2, high=100, default=2,
+        text="messages that are mixed", least=2, most=100, whole=True, default=2,
         drawn=lambda draw, _: int(draw.random.integers(2, 6)),
     )  # fmt: skip
 
@@ -135,7 +135,7 @@ class Nan(MessageFault, name="nan", shakes=True):
 
     field: str = ""
     value: str = setting(
-        "that it gets", choices=(*_NOT_FINITE, _ANY), default="nan", drawn=lambda *_: _ANY
+        text="that it gets", choices=(*_NOT_FINITE, _ANY), default="nan", drawn=lambda *_: _ANY
     )
     probability: float = _sometimes()
 
@@ -186,7 +186,7 @@ class Noise(MessageFault, name="noise", shakes=True):
         field: of which numbers, such as ``velocity`` or ``wrench.force``; "": of all.
     """
 
-    std: float = setting("standard deviation", low=0.0, high=1e6, drawn=_drawn_noise)
+    std: float = setting(text="standard deviation", least=0.0, most=1e6, drawn=_drawn_noise)
     field: str = ""
 
     def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
@@ -204,9 +204,11 @@ class ClockJump(MessageFault, name="clock_jump", topics=(*TOPICS, ROBOT)):
         by: how far, ahead or, below 0, back [s].
     """
 
-    duration: float = setting("for how long [s]; from then on", low=0.0, default=math.inf)
+    duration: float = setting(
+        text="for how long [s]; from then on", least=0.0, endless=True, default=math.inf
+    )
     by: float = setting(
-        "how far [s]", low=-1e6, high=1e6,
+        text="how far [s]", least=-1e6, most=1e6,
         drawn=lambda draw, _: draw.number(0.01, 10.0) * (1 if draw.is_so() else -1),
     )  # fmt: skip
 
@@ -242,9 +244,9 @@ class SecondPublisher(Fault, name="second_publisher"):
         offset: on each number of its messages but those of rotations, in the unit of the number.
     """
 
-    rate: float = setting("of its messages [Hz]", low=0.1, high=1000.0, default=20.0)
+    rate: float = setting(text="of its messages [Hz]", least=0.1, most=1000.0, default=20.0)
     offset: float = setting(
-        "on each of its numbers", low=-1e6, high=1e6, default=0.0,
+        text="on each of its numbers", least=-1e6, most=1e6, default=0.0,
         drawn=lambda draw, _: round(float(draw.random.uniform(-0.02, 0.02)), 6),
     )  # fmt: skip
 
@@ -274,7 +276,9 @@ class Kill(Fault, name="kill"):
     topic: str = field(default="", init=False)
     duration: float = field(default=0.0, init=False)
     node: str
-    restart_after: float = setting("until it is started again [s]", low=0.0, default=math.inf)
+    restart_after: float = setting(
+        text="until it is started again [s]", least=0.0, endless=True, default=math.inf
+    )
 
     @property
     def end(self) -> float:

@@ -53,7 +53,9 @@ from eulerparams_control.lab.campaign.user import (
     Sent,
     User,
 )
-from eulerparams_control.lab.faults import TO_ROBOT, FaultStream, Kill, SecondPublisher
+from eulerparams_control.lab.faults.base import TO_ROBOT
+from eulerparams_control.lab.faults.kinds import Kill, SecondPublisher
+from eulerparams_control.lab.faults.stream import FaultStream
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import CAUSE, MODE
 from eulerparams_control.messages.to_ros import (
