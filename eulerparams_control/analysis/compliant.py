@@ -9,7 +9,6 @@ node impedance_control, which may be off the tip.  What they leave of a recorded
 they hold.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,15 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.controllers import parameters_to_blame, recorded
-from eulerparams_control.analysis.series import Frames, Series
-from eulerparams_control.errors import BagError, RobotError
-from eulerparams_control.laws.force_control import ForceOptions
+from eulerparams_control.analysis.series import Frames
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.robot.robot import Robot
 
 _FELT = 1e-6  # [N], [Nm] smallest contact that is not rounding
 
@@ -68,38 +63,6 @@ class Wrenches(NamedTuple):
     def is_felt(self) -> bool:
         """Whether there is more in it than rounding."""
         return bool(np.abs(self.f).max() > _FELT or np.abs(self.mu).max() > _FELT)
-
-
-def at_the_tip(
-    sensed: SensorSeries, measured: Series, parameters: Mapping[str, Mapping[str, Any]]
-) -> Wrenches:
-    """Return the contact wrench at the tip from the measurements of a sensor.
-
-    Without the weight of the tool and the bias that the node impedance_control was told.  Dead
-    bands, the low-pass and a tare, which concern its law, are left out.
-
-    Args:
-        sensed: the measurements.
-        measured: motion of the arm; its last state before each instant counts.
-        parameters: of the recorded nodes, by node and name.
-
-    Raises:
-        BagError: if the parameters are impossible, or a frame is not fixed to the tip.
-    """
-    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
-    with parameters_to_blame(told.scheme.name):
-        options = told.wrench_options(measured.robot)
-    w = options.sign * sensed.w - np.array(options.bias)
-    f_t, mu_t = np.empty((2, len(w), 3))
-    for name in dict.fromkeys(sensed.frames.tolist()):
-        here = sensed.frames == name
-        f_t[here], mu_t[here] = _shifted(w[here], _sensor(measured.robot, name))
-    before = np.maximum(np.searchsorted(measured.t, sensed.t, side="right") - 1, 0)
-    R_e = measured.R_e[before]
-    if options.tool is not None and options.weight:
-        weight = options.tool.mass * np.matvec(R_e.mT, np.array(options.gravity))
-        f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
-    return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
 
 
 class ActingImpedance(NamedTuple):
@@ -182,44 +145,7 @@ class PressedForce(NamedTuple):
     on: Array
 
 
-def pressed_force(
-    targets: SensorSeries,
-    wrench: Wrenches,
-    measured: Series,
-    parameters: Mapping[str, Mapping[str, Any]],
-) -> PressedForce:
-    """Return the force that is exerted, and the last target that still counts.
-
-    Args:
-        targets: what was sent, in the axes of the tip or of the base.
-        wrench: the contact at the tip.
-        measured: motion of the arm; its last state before each instant counts.
-        parameters: of the recorded nodes, by node and name.
-
-    Raises:
-        BagError: if the parameters are impossible.
-    """
-    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
-    with parameters_to_blame(told.scheme.name):
-        centre, on = told.centre(measured.robot), ForceOptions(told.force_axes).are_on
-    before = np.maximum(np.searchsorted(measured.t, wrench.t, side="right") - 1, 0)
-    R = measured.R_e[before] @ centre.R
-    last = np.searchsorted(targets.t, wrench.t, side="right") - 1
-    counts = (last >= 0) & (wrench.t - targets.t[last] <= told.target_timeout)
-    asked, in_base = targets.w[last, :3], targets.frames[last] != measured.robot.tip_frame
-    f_d = np.where(in_base[:, None], np.matvec(R.mT, asked), asked @ centre.R)
-    f_d[~counts] = np.nan
-    return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d, R, on)
-
-
-def _sensor(robot: Robot, name: str) -> Placement:
-    try:
-        return robot.placement(name)
-    except RobotError as error:
-        raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
-
-
-def _shifted(w: Array, sensor: Placement) -> tuple[Array, Array]:
+def shifted(w: Array, sensor: Placement) -> tuple[Array, Array]:
     """Return force and moment (N, 3) of the sensor frame in the axes of the tip, about it."""
     f_t = w[:, :3] @ sensor.R.T
     return f_t, w[:, 3:] @ sensor.R.T + np.cross(sensor.p, f_t)
@@ -325,35 +251,6 @@ class ImpedanceRun(NamedTuple):
 
     def _in_desired(self, vectors: Array) -> Array:
         return np.matvec(self.motion.desired.R.mT, vectors)
-
-
-def impedance_run(
-    compliant: CompliantMotion,
-    wrench: Wrenches | None,
-    measured: Series,
-    parameters: Mapping[str, Mapping[str, Any]],
-) -> ImpedanceRun:
-    """Return motion and wrench at the centre of compliance.
-
-    Args:
-        compliant: the compliant frame of the tip.
-        wrench: at the tip; None if it is not known.
-        measured: motion of the arm; its last state before each instant counts.
-        parameters: of the recorded nodes, by node and name.
-
-    Raises:
-        BagError: if the parameters are impossible.
-    """
-    told = recorded(parameters, ImpedanceParameters) or ImpedanceParameters()
-    with parameters_to_blame(told.scheme.name):
-        centre = told.centre(measured.robot)
-    motion = compliant.carrying(centre)
-    if wrench is None:
-        return ImpedanceRun(motion, np.zeros((len(motion.t), 3)), np.zeros((len(motion.t), 3)))
-    f, mu = wrench.at(compliant.t)
-    before = np.maximum(np.searchsorted(measured.t, compliant.t, side="right") - 1, 0)
-    r = measured.R_e[before] @ centre.p
-    return ImpedanceRun(motion, f, mu - np.cross(r, f))
 
 
 class _Displacement(NamedTuple):

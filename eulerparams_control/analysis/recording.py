@@ -22,16 +22,15 @@ from eulerparams_control.analysis.compliant import (
     PressedForce,
     SensorSeries,
     Wrenches,
-    at_the_tip,
-    impedance_run,
     impedances,
-    pressed_force,
+    shifted,
 )
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion, comparable
 from eulerparams_control.bags.format import BagWarning, in_words
-from eulerparams_control.errors import BagError
+from eulerparams_control.errors import BagError, RobotError
+from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -168,12 +167,43 @@ class Recording(RecordedRun):
 
     @cached_property
     def _wrench(self) -> Wrenches | str:
-        if self.sensed is None:
-            return "no wrench was recorded"
         try:
-            return at_the_tip(self.sensed, self.measured, self.parameters)
+            return self._at_the_tip()
         except BagError as error:
             return str(error)
+
+    def _at_the_tip(self) -> Wrenches:
+        """Return the contact wrench at the tip from the measurements of the sensor.
+
+        Without the weight of the tool and the bias that the node impedance_control was told.  Dead
+        bands, the low-pass and a tare, which concern its law, are left out.
+
+        Raises:
+            BagError: if the parameters are impossible, or a frame is not fixed to the tip.
+        """
+        sensed, robot = self.sensed, self.robot
+        if sensed is None:
+            raise BagError("no wrench was recorded")
+        with parameters_to_blame(self._told.scheme.name):
+            options = self._told.wrench_options(robot)
+        w = options.sign * sensed.w - np.array(options.bias)
+        f_t, mu_t = np.empty((2, len(w), 3))
+        for name in dict.fromkeys(sensed.frames.tolist()):
+            here = sensed.frames == name
+            try:
+                f_t[here], mu_t[here] = shifted(w[here], robot.placement(name))
+            except RobotError as error:
+                raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
+        R_e = self.measured.R_e[self.measured.before(sensed.t)]
+        if options.tool is not None and options.weight:
+            weight = options.tool.mass * np.matvec(R_e.mT, np.array(options.gravity))
+            f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
+        return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
+
+    @cached_property
+    def _told(self) -> ImpedanceParameters:
+        """Parameters of its impedance; the defaults if there is none."""
+        return recorded(self.parameters, ImpedanceParameters) or ImpedanceParameters()
 
     @property
     def contact(self) -> Wrenches | None:
@@ -185,17 +215,37 @@ class Recording(RecordedRun):
 
     @cached_property
     def impedance(self) -> ImpedanceRun | None:
-        """Motion and wrench of the impedance equations; None without a compliant frame."""
+        """Motion and wrench at the centre of compliance; None without a compliant frame."""
         if self.compliant is None:
             return None
-        return impedance_run(self.compliant, self.wrench, self.measured, self.parameters)
+        with parameters_to_blame(self._told.scheme.name):
+            centre = self._told.centre(self.robot)
+        motion = self.compliant.carrying(centre)
+        if self.wrench is None:
+            return ImpedanceRun(motion, *np.zeros((2, len(motion.t), 3)))
+        f, mu = self.wrench.at(motion.t)
+        r = self.measured.R_e[self.measured.before(motion.t)] @ centre.p
+        return ImpedanceRun(motion, f, mu - np.cross(r, f))
 
     @cached_property
     def pressed(self) -> PressedForce | None:
-        """The force that the tool exerts and its target; None unless both were recorded."""
-        if self.targets is None or self.wrench is None:
+        """The force that the tool exerts, and the last target that still counts.
+
+        None unless both were recorded.
+        """
+        targets, wrench, measured = self.targets, self.wrench, self.measured
+        if targets is None or wrench is None:
             return None
-        return pressed_force(self.targets, self.wrench, self.measured, self.parameters)
+        told = self._told
+        with parameters_to_blame(told.scheme.name):
+            centre, on = told.centre(self.robot), ForceOptions(told.force_axes).are_on
+        R = measured.R_e[measured.before(wrench.t)] @ centre.R
+        last = np.searchsorted(targets.t, wrench.t, side="right") - 1
+        counts = (last >= 0) & (wrench.t - targets.t[last] <= told.target_timeout)
+        asked, in_base = targets.w[last, :3], targets.frames[last] != self.robot.tip_frame
+        f_d = np.where(in_base[:, None], np.matvec(R.mT, asked), asked @ centre.R)
+        f_d[~counts] = np.nan
+        return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d, R, on)
 
     def compliant_frames(self, series: Series) -> Frames:
         """Return the compliant frame at each instant of a series, none where there is none."""

@@ -204,6 +204,10 @@ class Series:
         with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
             return self.robot.states(self.q, self.dq)
 
+    def before(self, t: Array) -> NDArray[np.intp]:
+        """Return the places (M,) of the last states up to instants t (M,) [s]; the first before."""
+        return np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
+
     @property
     def p_e(self) -> Array:
         """(N, 3) [m] position of the tip."""

@@ -140,7 +140,7 @@ def contact_energy(recording: Recording) -> Samples:
     t, f = force(recording)
     _, mu = moment(recording)
     arm = recording.measured
-    before = np.maximum(np.searchsorted(arm.t, t, side="right") - 1, 0)
+    before = arm.before(t)
     power = -np.vecdot(f, arm.kinematics.dp_e[before]) - np.vecdot(mu, arm.omega_e[before])
     return t, np.concatenate([[0.0], np.cumsum(power[1:] * np.diff(t))])
 
