@@ -364,8 +364,8 @@ def test_every_kind_of_map_is_shipped():
     [
         ("wrong", "kind: nothing", "unknown kind of map 'nothing'"),
         ("wrong", "kind: gain\ngain: 3", "unknown option of the kind 'gain' 'gain'"),
-        ("wrong", "kind: gain\nspeed: -1", "speed is -1; expected 0 or more"),
-        ("wrong", "kind: gain\nsamples: 1.5", "samples is 1.5; expected the like of"),
+        ("wrong", "kind: gain\nspeed: -1", "speed is -1; expected a finite number of 0 or more"),
+        ("wrong", "kind: gain\nsamples: 1.5", "samples is 1.5; expected a whole number"),
         ("wrong", "kind: gain\nclosest: [.nan, 1]", "closest is nan; expected a finite number"),
         ("wrong", "kind: gain\nlaw: none", "unknown law 'none'"),
         ("..", "kind: gain", "map '..': use letters, digits"),

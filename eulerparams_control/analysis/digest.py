@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.quantities import EVERYTHING, NUMBERS, TableNumber, get_metric
 from eulerparams_control.analysis.recording import RecordedRun, Recording
-from eulerparams_control.analysis.reports import Kept, Report
+from eulerparams_control.analysis.reports import Report, shown
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError
 from eulerparams_control.laws.rotations import Array
@@ -208,7 +208,7 @@ class _Making:
         self._approaches: list[Approach] = []
         self._poles: list[tuple[float, float]] = []
         self._singular: list[tuple[float, float]] = []
-        self._reports = Kept()
+        self._reports: list[Report] = []
         self._start = math.inf
 
     def add(self, part: Recording, share: float) -> None:
@@ -221,7 +221,7 @@ class _Making:
         self._approaches.append(approach(part))
         self._poles += near_pole(part)
         self._singular += near_singular(part)
-        self._reports.add(part.reports)
+        self._reports += part.reports
         self._start = min(self._start, float(part.leading.t[0]))
         self._last = part
 
@@ -242,6 +242,7 @@ class _Making:
                    for column in zip(*parts, strict=True)]
             for name, parts in self._curves.items()
         }  # fmt: skip
+        reports = shown(self._reports)
         same = {entry.name: getattr(last, entry.name) for entry in fields(RecordedRun)}
         return Digest(
             **same,
@@ -255,8 +256,8 @@ class _Making:
             highest=self._highest,
             numbers=together(self._numbers),
             track=Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
-            reports=self._reports.all(),
-            reports_left_out=self._reports.left_out,
+            reports=reports,
+            reports_left_out=len(self._reports) - len(reports),
         )
 
 

@@ -1,7 +1,6 @@
 """Reports of the nodes of an arm on /diagnostics, one for each change."""
 
 import math
-from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -120,30 +119,13 @@ class Reports:
         )
 
 
-class Kept:
-    """The reports that are shown: of a node with very many the first and the last."""
-
-    def __init__(self) -> None:
-        self._first: dict[tuple[str, bool], list[Report]] = {}
-        self._last: dict[tuple[str, bool], deque[Report]] = {}
-        self.left_out = 0
-
-    def add(self, reports: Iterable[Report]) -> None:
-        """Take the reports of the next part."""
-        for report in reports:
-            key = report.node, report.level in ("ok", "warning")
-            first = self._first.setdefault(key, [])
-            last = self._last.setdefault(key, deque(maxlen=_MOST))
-            if len(first) < _MOST:
-                first.append(report)
-            else:
-                self.left_out += len(last) == _MOST
-                last.append(report)
-
-    def all(self) -> list[Report]:
-        """Return them in their order."""
-        parts = (*self._first.values(), *self._last.values())
-        return sorted((report for part in parts for report in part), key=lambda one: one.t)
+def shown(reports: Iterable[Report]) -> list[Report]:
+    """Return the reports to show, by time: of a node with very many the first and the last."""
+    groups: dict[tuple[str, bool], list[Report]] = {}
+    for report in reports:
+        groups.setdefault((report.node, report.level in ("ok", "warning")), []).append(report)
+    parts = (some[:_MOST] + some[_MOST:][-_MOST:] for some in groups.values())
+    return sorted((report for part in parts for report in part), key=lambda one: one.t)
 
 
 def _waits(values: Mapping[str, str]) -> bool:

@@ -1,17 +1,18 @@
 """Content of ``config/maps/NAME.yaml``: the kind of map, the representations, the options."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache, partial
 from typing import Any
 
-from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
 from eulerparams_control.lab.run.fingerprint import code_of_nodes, digest, version
 from eulerparams_control.lab.run.yaml_checks import check_name, known, load, require
+from sim_bridge.environment.keys import checked, number
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
+_ANY, _NOT_NEGATIVE = number().metadata, number(least=0.0).metadata
+_COUNT = number(least=1, whole=True).metadata
 _OF_VARIANT = ("orientation", "sequence", "k_factor")
 
 
@@ -100,21 +101,10 @@ def _options(cls: type[MapKind], told: Mapping[str, Any]) -> dict[str, Any]:
 
 def _like(default: Any, key: str, value: Any) -> Any:
     """Return a value of the type of the default: a name, a count, a number, or some numbers."""
-    if isinstance(default, str) and isinstance(value, str):
+    if isinstance(default, str):
+        require(isinstance(value, str), f"{key} is {value!r}; expected a word like {default!r}")
         return value
-    if isinstance(default, tuple) and isinstance(value, list):
-        return tuple(_number(key, each) for each in value)
-    if isinstance(default, int) and isinstance(value, int) and not isinstance(value, bool):
-        require(value >= 1, f"{key} is {value}; expected at least 1")
-        return value
-    if isinstance(default, float):
-        number = _number(key, value)
-        require(number >= 0, f"{key} is {value}; expected 0 or more")
-        return number
-    raise ConfigurationError(f"{key} is {value!r}; expected the like of {default!r}")
-
-
-def _number(key: str, value: Any) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    require(is_number and math.isfinite(value), f"{key} is {value!r}; expected a finite number")
-    return float(value)
+    if isinstance(default, tuple):
+        require(isinstance(value, list), f"{key} is {value!r}; expected a list of numbers")
+        return tuple(checked(key, each, _ANY) for each in value)
+    return checked(key, value, _COUNT if isinstance(default, int) else _NOT_NEGATIVE)
