@@ -26,7 +26,7 @@ from samples import examples
 from test_fuzz_bags import read_all
 
 from eulerparams_control.bags import Bag, BagWriter, recover
-from eulerparams_control.bags.format import Topic, qos_profile
+from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.writer import message_definition
 from eulerparams_control.errors import BagError
 
@@ -40,13 +40,18 @@ PARAMETERS = {"/arm/clik": {"ros__parameters": {"k_Pp": 100.0, "gains": {"on": T
 START = 1_700_000_000_000_000_000
 CHUNK_MESSAGES = 20  # of small_bag
 
-USUAL = qos_profile()  # of two publishers
+ENDLESS = {"sec": 9223372036, "nsec": 854775807}
+USUAL = {  # of two publishers
+    **{"history": "unknown", "depth": 0, "reliability": "reliable", "durability": "volatile"},
+    **{"deadline": ENDLESS, "lifespan": ENDLESS, "liveliness": "automatic"},
+    **{"liveliness_lease_duration": ENDLESS, "avoid_ros_namespace_conventions": False},
+}
 STATES = Topic("/arm/joint_states", JOINT_STATE, JAZZY.hash_rihs01(JOINT_STATE), (USUAL, USUAL))
 DESCRIPTION = Topic(
     "/arm/robot_description",
     STRING,
     JAZZY.hash_rihs01(STRING),
-    (qos_profile(durability="transient_local"), qos_profile(reliability="best_effort")),
+    ({**USUAL, "durability": "transient_local"}, {**USUAL, "reliability": "best_effort"}),
 )
 
 

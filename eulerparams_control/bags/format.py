@@ -1,4 +1,4 @@
-"""The words of a rosbag2 bag, version 9: metadata.yaml and QoS profiles, as Jazzy writes them.
+"""The words of a rosbag2 bag, version 9: metadata.yaml, as Jazzy writes it.
 
 A bag is a folder with ``metadata.yaml`` and MCAP files.  The same metadata, without its
 outer key, is in each file as records named ``rosbag2``.
@@ -119,7 +119,7 @@ class Topic:
         name: with its namespace, ``/joint_states``.
         type: ``sensor_msgs/msg/JointState``.
         type_hash: ``RIHS01_...``, or empty if unknown.
-        qos_profiles: one for each publisher, made by :func:`qos_profile`.
+        qos_profiles: one for each publisher, in the words of metadata version 9.
     """
 
     name: str
@@ -143,37 +143,6 @@ class FileContents:
     def message_count(self) -> int:
         """Number of messages on all topics."""
         return sum(self.counts.values())
-
-
-def qos_profile(
-    reliability: str = "reliable",
-    durability: str = "volatile",
-    liveliness: str = "automatic",
-    history: str = "unknown",
-    depth: int = 0,
-    **durations_ns: int,
-) -> dict[str, Any]:
-    """Return a QoS profile in the words of metadata version 9.
-
-    History and depth of a remote publisher cannot be known.  ``durations_ns`` are
-    ``deadline``, ``lifespan`` and ``liveliness_lease_duration``; endless by default.
-    """
-
-    def duration(name: str) -> dict[str, int]:
-        sec, nsec = divmod(durations_ns.get(name, _NEVER), 10**9)
-        return {"sec": sec, "nsec": nsec}
-
-    return {
-        "history": history,
-        "depth": depth,
-        "reliability": reliability,
-        "durability": durability,
-        "deadline": duration("deadline"),
-        "lifespan": duration("lifespan"),
-        "liveliness": liveliness,
-        "liveliness_lease_duration": duration("liveliness_lease_duration"),
-        "avoid_ros_namespace_conventions": False,
-    }
 
 
 def bag_information(files: Iterable[FileContents]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -22,7 +23,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-from eulerparams_control.bags.format import PARAMETERS_ATTACHMENT, Topic, dump_yaml, qos_profile
+from eulerparams_control.bags.format import PARAMETERS_ATTACHMENT, Topic, dump_yaml
 from eulerparams_control.bags.writer import BagWriter, message_definition
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.events import Event, tell
@@ -364,16 +365,23 @@ def _message_class(message_type: str) -> type:
 
 
 def _profile(qos: QoSProfile) -> dict[str, Any]:
-    return qos_profile(
-        reliability=qos.reliability.name.lower(),
-        durability=qos.durability.name.lower(),
-        liveliness=qos.liveliness.name.lower(),
-        history=qos.history.name.lower(),
-        depth=qos.depth,
-        deadline=qos.deadline.nanoseconds,
-        lifespan=qos.lifespan.nanoseconds,
-        liveliness_lease_duration=qos.liveliness_lease_duration.nanoseconds,
-    )
+    """Return a QoS profile in the words of metadata version 9."""
+
+    def duration(value: Duration) -> dict[str, int]:
+        sec, nsec = divmod(value.nanoseconds, 10**9)
+        return {"sec": sec, "nsec": nsec}
+
+    return {
+        "history": qos.history.name.lower(),
+        "depth": qos.depth,
+        "reliability": qos.reliability.name.lower(),
+        "durability": qos.durability.name.lower(),
+        "deadline": duration(qos.deadline),
+        "lifespan": duration(qos.lifespan),
+        "liveliness": qos.liveliness.name.lower(),
+        "liveliness_lease_duration": duration(qos.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": False,
+    }
 
 
 def _adapted_qos(publishers: list[TopicEndpointInfo], depth: int) -> QoSProfile:
