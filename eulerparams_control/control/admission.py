@@ -278,18 +278,18 @@ class Admission:
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
     def expect(
-        self, velocity: Array, patient: bool, points: tuple[Array, Array], longest: float,
+        self, velocity: Array, patient: bool, segments: tuple[Array, Array], longest: float,
         fine: tuple[float, float],
     ) -> None:  # fmt: skip
         """Prepare for states of a steady stream, see :meth:`admit_steady`.
 
         Args:
             velocity, patient: see :meth:`admit`.
-            points: of the motion, see :attr:`Leg.points`.
+            segments: of the motion, see :attr:`Leg.segments`.
             longest: [s] of a step.
             fine: see :attr:`RateCheck.fine`; it is not judged again.
         """
-        given = velocity, patient, *points, min(longest, self._timeout), *fine
+        given = velocity, patient, *segments, min(longest, self._timeout), *fine
         rows = self.period.row, self._latency.row
         self._expected = *given, self._arm, self._believed, *rows, self._latency.most
 

@@ -91,15 +91,19 @@ class CommandLimiter:
         )
         if frame_row is not None and not _is_finite(frame_row):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
-        given = self._bounds, self._joints, self._safe, elapsed, dt
-        code = _bounded(*rows, *self._last, q, *given)
+        (q_0, dq_0, effort_0), bounds, safe, code = self._last, self._bounds, self._safe, 0
+        if effort is not None:
+            code = _bounded_effort(effort, effort_0, bounds, elapsed, safe)
+        if q_c is not None or dq is not None:
+            motion, joints = (*rows[:2], q_0, dq_0, q), self._joints
+            code |= _bounded_motion(*motion, bounds, joints, elapsed, dt, safe)
         if code:
             for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
                 if code & bit:
                     raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
             self.bounded += 1
-            safe = [self._safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
-            rows = safe[0], safe[1], safe[2]
+            kept = [safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
+            rows = kept[0], kept[1], kept[2]
             q_c, dq, effort = (row if len(row) else None for row in rows)
             command = JointCommand(q_c, dq, effort, frame_row)
         self._last, self.commands_efforts = rows, effort is not None
@@ -176,25 +180,40 @@ def _effort(i: int, effort: float, last: Array, bounds: Array, elapsed: float) -
 
 
 @entry
-def _bounded(
-    q_c: Input, dq: Input, effort: Input, q_0: Input, dq_0: Input, effort_0: Input,
-    q: Input, bounds: Rows, joints: Rows, safe: Rows, elapsed: float, dt: float,
+def _bounded_effort(
+    effort: Input, effort_0: Input, bounds: Rows, elapsed: float, safe: Rows
+) -> int:
+    """Fill the efforts of ``safe`` (3, n), and return what changed: see ``_bounded_motion``."""
+    for i in range(len(effort)):
+        if not math.isfinite(effort[i]):
+            return 32
+    code = 0
+    for i in range(bounds.shape[1]):
+        safe[2, i] = _effort(i, effort[i], effort_0, bounds, elapsed)
+        code |= 4 if safe[2, i] != effort[i] else 0
+        code |= 0 if math.isfinite(safe[2, i]) else 32
+    return code
+
+
+@entry
+def _bounded_motion(
+    q_c: Input, dq: Input, q_0: Input, dq_0: Input, q: Input, bounds: Rows, joints: Rows,
+    elapsed: float, dt: float, safe: Rows,
 ) -> int:  # fmt: skip
-    """Fill ``safe`` (3, n) with a command within its bounds, and return what changed, as a code.
+    """Fill the motion of ``safe`` (3, n), and return what changed, as a code.
 
     Args:
-        q_c, dq, effort: (n,) of the command; a part that it has not is empty.
-        q_0, dq_0, effort_0: (n,) of the one before.
+        q_c, dq: (n,) of the command; a part that it has not is empty.
+        q_0, dq_0: (n,) of the one before.
         q: (n,) measured.
         bounds, joints: rows of the limits, none if there are none, and of the joints.
-        safe: is filled.
         elapsed, dt: [s] as the limiter is given them.
+        safe: is filled with the command within its bounds.
     """
     code, lasted = 0, dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
-    for i in range(max(len(q_c), len(dq), len(effort))):
+    for i in range(max(len(q_c), len(dq))):
         code |= 8 if len(q_c) and not math.isfinite(q_c[i]) else 0
         code |= 16 if len(dq) and not math.isfinite(dq[i]) else 0
-        code |= 32 if len(effort) and not math.isfinite(effort[i]) else 0
     for i in range(0 if code else bounds.shape[1]):
         lag = 0.0
         if len(q_c):
@@ -202,13 +221,10 @@ def _bounded(
             if safe[0, i] != q_c[i]:
                 code |= 1
                 lag = difference(q_c[i], safe[0, i], math.isinf(bounds[_UPPER, i]))
+            code |= 0 if math.isfinite(safe[0, i]) else 8
         if len(dq):
             before = dq_0[i] if len(dq_0) else 0.0
             safe[1, i] = _velocity(i, dq[i], before, lag, bounds, lasted)
             code |= 2 if safe[1, i] != dq[i] else 0
-        if len(effort):
-            safe[2, i] = _effort(i, effort[i], effort_0, bounds, elapsed)
-            code |= 4 if safe[2, i] != effort[i] else 0
-        for k in range(3):
-            code |= 0 if math.isfinite(safe[k, i]) else 8 << k
+            code |= 0 if math.isfinite(safe[1, i]) else 16
     return code

@@ -250,12 +250,12 @@ class Controller:
         """Let the next states go the short way, if the motion allows it."""
         mode, guidance = self.supervisor.mode, self.guidance
         motion, leg = guidance.motion, guidance.motion.leg
-        if not (mode.is_led and guidance.is_plain) or leg.points is None:
+        if not (mode.is_led and guidance.is_plain) or leg.segments is None:
             return
         is_patient = not self.limiter.commands_efforts
         longest = math.inf if motion.is_holding else LONG
         fine = self.supervisor.fine_rate
-        self._admission.expect(self._runaway, is_patient, leg.points, longest, fine)
+        self._admission.expect(self._runaway, is_patient, leg.segments, longest, fine)
         self._steady = _Steady(mode, motion.start, leg.duration)
 
     @property

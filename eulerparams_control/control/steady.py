@@ -23,7 +23,7 @@ _EARLY = 0.45
 
 @entry
 def admit_steady(
-    velocity: Input, patient: bool, times: Row, frames: Rows, longest: float,
+    velocity: Input, patient: bool, times: Row, segments: Rows, longest: float,
     fine_period: float, fine_turn: float,
     arm: Rows, believed: int, period: Row, latency: Row, most: float,
     q: Input, dq: Input, before: Rows, now: Rows, dt: float, silence: float, behind: float,
@@ -36,7 +36,7 @@ def admit_steady(
     Args:
         velocity, arm, q, dq, before, now: see :func:`code_of`.
         patient, most, behind, receipt: see :func:`late`, if ``is_timed``.
-        times, frames: points of the motion; without times it rests at the first.
+        times, segments: of the motion; without times it rests at the start of the first.
         longest: [s] of ``dt`` and of the time by when the state came.
         fine_period, fine_turn: see :attr:`RateCheck.fine`.
         believed: the codes that count.
@@ -65,9 +65,9 @@ def admit_steady(
     if code & ~(WOUND | SWINGS):  # one that swings would be released only if it were held
         return NOT_STEADY
     if len(times) == 0:
-        frame[:] = frames[0]
+        frame[:] = segments[0]
     else:
-        put_frame(frame, 0, sampled(times, frames, since))
+        put_frame(frame, 0, sampled(times, segments, since))
     if not math.isfinite(frame[3]):
         return NOT_STEADY
     take_step(period, dt)

@@ -28,7 +28,6 @@ from eulerparams_control.laws.compiled import (
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
     SHORTEST,
-    UNLIMITED,
     JointLimits,
     agree,
     excess,
@@ -407,7 +406,7 @@ class Clik(Scheme):
         """Keep to these limits and errors from the next tick on."""
         self.limits, self._max_error = limits, max_error
         closed = self.feedback == FEEDBACKS[0], self._max_deviation
-        self._loop = np.array([*closed, *max_error.row(motion)])
+        self._bounds = np.array([*closed, *max_error.row(motion)]), rows_of(limits)
 
     def _take(self, law: ClikLaw) -> None:
         self.law = law
@@ -438,7 +437,7 @@ class Clik(Scheme):
 
     def bound(self, joints: JointLimits) -> None:
         """Keep to limits of the joints from the next tick on."""
-        self.limits = joints
+        self.limits, self._bounds = joints, (self._bounds[0], joints.rows)
 
     @property
     def fastest_gain(self) -> LoopGain:
@@ -491,14 +490,11 @@ class Clik(Scheme):
             FollowingError: if the measured q is too far from the integrated one, or the tip from
                 the desired frame.
         """
-        robot, before, limits = self.robot, self._row, self.limits
+        robot, before = self.robot, self._row
         if len(q) != robot.n or len(dq) != robot.n:
             robot.refuse_size(q, dq)
-        row, joints = np.empty(len(before)), UNLIMITED if limits is None else limits.rows
-        found = self._step(
-            robot.chain, q, dq, desired, before, dt, *self._given, self._loop, joints,
-            self._blend.row, row,
-        )  # fmt: skip
+        row, of_law = np.empty(len(before)), (*self._given, *self._bounds, self._blend.row)
+        found = self._step(robot.chain, q, dq, desired, before, dt, *of_law, row)
         if found < 0:
             raise self._error(found, row, q, DesiredFrame.of(desired))
         at, at_q, at_dq, at_x = self._places

@@ -585,7 +585,8 @@ class CompliantFrame:
         """Return the same as a row (24,), for a desired frame in one; see :meth:`step`."""
         row = np.empty(24)
         numbers = self._law.numbers
-        if self._tank[0] < 1.0 or self._tank[1] < self._tank[2]:
+        s, left, most = self._tank.tolist()
+        if s < 1.0 or left < most:
             go_on = _go_on_of(type(self._law.orientation))
             go_on(self._memory, self._change, numbers, dt, self._tank, self._changed)
             numbers = self._changed

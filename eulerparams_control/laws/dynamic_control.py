@@ -401,7 +401,7 @@ class DynamicControl(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
 
     Attributes:
-        work: where the joints are, as :func:`place` fills it; see :meth:`step_at`.
+        work: where the joints are, as :func:`place` fills it; see :meth:`efforts`.
         width: of the row of a tick.
 
     Raises:
@@ -580,18 +580,21 @@ class DynamicControl(Scheme):
         n = self.robot.n
         if len(q) != n or len(dq) != n:
             self.robot.refuse_size(q, dq)
-        return self.step_at(dt, np.empty(self.width), desired, h, q, dq)
+        row = np.empty(self.width)
+        tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
+        told = saturated, excess, None, self._x_de
+        return Tick(JointCommand(effort=tau), desired, row, n, self._unpack, *told)
 
-    def step_at(
+    def efforts(
         self, dt: float, row: Array, desired: Array, h: Array,
         q: Array = NONE, dq: Array = NONE,
-    ) -> Tick:  # fmt: skip
-        """Return the efforts for this instant, see :meth:`tick`.
+    ) -> tuple[Array | None, bool, float]:  # fmt: skip
+        """Return the efforts for this instant with the ``saturated`` and ``excess`` of a tick.
 
         Args:
             row: (width,) becomes that of the tick; without q, dq it begins with that of the arm,
                 and ``work`` was filled, too.
-            dt, desired, h, q, dq: as :meth:`step` takes them.
+            dt, desired, h, q, dq: as :meth:`step` takes them, which says what is raised.
         """
         robot, (at, at_ddq, at_tau, at_x) = self.robot, self._places
         n = robot.n
@@ -602,11 +605,9 @@ class DynamicControl(Scheme):
         self._q, self._braked = row[:n], None
         if found < 0:
             raise self._error(found, row, DesiredFrame.of(desired))
-        self._saturated = found != 0
+        self._saturated, self._x_de = found != 0, row[at_x:]
         self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
-        self._x_de = x_de = row[at_x:]
-        told = self._saturated, row.item(at), None, x_de
-        return Tick(JointCommand(effort=self._tau), desired, row, n, self._unpack, *told)
+        return self._tau, self._saturated, row.item(at)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame

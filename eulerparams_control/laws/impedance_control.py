@@ -125,10 +125,12 @@ class NoMotionLoop:
         """Return no command."""
         return JointCommand()
 
-    def step_at(self, dt: float, row: Array, desired: Array, h: Array) -> Tick:
-        """Return no command; raises FollowingError if the arm does not follow."""
+    def efforts(
+        self, dt: float, row: Array, desired: Array, h: Array
+    ) -> tuple[Array | None, bool, float]:
+        """Return no efforts; raises FollowingError if the arm does not follow."""
         self.limits.refuse_error(DesiredFrame.of(desired), RobotState.of(row, self.robot.n))
-        return Tick(JointCommand(), desired, row, self.robot.n, tuple, False)
+        return None, False, 1.0
 
     def replace_law(
         self, law: ResolvedAcceleration, dynamics: InverseDynamics, limits: EffortLimits
@@ -543,13 +545,13 @@ class ImpedanceControl(Scheme):
         compliant = compliant if at_tip else carried_row(compliant, law.back)
         if self.force.is_on:
             h = h + self._ahead(row)
-        tick = motion.step_at(dt, row, compliant, h)  # eq. (48)
-        command = JointCommand(effort=tick.command.effort, frame_row=compliant)
+        tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
+        command = JointCommand(None, None, tau, compliant)
         # of the tip from the desired frame, not from the compliant one
         before, orientation = self._x_de, law.compliance.orientation
         self._x_de = x_de = np.empty(len(before))
         law.displaced(row, n, desired, before, orientation.options.row, x_de)
-        told = tick.saturated, tick.excess, None if self.is_frozen else w, x_de
+        told = saturated, excess, None if self.is_frozen else w, x_de
         return Tick(command, desired, row, n, orientation.rows.unpack, *told)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:

@@ -69,17 +69,17 @@ class Dilated:
             end = self.trajectory.sample(tau)
             return end.at_rest() if t > self.duration else end.at_pace(s, ds)
         row = np.empty(24)
-        _sample(self._times, self._rows, *self.trajectory.rows, t, row)
+        _sample(self._times, self._rows, *self.trajectory.segments, t, row)
         return DesiredFrame.of(row)
 
 
 @entry
-def _sample(times: Row, rows: Rows, points: Row, frames: Rows, t: float, row: Row) -> None:
+def _sample(times: Row, rows: Rows, points: Row, segments: Rows, t: float, row: Row) -> None:
     k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
     (x_0, v_0, a_0), (x_1, v_1, a_1) = rows[k], rows[k + 1]
     c = quintic(x_0, v_0, a_0, x_1, v_1, a_1, times[k + 1] - times[k])
     tau, s, ds = polynomial(c, max(t - times[k], 0.0))
-    put_frame(row, 0, at_pace(sampled(points, frames, tau), s, ds))
+    put_frame(row, 0, at_pace(sampled(points, segments, tau), s, ds))
 
 
 def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated:

@@ -46,14 +46,14 @@ class Leg:
     end: Callable[[DesiredFrame], "Leg"] | None = None
 
     @cached_property
-    def points(self) -> tuple[Array, Array] | None:
-        """The points through which it goes, as :attr:`Trajectory.rows`; None if it has none.
+    def segments(self) -> tuple[Array, Array] | None:
+        """The way that it goes, as :attr:`Trajectory.segments`; None if it has none.
 
         A frame that is held is one without a time.
         """
         if self.held is not None:
             return NONE, self.held.row[None]
-        return None if self.path is None or self.end is not None else self.path.rows
+        return None if self.path is None or self.end is not None else self.path.segments
 
 
 def resting(frame: DesiredFrame) -> Leg:

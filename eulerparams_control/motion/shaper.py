@@ -199,9 +199,9 @@ class Shaper:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it goes on through the points of its leg, with nothing else to come."""
+        """Whether it goes on along the segments of its leg, with nothing else to come."""
         to_come = self.waiting or self._waited or self.leap or self.ends is not None
-        return not to_come and self.bearable == 1.0 and self.leg.points is not None
+        return not to_come and self.bearable == 1.0 and self.leg.segments is not None
 
     @property
     def start(self) -> int:

@@ -26,6 +26,7 @@ from eulerparams_control.laws.compiled import (
     formula,
     from_rows,
     kernel,
+    layout,
 )
 from eulerparams_control.laws.linear import Mat, Vec, cross, norm, solve
 from eulerparams_control.laws.rotations import (
@@ -88,38 +89,60 @@ def rotation_vector_at_end(start: DesiredFrame, end: DesiredFrame) -> tuple[Vec,
     return x, dx, solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
 
 
+class Segment(NamedTuple):
+    """The motion from a frame to the next one: coefficients of ``quintic`` for p_d and x."""
+
+    start: DesiredFrame
+    p: tuple[Vec, Vec, Vec, Vec, Vec, Vec]
+    x: tuple[Vec, Vec, Vec, Vec, Vec, Vec]
+
+
+_segment_width, _read_segment, _put_segment = layout(Segment)[:3]
+
+
 @formula
-def between(start: DesiredFrame, end: DesiredFrame, T: float, t: float) -> DesiredFrame:
-    """Return the frame t [s] after one of two frames that are T [s] apart."""
+def between(start: DesiredFrame, end: DesiredFrame, T: float) -> Segment:
+    """Return the motion between two frames that are T [s] apart."""
     R = start.R_d.T
     p = quintic(start.p_d, start.dp_d, start.ddp_d, end.p_d, end.dp_d, end.ddp_d, T)
     x_1, dx_1, ddx_1 = rotation_vector_at_end(start, end)
     x = quintic(0.0 * x_1, R @ start.omega_d, R @ start.domega_d, x_1, dx_1, ddx_1, T)
-    return turned(start.R_d, *polynomial(p, t), *polynomial(x, t))
+    return Segment(start, p, x)
+
+
+@entry
+def _connect(times: Row, frames: Rows, segments: Rows) -> None:
+    """Fill the segments (N, ...) that begin at frames (N, 24); the last is the last frame."""
+    for k in range(len(times)):
+        start = read_frame(frames[k], 0)
+        put_frame(segments[k], 0, start)
+        if k + 1 < len(times):
+            end, T = read_frame(frames[k + 1], 0), times[k + 1] - times[k]
+            _put_segment(segments[k], 0, between(start, end, T))
 
 
 @kernel
-def sampled(times: Array, frames: Array, t: float) -> DesiredFrame:
-    """Return the frame at t [s] of a motion through frames (N, 24) at times (N,) [s]."""
-    k = int(np.searchsorted(times, t, side="right")) - 1
-    frame, last = read_frame(frames[max(k, 0)], 0), len(times) - 1
+def sampled(times: Array, segments: Array, t: float) -> DesiredFrame:
+    """Return the frame at t [s] of a motion of segments (N, ...) that begin at times (N,) [s]."""
+    k, last = int(np.searchsorted(times, t, side="right")) - 1, len(times) - 1
     if k < 0 or t > times[last]:
-        rest = Vec(0.0, 0.0, 0.0)
+        frame, rest = read_frame(segments[max(k, 0)], 0), Vec(0.0, 0.0, 0.0)
         return DesiredFrame(frame.p_d, frame.R_d, rest, rest, rest, rest)
     if k == last:
-        return frame
-    return between(frame, read_frame(frames[k + 1], 0), times[k + 1] - times[k], t - times[k])
+        return read_frame(segments[k], 0)
+    segment, t = _read_segment(segments[k], 0), t - times[k]
+    return turned(segment.start.R_d, *polynomial(segment.p, t), *polynomial(segment.x, t))
 
 
 @entry
-def _sample(times: Row, frames: Rows, t: float, row: Row) -> None:
-    put_frame(row, 0, sampled(times, frames, t))
+def _sample(times: Row, segments: Rows, t: float, row: Row) -> None:
+    put_frame(row, 0, sampled(times, segments, t))
 
 
 @entry
-def _samples(times: Row, frames: Rows, t: Input, rows: Rows) -> None:
+def _samples(times: Row, segments: Rows, t: Input, rows: Rows) -> None:
     for n in range(len(t)):
-        put_frame(rows[n], 0, sampled(times, frames, t[n]))
+        put_frame(rows[n], 0, sampled(times, segments, t[n]))
 
 
 class Trajectory:
@@ -153,20 +176,22 @@ class Trajectory:
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]; at rest before the first and after the last."""
         row = np.empty(24)
-        _sample(*self.rows, t, row)
+        _sample(*self.segments, t, row)
         return DesiredFrame.of(row)
 
     def samples(self, t: Array) -> DesiredFrame:
         """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
         rows = np.empty((len(t), 24))
-        _samples(*self.rows, t, rows)
+        _samples(*self.segments, t, rows)
         return from_rows(DesiredFrame, rows)
 
     @cached_property
-    def rows(self) -> tuple[Array, Array]:
-        """Its times (N,) [s], and its frames (N, 24)."""
+    def segments(self) -> tuple[Array, Array]:
+        """Its times (N,) [s], and the :class:`Segment` that begins at each, as rows."""
         fields = [field for frame in self.frames for field in frame]
-        return np.array(self.times), np.concatenate(fields, axis=None).reshape(-1, 24)
+        times, rows = np.array(self.times), np.zeros((len(self.times), _segment_width))
+        _connect(times, np.concatenate(fields, axis=None).reshape(-1, 24), rows)
+        return times, rows
 
     def lasting(self, duration: float) -> "Trajectory":
         """Return the same way in ``duration`` [s], at rest at its points."""
