@@ -7,10 +7,11 @@ import pytest
 from arms import HOME, UR5
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.control.mode import Mode
+from eulerparams_control.control.mode import Mode, Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.parameters.schemes import schemes
 
@@ -44,11 +45,19 @@ class Pair:
             return str(error)
         return None
 
-    def state(self, stamp=1.0, alone=0.0, late=0.0, moved=0.0) -> None:
-        """Give both the next state, this many periods later, its stamp more; it is late [s]."""
+    def state(self, stamp=1.0, alone=0.0, late=0.0, moved=0.0, fast=0.0) -> None:
+        """Give both the next state.
+
+        Args:
+            stamp: periods after the last one; ``alone``: by how many more its stamp goes on.
+            late: [s] that it is late.
+            moved: [rad] that each joint is away.
+            fast: speed of each joint, as a multiple of its limit.
+        """
         self.t += round((stamp + alone) * MS)
         self.now += stamp / 1000
         q, dq = self.q + 1e-7 * self.random.normal(size=6) + moved, self.dq
+        dq = fast * UR5.limits.velocity if fast else dq
         wrench = SensedWrench(0.1 * self.random.normal(size=6), UR5.placement(""))
         now, found = self.now + late if self.timed else None, []
         for side, is_plain in zip(self.sides, (False, True), strict=True):
@@ -85,66 +94,102 @@ def circle(controller, radius=0.02, period=2.0):
     controller.follow(motion.trajectory(start.p_d, start.R_d), None)
 
 
-@pytest.mark.parametrize("timed", [True, False])
-@pytest.mark.parametrize("name", NAMES)
-def test_both_ways_command_the_same_whatever_comes(name, timed):
-    pair = Pair(name, timed=timed)
-    pair.states(30)
-    pair.both(circle)
-    pair.states(400)
-    for stamp in (2.0, 3.5, 0.4, 1.0, 7.0, -1.0, 1.0, 60.0):  # lost, early, set back, a pause
-        pair.state(stamp=stamp)
-        pair.states(20)
-    pair.states(3, alone=1.0)  # the stamps go on without time
-    pair.states(40, late=0.002)
-    for k in range(150):  # later and later
-        pair.state(late=k / 1000)
-    pair.states(20)
-    pair.state(moved=1.0)  # of another arm
-    pair.states(30)
-    pair.both(Controller.halt)
-    pair.states(100)
-    pair.both(Controller.resume)
-    pair.states(10)
-    pair.both(lambda side: side.aim(moved_up(side)))
-    pair.states(200)
-    pair.both(lambda side: circle(side, radius=0.1, period=0.5))  # slowed
-    pair.states(100)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_both_ways_command_the_same_whatever_changes(name):
-    pair = Pair(name, timed=True)
-    options = ControllerOptions.of(pair.parameters)
-    pair.states(30)
-    pair.both(circle)
-    pair.states(100)
-    pair.both(lambda side: side.changed(replace(options, speed_override=0.5)))
-    pair.states(50)
-    pair.both(lambda side: side.changed(options))
-    pair.states(300)
-    assert pair.sides[0].mode is Mode.FOLLOWING
-    sigma = pair.sides[0].guidance.pace._row[1]  # the motion goes towards less, and more
-    pair.both(lambda side: setattr(side.guidance.pace, "threshold", 1.0001 * sigma))
-    pair.states(500)
-    pair.both(lambda side: setattr(side.guidance.pace, "threshold", 0.0))
-    pair.both(lambda side: circle(side, period=1.0))
-    pair.states(30)
-    end = moved_up(pair.sides[0])
-    end = end._replace(dp_d=np.array([0.0, 0.0, 0.01]))
-    pair.both(lambda side: side.follow(Trajectory([0.1], [end]), None))  # it ends while it moves
-    pair.states(300)
-    if pair.needs_wrench:
-        pair.both(circle)
-        pair.states(100)
-        pair.needs_wrench = False
-        pair.both(lambda side: side.scheme.sense(None))
-        pair.states(60)
-
-
 def moved_up(side):
     last = side.guidance.motion.last
     return DesiredFrame(last.p_d + [0.0, 0.0, 0.002], last.R_d)
+
+
+def stamps(*steps):
+    """Return what gives states at these steps [ms]."""
+
+    def act(pair):
+        for step in steps:
+            pair.state(stamp=step)
+
+    return act
+
+
+def halted_and_resumed(pair):
+    pair.both(Controller.halt)
+    pair.states(100)
+    pair.both(Controller.resume)
+
+
+def slower_and_back(pair):
+    options = ControllerOptions.of(pair.parameters)
+    pair.both(lambda side: side.changed(replace(options, speed_override=0.5)))
+    pair.states(50)
+    pair.both(lambda side: side.changed(options))
+    pair.states(100)
+
+
+def near_a_singularity(pair):
+    for threshold in (1.0, 0.0):  # of a singular value
+        pair.both(lambda side, most=threshold: setattr(side.guidance.pace, "threshold", most))
+        pair.states(100)
+
+
+def ends_while_it_moves(pair):
+    end = moved_up(pair.sides[0])._replace(dp_d=np.array([0.0, 0.0, 0.01]))
+    pair.both(lambda side: side.follow(Trajectory([0.2], [end]), None))
+    pair.states(260)
+
+
+def a_stream(pair):
+    for _ in range(5):
+        point = SetPoint(moved_up(pair.sides[0]), 0.05)
+        pair.both(lambda side, point=point: side.follow(point, pair.t))
+        pair.states(20)
+
+
+def loses_its_wrench(pair):
+    pair.needs_wrench = False
+    pair.both(lambda side: hasattr(side.scheme, "sense") and side.scheme.sense(None))
+
+
+EVENTS = {
+    "nothing": lambda pair: None,
+    "lost": stamps(2.0, 1.0, 3.5, 1.0, 7.0),
+    "early": stamps(0.4),
+    "back": stamps(-1.0),
+    "set back": stamps(-5.0, 1.0, 1.0, 1.0),
+    "silence": stamps(60.0),
+    "slower": stamps(*np.linspace(1.0, 9.0, 300)),
+    "stamps alone": lambda pair: pair.states(3, alone=0.6),
+    "late": lambda pair: pair.states(40, late=0.0015),
+    "later": lambda pair: [pair.state(late=k / 1000) for k in range(150)],
+    "another arm": lambda pair: pair.state(moved=1.0),
+    "too fast": lambda pair: pair.states(3, fast=2.0),
+    "runs away": lambda pair: pair.states(3, fast=0.6),
+    "halted": halted_and_resumed,
+    "goal": lambda pair: pair.both(lambda side: side.aim(moved_up(side))),
+    "stream": a_stream,
+    "twist": lambda pair: pair.both(lambda side: side.jog(np.full(6, 0.01))),
+    "beyond limits": lambda pair: pair.both(lambda side: circle(side, 0.1, 0.5)),
+    "slower and back": slower_and_back,
+    "near a singularity": near_a_singularity,
+    "ends": ends_while_it_moves,
+    "wrench lost": loses_its_wrench,
+    "settled": lambda pair: pair.both(lambda side: side.settle(Why())),
+    "contested": lambda pair: pair.both(lambda side: side.contest(["a", "b"])),
+}
+
+
+@pytest.mark.parametrize("event", EVENTS)
+@pytest.mark.parametrize("name", NAMES)
+def test_both_ways_command_the_same_whatever_comes(name, event):
+    for timed in (True, False):
+        pair = Pair(name, timed=timed)
+        short = pair.sides[0]
+        pair.states(30)
+        before = short.detours
+        pair.states(5)
+        assert short.detours == before  # a pose that is held is steady, too
+        pair.both(circle)
+        pair.states(60)
+        assert short.detours == before + 1
+        EVENTS[event](pair)
+        pair.states(60)
 
 
 @pytest.mark.parametrize("name", NAMES)

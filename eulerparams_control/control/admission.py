@@ -277,6 +277,11 @@ class Admission:
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether the stamps of the last states went on, at a rate that is known."""
+        return self._back == 0 and self.period.seconds > 0
+
     def expect(
         self, velocity: Array, patient: bool, segments: tuple[Array, Array], longest: float,
         fine: tuple[float, float],

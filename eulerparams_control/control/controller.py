@@ -250,7 +250,8 @@ class Controller:
         """Let the next states go the short way, if the motion allows it."""
         mode, guidance = self.supervisor.mode, self.guidance
         motion, leg = guidance.motion, guidance.motion.leg
-        if not (mode.is_led and guidance.is_plain) or leg.segments is None:
+        is_plain = mode.is_led and guidance.is_plain and self._admission.goes_on
+        if not is_plain or leg.segments is None:
             return
         is_patient = not self.limiter.commands_efforts
         longest = math.inf if motion.is_holding else LONG
