@@ -104,7 +104,7 @@ def test_a_table_that_cannot_be_written_is_refused(bag, tmp_path):
 
 def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
     whole = Digest.of(analysis.load(bag))
-    parts = Digest.of_parts(blocks(bag, size=70), samples=len(Q))
+    parts = Digest.of_parts(blocks(bag, size=70))
     for one, other in zip(parts.numbers, whole.numbers, strict=True):
         assert one == (None if other is None else pytest.approx(other, rel=1e-12, abs=1e-15))
     assert (parts.start, parts.end, parts.approach) == (whole.start, whole.end, whole.approach)
@@ -122,7 +122,7 @@ def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
 def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path):
     path = write_run(tmp_path / "run", [1.4 + 0.001 * k for k in range(300)])
     for size in (0, 40):
-        digest = Digest.of_parts(blocks(path, size=size), samples=300)
+        digest = Digest.of_parts(blocks(path, size=size))
         ((start, end),) = digest.near_pole  # within 5 deg of 90 deg
         assert (start, end) == pytest.approx((0.84, 2.58), abs=0.011)
 

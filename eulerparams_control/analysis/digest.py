@@ -184,16 +184,11 @@ class Digest(RecordedRun):
         return cls.of_parts([recording])
 
     @classmethod
-    def of_parts(cls, parts: Iterable[Recording], samples: int = 0) -> "Digest":
-        """Return the digest of a run that comes in parts, of which it keeps little.
-
-        Args:
-            parts: at least one, in their order.
-            samples: joint_states of the run, about; 0 is those of one part.
-        """
+    def of_parts(cls, parts: Iterable[Recording]) -> "Digest":
+        """Return the digest of a run that comes in parts, at least one; it keeps little of them."""
         made = _Making()
         for part in parts:
-            made.add(part, len(part.measured.t) / samples if samples else 1.0)
+            made.add(part)
         return made.digest()
 
 
@@ -211,13 +206,13 @@ class _Making:
         self._reports: list[Report] = []
         self._start = math.inf
 
-    def add(self, part: Recording, share: float) -> None:
-        """Take a part, which is a share of the whole."""
+    def add(self, part: Recording) -> None:
+        """Take a part."""
         for quantity in EVERYTHING:
             t, y = quantity.samples(part)
-            self._take(quantity.name, t, y, max(2, math.ceil(BINS * share)))
+            self._take(quantity.name, t, y, max(2, math.ceil(BINS * part.share)))
         self._numbers.append(values(part))
-        self._tracks.append(_track(part, max(2, math.ceil(STEPS * share))))
+        self._tracks.append(_track(part, max(2, math.ceil(STEPS * part.share))))
         self._approaches.append(approach(part))
         self._poles += near_pole(part)
         self._singular += near_singular(part)

@@ -38,6 +38,7 @@ from eulerparams_control.motion.trajectories import Trajectory
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
 _TOLD = 10_000  # messages between calls of progress
+_LONGEST = 9e9  # [s] that stamps can tell of
 _MOST = 10  # messages of a topic in a part, for each state that it was to have
 
 BLOCK = 20_000
@@ -199,6 +200,11 @@ class _Reader:
         self._displacements: dict[str, Any] = {}
         self._read()
         self._start = self._states.stamp(0)
+        begin, end = (
+            min(self._start + round(1e9 * min(t, _LONGEST)), LATEST)
+            for t in (options.start, options.end)
+        )
+        self._total = self._states.after(end) - self._states.after(begin - 1)
         self._fill_reports()
         self._desired = self._desired_frames()
         self._check()
@@ -408,6 +414,7 @@ class _Reader:
             before=before,
             options=self._arm.orientation,
             began=self._start,
+            share=len(measured.stamp) / max(1, self._total),
             reports=said[0],
             others=others,
             **fields,

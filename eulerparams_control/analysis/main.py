@@ -159,7 +159,7 @@ def _digest(
     with ExitStack() as open_files:
         if file is not None:
             parts = _exporting(parts, open_files.enter_context(closing(Export(file))))
-        digest = Digest.of_parts(parts, _samples(bag, namespace, options))
+        digest = Digest.of_parts(parts)
     progress.update(task, completed=1.0)
     if file is not None:
         say(console, f"The table: {file.resolve()}")
@@ -187,15 +187,6 @@ def _exporting(parts: Iterator[Recording], export: Export) -> Iterator[Recording
     for part in parts:
         export.add(part)
         yield part
-
-
-def _samples(bag: Bag, namespace: str, options: argparse.Namespace) -> int:
-    """Return about how many joint_states will be looked at."""
-    topic = dict(options.topic).get("joint_states", f"{namespace}/joint_states")
-    count = bag.topics[topic].count if topic in bag.topics else 0
-    length = bag.duration
-    looked_at = min(options.end, length) - options.start
-    return max(1, round(count * min(1.0, looked_at / length))) if length > 0 else count
 
 
 def _say_which_end_early(digests: list[Digest], console: Console) -> None:

@@ -349,8 +349,7 @@ def _part_by_part(run: Run) -> tuple[Recording, Digest]:
             last.append(replace(part, diverged=run.diverged))
             yield last[0]
 
-    count = bag.topics["/joint_states"].count
-    digest = Digest.of_parts(parts(), count if count > BLOCK else 0)
+    digest = Digest.of_parts(parts())
     return last[0], digest
 
 
