@@ -130,9 +130,8 @@ def bag_of(folder: Path) -> Path:
 def ended(folder: Path, making: Making = MAKING) -> RunRecord:
     """Return the record of a run that ended with a whole bag."""
     record = RunRecord(folder, "first")
-    record.begin(making)
     bag = bag_of(folder)
-    record.claim()
+    record.claim(making)
     record.end(making, Run(bag, 5.0, None, 7.5))
     return record
 
@@ -140,15 +139,15 @@ def ended(folder: Path, making: Making = MAKING) -> RunRecord:
 def begun(folder: Path) -> RunRecord:
     """Return the record of a run that is made again, over the bag of the one before."""
     record = ended(folder)
-    record.begin(MAKING)
-    record.claim()
+    record.claim(MAKING)
     return record
 
 
 def test_a_run_is_known_by_its_whole_bag_also_if_its_folder_was_copied(tmp_path):
     record = ended(tmp_path / "before")
     assert json.loads(record.path.read_text())["bytes"] == len("meta") + len("messages")
-    assert [path.name for path in record.path.parent.iterdir()] == ["run.json"]  # it is whole
+    names = {path.name for path in record.bag.iterdir()}
+    assert names == {"metadata.yaml", "first_0.mcap", "run.json"}  # it is whole
     shutil.copytree(tmp_path / "before", tmp_path / "now")
     record = RunRecord(tmp_path / "now", "first")
     assert record.finished() == (MAKING, Run(tmp_path / "now/first", 5.0, None, 7.5))
@@ -170,10 +169,9 @@ def test_a_run_is_known_unless_its_definition_changed(tmp_path):
 
 def test_a_run_that_was_begun_only_is_not_known_and_its_bag_is_removed(tmp_path):
     record = RunRecord(tmp_path, "first")
-    record.begin(MAKING)
-    record.claim()  # the recorder has made none yet
+    record.claim(MAKING)  # the recorder has made none yet
     bag_of(tmp_path)
-    record.claim()
+    record.claim(MAKING)
     assert record.finished() is None
     record.clear()
     assert not (tmp_path / "first").exists()
@@ -189,7 +187,7 @@ def refused(record: RunRecord, words: str) -> None:
     assert {path: path.read_bytes() for path in record.bag.iterdir()} == before
 
 
-NOT_OURS = r"first exists, and is not the bag .*; remove it yourself, or choose another --out"
+NOT_OURS = r"first exists, and is not the bag of a run; remove it yourself, or choose another --out"
 NOT_RECORDED = "holds what no recorder wrote: {}; move it away"
 
 
@@ -238,14 +236,14 @@ def test_a_link_to_nowhere_is_refused_too(tmp_path):
 
 def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path):
     record = RunRecord(tmp_path, "first")
-    record.begin(MAKING)
     bag_of(tmp_path)  # after the run had looked
-    events = record.path.parent / "bag_recorder.events"
+    record.logs.mkdir(parents=True)
+    events = record.logs / "bag_recorder.events"
     events.write_text('{"event": "ended", "exit_code": 3}')
-    runner._claim(record)
+    runner._claim(record, MAKING)
     refused(record, NOT_OURS)
     events.write_text('{"event": "ready"}')
-    runner._claim(record)
+    runner._claim(record, MAKING)
     record.clear()
 
 

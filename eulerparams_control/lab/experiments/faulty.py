@@ -159,7 +159,7 @@ def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:
     event = Event.SENT if node == "reference" else Event.READY
     told, commanded = (len(nodes.events(node, kind)) for kind in (event, Event.COMMANDED))
     if node == RECORDER:
-        nodes.start_again(RECORDER, output=str(record.path.parent / f"{_PART}{told}"))
+        nodes.start_again(RECORDER, output=str(record.logs / f"{_PART}{told}"))
     else:
         nodes.start_again(node)
     nodes.wait_for_event(node, event, START_TIMEOUT, times=told + 1)
@@ -194,5 +194,5 @@ def join(record: RunRecord) -> None:
 
 def _parts(record: RunRecord) -> list[Path]:
     """Return the folders of the restarted recorders, in their order."""
-    found = record.path.parent.glob(f"{_PART}*")
+    found = record.logs.glob(f"{_PART}*")
     return sorted(found, key=lambda part: int(part.name.removeprefix(_PART)))

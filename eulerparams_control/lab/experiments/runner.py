@@ -105,13 +105,12 @@ def run_variant(
     record.clear()
     clear_parts(record)
     making = making_of(settings, parameters)
-    record.begin(making)
     with turn(stop) if settings.faults else nullcontext():
         started = time.monotonic()
         try:
-            diverged = _record(settings, parameters, record, progress, stop)
+            diverged = _record(settings, parameters, record, making, progress, stop)
         finally:
-            _claim(record)  # it is ours however the run ended
+            _claim(record, making)  # it is ours however the run ended
     end = settings.duration
     if settings.is_in_real_time:
         join(record)
@@ -128,6 +127,7 @@ def _record(
     settings: Variant,
     parameters: Parameters,
     record: RunRecord,
+    making: Making,
     progress: Progress,
     stop: threading.Event | None,
 ) -> bool:
@@ -148,11 +148,11 @@ def _record(
         names.insert(1, INJECTOR)
         others = remaps(controller)
     parameters = {**parameters, RECORDER: {"output": str(record.bag), "topics": topics}}
-    with Nodes(record.path.parent, stop) as nodes:
+    with Nodes(record.logs, stop) as nodes:
         for name in names:
             nodes.start(name, parameters[name], remaps=others.get(name, {}))
         nodes.wait_for_event(RECORDER, Event.READY, START_TIMEOUT)
-        record.claim()  # now: we may be killed
+        record.claim(making)  # now: we may be killed
         if settings.is_in_real_time:
             follow = kill_and_start if settings.faults else watch
             follow(settings, nodes, record, progress)
@@ -163,14 +163,14 @@ def _record(
     return diverged
 
 
-def _claim(record: RunRecord) -> None:
+def _claim(record: RunRecord, making: Making) -> None:
     """Mark the bag that the recorder has made as that of the run, unless it refused to."""
-    told = record.path.parent / f"{RECORDER}{EVENTS}"
+    told = record.logs / f"{RECORDER}{EVENTS}"
     if told.exists() and not any(
         event.get("exit_code") == ExitCode.REFUSED
         for event in events_of(told.read_text(encoding="utf-8", errors="replace"))
     ):
-        record.claim()
+        record.claim(making)
 
 
 def _follow(nodes: Nodes, settings: Variant, progress: Progress) -> bool:

@@ -1,14 +1,13 @@
 """Cache of runs, so that they need not be repeated.
 
-``logs/VARIANT/run.json`` beside the bag VARIANT says what the run was made of, and how it ended.
-It has a key, which the bag of the run has, too: another bag in its place is not ours.
+``run.json`` in the bag of a run says what the run was made of, and how it ended: a bag without it
+is not ours.
 """
 
 import contextlib
 import fcntl
 import json
 import re
-import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,7 +21,9 @@ from eulerparams_control.robot.catalogue import load_robot
 LOGS = "logs"
 """The folder beside the bags of the variants, with the logs of their nodes."""
 
-_KEY = ".run"  # the file in a bag with the key of its run
+_RECORD = "run.json"
+_OLDER = ".run"  # which bags had instead
+_NEW = ".new"  # suffix of a record that is not whole
 _METADATA = "metadata.yaml"
 
 _LOCK = ".lock"
@@ -97,36 +98,35 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 class RunRecord:
-    """Record on disk of one variant of an experiment.
+    """Record of a run of a variant of an experiment, in its bag.
 
     Args:
         folder: of the experiment.
         variant: its name.
+
+    Attributes:
+        bag: the bag.
+        logs: folder of the logs of its nodes.
+        path: of the record.
     """
 
     def __init__(self, folder: Path, variant: str) -> None:
-        self.bag = folder / variant
-        self.path = folder / LOGS / variant / "run.json"
+        self.bag, self.logs = folder / variant, folder / LOGS / variant
+        self.path = self.bag / _RECORD
 
-    def begin(self, making: Making) -> None:
-        """Write what a run that starts now is made of, and the key of its bag."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._write({"making": asdict(making), "key": secrets.token_hex(16)})
-
-    def claim(self) -> None:
-        """Write the key of the run into the bag that the recorder has made, if there is one."""
-        if any(self._is_ours(path) for path in self._entries()):
+    def claim(self, making: Making) -> None:
+        """Write what the run is made of into the bag that the recorder has made, if there is."""
+        if any(map(self._is_ours, self._entries())):
             with contextlib.suppress(OSError):  # a full disk: what filled it says so
-                (self.bag / _KEY).write_text(str(self._read().get("key", "")), encoding="utf-8")
+                self._write({"making": asdict(making)})
 
     def end(self, making: Making, run: Run) -> None:
         """Write how the run ended, and that its bag is whole."""
         ended = {"duration": run.duration, "diverged": run.diverged, "seconds": run.seconds}
-        made = {"making": asdict(making), "key": self._read().get("key", "")}
-        self._write({**made, "ended": ended, "bytes": self._size()})
+        self._write({"making": asdict(making), "ended": ended, "bytes": self._size()})
 
     def _write(self, content: dict[str, Any]) -> None:
-        new = self.path.with_suffix(".new")
+        new = self.path.with_suffix(_NEW)
         new.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         new.replace(self.path)  # whole, or not at all
 
@@ -153,27 +153,20 @@ class RunRecord:
         if others:
             found = ", ".join(sorted(others))
             raise BagError(f"{self.bag} holds what no recorder wrote: {found}; move it away")
-        for file in sorted(self._entries(), key=lambda path: path.name == _KEY):  # the key last
+        for file in sorted(self._entries(), key=lambda path: path == self.path):  # the record last
             file.unlink()
         self.bag.rmdir()
 
     def _foreign(self, content: dict[str, Any]) -> str:
-        """Return why the bag is not the one that the record tells of; "" if it is."""
+        """Return why the bag is not that of a run; "" if it is."""
         if self.bag.is_symlink():
             return "is a symbolic link, which no run has made"
-        key = content.get("key")
-        if not key or self._key() != key:
-            return f"exists, and is not the bag of the run that {self.path} tells of"
+        if not (content or (self.bag / _OLDER).is_file()):
+            return "exists, and is not the bag of a run"
         if "ended" in content and content.get("bytes") != self._size():
             then = content.get("bytes")
             return f"was changed since its run: it had {then} bytes, and has {self._size()}"
         return ""
-
-    def _key(self) -> str:
-        try:
-            return (self.bag / _KEY).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError):
-            return ""
 
     def _entries(self) -> list[Path]:
         return list(self.bag.iterdir()) if self.bag.is_dir() else []
@@ -181,12 +174,13 @@ class RunRecord:
     def _is_ours(self, path: Path) -> bool:
         """Return whether a file has a name that the recorder, or we, give in this bag."""
         recorded = re.fullmatch(rf"{re.escape(self.bag.name)}_\d+\.mcap", path.name)
-        is_named = recorded or path.name in (_KEY, _METADATA, USAGE)
+        own = (_RECORD, self.path.with_suffix(_NEW).name, _OLDER, _METADATA, USAGE)
+        is_named = recorded or path.name in own
         return bool(is_named) and path.is_file() and not path.is_symlink()
 
     def _size(self) -> int:
         """Return the bytes of the files of the bag."""
-        files = [path for path in self._entries() if path.name != _KEY and path.is_file()]
+        files = (path for path in self._entries() if path != self.path and path.is_file())
         return sum(file.stat().st_size for file in files)
 
     def _read(self) -> dict[str, Any]:
