@@ -14,7 +14,6 @@ from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.drawn import FORMS, ChartOf, Predicted
 from eulerparams_control.lab.experiments.evaluate import (
     FIGURE,
     REPORT,
@@ -25,7 +24,14 @@ from eulerparams_control.lab.experiments.evaluate import (
     write_summary,
 )
 from eulerparams_control.lab.experiments.library import Result, e1, library_names, run_library
-from eulerparams_control.lab.experiments.model import Criterion, Experiment, equation
+from eulerparams_control.lab.experiments.model import (
+    FORMS,
+    ChartOf,
+    Criterion,
+    Experiment,
+    Predicted,
+    equation,
+)
 from eulerparams_control.lab.experiments.paper import (
     COMPARISON,
     headline,

@@ -19,8 +19,19 @@
       dynamic: {controller: dynamic_control, duration: 2.0}
     criteria:                     # the one that matters most first
       - {metric: peak_orientation_error, below: 1.0e-3, predicted: 2.0e-4}
-    predictions: ...              # curves over time, see ``drawn``
-    chart: ...                    # numbers over a parameter, see ``drawn``
+    chart:                        # what was measured against what is predicted
+      metric: final_moment        # with the options of a criterion on it
+      xlabel: beta [deg]
+      log: y                      # the axes that are logarithmic: x, y or xy
+      measured:
+        Euler parameters: {parameters_0_5: 0.5, parameters_60: 60.0}
+      predicted:
+        50 sin(theta): [[0.5, 7.903], [85.0, 7.903]]
+    predictions:                  # of theory for a quantity over time
+      - {quantity: moment, text: "50 sin(theta) = 500 (10 deg - theta)", value: 7.903}
+      - {quantity: force, text: ..., points: [[0.0, 0.0], [1.0, 9.52]]}
+      - {quantity: orientation_error, text: (41), form: error_41,
+         options: {error: 30.0, k_Po: 100.0, k_Vo: 14.142}}
 
 ``nodes`` may have parameters of controllers that a variant does not use.  The controller
 ``admittance`` is for arms that take positions: the node impedance_control, whose compliant frame
@@ -36,18 +47,26 @@ variants, or instead of them:
 
 import copy
 import math
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
 from typing import Any
 
-from eulerparams_control.analysis.charts import picture
+from eulerparams_control.analysis.charts import Points, picture
 from eulerparams_control.analysis.headline import placeholders
 from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
-from eulerparams_control.lab.experiments.drawn import parse_chart, parse_prediction
 from eulerparams_control.lab.experiments.faulty import read_faults
 from eulerparams_control.lab.experiments.library import library_names
-from eulerparams_control.lab.experiments.model import Criterion, Experiment, Parameters, Variant
+from eulerparams_control.lab.experiments.model import (
+    FORMS,
+    ChartOf,
+    Criterion,
+    Experiment,
+    Parameters,
+    Predicted,
+    Variant,
+)
 from eulerparams_control.lab.run.run_cache import LOGS
 from eulerparams_control.lab.run.yaml_checks import (
     check_call,
@@ -56,6 +75,7 @@ from eulerparams_control.lab.run.yaml_checks import (
     is_number,
     known,
     load,
+    points,
     require,
 )
 
@@ -235,3 +255,46 @@ def _check_criterion(criterion: Criterion, kinds: int) -> None:
     require(kinds <= 1, "expected one of 'variants', 'ratio', 'difference' and 'spread'")
     bounds = [bound for bound in (criterion.above, criterion.below) if bound is not None]
     require(bool(bounds) and all(map(is_number, bounds)), "expected 'above' or 'below', a number")
+
+
+def parse_chart(content: Any, variants: Mapping[str, Any]) -> ChartOf:
+    """Return a chart from YAML; raises ConfigurationError."""
+    check_keys("chart", "a chart", content, ChartOf, ("metric", "xlabel", "measured"))
+    get_metric(str(content["metric"]))
+    require(content.get("log", "") in ("", "x", "y", "xy"), "chart: log: expected x, y or xy")
+    measured, predicted = content["measured"], content.get("predicted") or {}
+    require(isinstance(measured, dict) and measured, "chart: measured: expected lines by name")
+    require(isinstance(predicted, dict), "chart: predicted: expected lines by name")
+    for label, line in measured.items():
+        require(isinstance(line, dict) and line, f"chart: {label}: expected x by variant")
+        for variant, x in line.items():
+            known("variant in the chart", variant, variants)
+            require(is_number(x), f"chart: {label}: {variant}: expected a number")
+    words = {key: str(content.get(key, "")) for key in ("metric", "xlabel", "ylabel", "log")}
+    return ChartOf(
+        measured={str(k): {v: float(x) for v, x in line.items()} for k, line in measured.items()},
+        predicted={str(k): points(f"chart: {k}", line) for k, line in predicted.items()},
+        ticks=tuple(map(str, content.get("ticks") or ())),
+        **words,
+    )
+
+
+def parse_prediction(content: Any) -> Predicted:
+    """Return a prediction from YAML; raises ConfigurationError."""
+    what, options = "predictions", content.get("options") or {} if isinstance(content, dict) else {}
+    check_keys(what, "a prediction", content, Predicted, ("quantity", "text"), ("value",))
+    name, form = picture(str(content["quantity"])).name, str(content.get("form", ""))
+    kinds = [key for key in ("value", "points", "form") if key in content]
+    require(len(kinds) == 1, "predictions: expected one of 'value', 'points' and 'form'")
+    corners: Points = ()
+    if kinds == ["points"]:
+        corners = points("predictions: points", content["points"])
+    elif kinds == ["value"]:
+        require(is_number(content["value"]), "predictions: value: expected a number")
+        corners = ((0.0, float(content["value"])),)
+    else:
+        known("form of a prediction", form, FORMS)
+        check_call(f"the form '{form}'", FORMS[form], options)
+        require(all(map(is_number, options.values())), f"options of the form '{form}': numbers")
+    numbers = {key: float(value) for key, value in options.items()} if form else {}
+    return Predicted(name, str(content["text"]), corners, form, numbers)

@@ -1,21 +1,27 @@
 """An experiment: its variants, criteria, predictions and picture; the equations it is about."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
+from eulerparams_control.analysis.charts import Chart, Line, Points
+from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.experiments.drawn import ChartOf, Predicted
 from eulerparams_control.lab.faults.base import Fault
 from eulerparams_control.lab.run.run_cache import Run
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_file
 
 Parameters = dict[str, dict[str, Any]]
+
+_STEP = 2e-3  # [s] of the integration of a form
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,93 @@ class Variant:
     def is_in_real_time(self) -> bool:
         """Whether its nodes run in real time, none waiting for another."""
         return self.real_time or bool(self.faults)
+
+
+@dataclass(frozen=True)
+class ChartOf:
+    """A chart whose points are a metric of the variants.
+
+    Attributes:
+        metric: its name.
+        xlabel, ylabel: of the axes; ylabel "" is that of the metric.
+        measured: x by variant, by the label of the line.
+        predicted: points by label.
+        log, ticks: see :class:`Chart`.
+    """
+
+    metric: str
+    xlabel: str
+    measured: Mapping[str, Mapping[str, float]]
+    predicted: Mapping[str, Points] = field(default_factory=dict)
+    ylabel: str = ""
+    log: str = ""
+    ticks: tuple[str, ...] = ()
+
+    def filled(self, measure: Callable[[str, str], float | None]) -> Chart:
+        """Return the chart; ``measure(metric, variant)`` is None for what did not run."""
+        metric = get_metric(self.metric)
+        unit = f" [{metric.unit}]" if metric.unit else ""
+        lines = [Line(label, line, "predicted") for label, line in self.predicted.items()]
+        for label, variants in self.measured.items():
+            found = [(x, measure(self.metric, variant)) for variant, x in variants.items()]
+            line = tuple((x, y) for x, y in found if y is not None)
+            lines.append(Line(label, line, "measured"))
+        ylabel = self.ylabel or f"{metric.description}{unit}"
+        return Chart(self.xlabel, ylabel, tuple(lines), self.log, self.ticks)
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A curve that theory predicts.
+
+    Attributes:
+        quantity: its name.
+        text: what it is, with its equation.
+        points: (t, y) of its corners [s]; () if it is a form.
+        form: name in ``FORMS``; "" if it has corners.
+        options: of the form.
+    """
+
+    quantity: str
+    text: str
+    points: Points = ()
+    form: str = ""
+    options: dict[str, float] = field(default_factory=dict)
+
+    def over(self, duration: float) -> Prediction:
+        """Return the curve from 0 to ``duration`` [s]."""
+        if self.form:
+            t, y = FORMS[self.form](duration, **self.options)
+        else:
+            t, y = np.array(self.points).T
+            if len(t) == 1:
+                t, y = np.array([0.0, duration]), np.repeat(y, 2)
+        return Prediction(self.quantity, self.text, t, y)
+
+
+def error_41(duration: float, error: float, k_Po: float, k_Vo: float) -> tuple[Array, Array]:
+    """Return t [s] and the orientation error [deg] of (41), from ``error`` [deg] at rest.
+
+    About a fixed axis (41) is theta'' = -k_Vo theta' - k_Po sin(theta / 2); an error of more
+    than 180 deg is one with eta < 0, which is undone the long way.
+    """
+
+    def rate(y: Array) -> Array:
+        return np.array([y[1], -k_Vo * y[1] - k_Po * math.sin(y[0] / 2)])
+
+    t = np.arange(0.0, duration + _STEP / 2, _STEP)
+    y, theta = np.array([math.radians(error), 0.0]), np.empty(len(t))
+    for i in range(len(t)):
+        theta[i] = y[0]
+        a = rate(y)
+        b = rate(y + _STEP / 2 * a)
+        c = rate(y + _STEP / 2 * b)
+        y = y + _STEP / 6 * (a + 2 * b + 2 * c + rate(y + _STEP * c))
+    return t, np.degrees(np.minimum(np.abs(theta), np.abs(2 * math.pi - theta)))
+
+
+FORMS: dict[str, Callable[..., tuple[Array, Array]]] = {"error_41": error_41}
+"""Curves that follow from an equation, by name."""
 
 
 @dataclass(frozen=True)
