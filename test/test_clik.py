@@ -267,22 +267,6 @@ def test_within_limits_no_command_is_faster_or_further_and_saturation_is_told():
         assert ticks[0].saturated
 
 
-@pytest.mark.parametrize("side", [1, -1], ids=["above", "below"])
-def test_an_arm_that_starts_outside_its_limits_moves_back_and_not_further_out(side):
-    joint_1 = np.eye(6)[0]
-    centre = HOME - 1.1 * side * joint_1  # joint 1 is outside by 0.1
-    limits = JointLimits(centre - 1, centre + 1, np.full(6, 3.0), np.full(6, math.inf))
-    inside, outward = (pose_of(UR5, HOME + step * side * joint_1) for step in (-0.2, 0.2))
-    ticks = run(clik(limits=limits), lambda _: inside, 2000)
-    beyond = np.array([side * (tick.command.q[0] - HOME[0]) for tick in ticks])
-    assert beyond[0] == 0
-    assert beyond[1:].max() < 0
-    assert np.diff(beyond).max() < 1e-5  # it overshoots by the curvature only
-    assert beyond[-1] == pytest.approx(-0.2, abs=1e-4)
-    for tick in run(clik(limits=limits), lambda _: outward, 200):
-        assert side * (tick.command.q[0] - HOME[0]) <= 0
-
-
 # --- redundancy ---------------------------------------------------------------------------
 def redundant(robot, home, posture):
     """Return CLIK of an arm of seven joints that tends to a posture."""

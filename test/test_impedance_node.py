@@ -28,7 +28,6 @@ from ros_processes import (
     reference,
     values,
 )
-from samples import turn_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, assert_close
@@ -39,7 +38,6 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Circle, Trajectory
-from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot, Tool
 
 NAME = "impedance_control"
@@ -649,39 +647,6 @@ def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(pai
     assert "following a reference" in paired.status().message
     words = "changed: orientation rotation_vector"
     assert words in paired.process.log
-
-
-# --- other arms ------------------------------------------------------------------------------
-
-PANDA = load_robot("panda")
-
-
-def test_a_redundant_arm_is_controlled_as_its_parameters_alone_say(world):
-    """Its centre of compliance is 0.1 m beyond the tip, so that a push turns it, too."""
-    model = Robot(PANDA.urdf, PANDA.base_frame, PANDA.tip_frame)
-    arm, offset = FeelingArm(world, PANDA), np.array([0.0, 0.0, 0.1])
-    frames = {"base_frame": PANDA.base_frame, "tip_frame": PANDA.tip_frame}
-    own = {"wrench_pairing": "stamp", "compliance_offset": offset.tolist()}
-    world.start(NAME, {**SIMULATED, **frames, **own})
-    arm.connect()
-    home = model.state(arm.q, 0 * arm.q)
-    arm.dq = 0.2 * np.linalg.svd(home.J)[2][-1]  # the elbow swings, the tip stands
-    push = np.array([0.0, 12.0, 0.0])
-    arm.push(*push)
-    commands = arm.ticks(50)
-    arm.ticks(100, dt=0.01)
-    assert np.abs([command.effort for command in commands]).max() <= model.limits.effort.max()
-    assert np.abs(arm.dq).max() < 1e-3
-    end, tip = arm.frame(), model.state(arm.q, arm.dq)
-    centre = end.p_d + end.R_d @ offset
-    moved = centre - home.p_e - home.R_e @ offset
-    assert_close(moved, push / K_P, 1e-5)
-    turned = turn_of(home.R_e.T @ end.R_d)
-    moment = -np.cross(tip.R_e @ offset, push)  # about the centre
-    expected = home.R_e.T @ moment / K_O
-    assert_close(turned, expected, 1e-4)
-    assert np.linalg.norm(turned) > 5e-3
-    assert np.linalg.norm(tip.p_e - end.p_d) < 1e-4
 
 
 # --- a force on the environment --------------------------------------------------------------

@@ -462,9 +462,3 @@ def test_two_publishers_of_an_input_are_refused_and_both_named_but_not_a_success
     mode = "holding" if topic == "wrench" else "following"
     shown = values(node.status(lambda s: values(s)["mode"] == mode))
     assert shown[f"{topic} rejected"] == "2"
-
-
-def test_nothing_listens_to_targets_before_a_controller_is_active(world):
-    world.start("clik", {**FRAMES, "autostart": False})
-    for topic in ("target_pose", "target_twist"):
-        assert world.peer.node.count_subscribers(f"/{topic}") == 0

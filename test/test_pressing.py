@@ -11,11 +11,10 @@ from geometry_msgs.msg import WrenchStamped
 from ros_processes import FRAMES, UR5, Arm, Controlled, FeelingArm
 from sensor_msgs.msg import JointState
 from synthetic_runs import recorded
-from test_experiments import raw, run, started, write
+from test_experiments import started
 from test_impedance_node import SIMULATED, target_wrench
 from tolerances import ALGEBRAIC, assert_close
 
-from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.rotations import exp
@@ -108,33 +107,12 @@ PRESSING = {
     "stiffness_swing": [2450.0, 2450.0, 0.0, 0.0, 0.0, 0.0],
     "stiffness_frequency": 2.0,
 }
-SURFACE = {"shape": "plane", "position": [0.487, 0.06, 0.4199], "stiffness": 1e4, "damping": 5.0}
 
 
 def test_in_lock_step_each_state_waits_for_what_reference_streams(tmp_path):
     _, parameters = started(tmp_path, controller=NAME, nodes={"reference": PRESSING})
     assert parameters[NAME]["paired_targets"] == ["target_wrench", "target_stiffness"]
     assert parameters["reference"]["stream_rate"] == 0.0
-
-
-@pytest.mark.slow
-def test_two_runs_that_press_with_a_swinging_stiffness_are_the_same_to_the_bit(tmp_path):
-    bridge = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"surface": SURFACE}}
-    content = {
-        "claim": "presses",
-        "duration": 0.8,
-        "controller": NAME,
-        "start_at_reference": True,
-        "nodes": {"pybullet_bridge": bridge, "reference": PRESSING},
-        "variants": {"first": {}, "second": {}},
-        "criteria": [{"metric": "final_force_error", "below": 0.1}],
-    }
-    process = run(tmp_path, str(write(tmp_path, content)))
-    assert process.end() == 0, process.log
-    first, second = (tmp_path / "out/short" / name for name in ("first", "second"))
-    for topic in ("/joint_effort", "/compliant_frame", "/target_wrench", "/target_stiffness"):
-        assert raw(first, topic) == raw(second, topic)
-    assert measure("force_settling_time", load(first)) < 0.7
 
 
 # --- numbers ---------------------------------------------------------------------------------

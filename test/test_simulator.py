@@ -405,16 +405,6 @@ def test_a_joint_stops_at_its_limit_in_torque_control():
 
 
 # --- friction ------------------------------------------------------------------------
-def test_coulomb_friction_brings_a_joint_to_rest_without_chatter():
-    sim = simulator("ur5", control="torque", friction_coulomb=1.0, gravity=(0.0, 0.0, 0.0))
-    sim.command_effort([0, 0, 0, 0, 0, 2.0])
-    assert run(sim, 20).dq[5] > 10 * COULOMB_SPEED
-    sim.command_effort(np.zeros(6))
-    speeds = [abs(run(sim, 1).dq[5]) for _ in range(1000)]
-    assert all(later <= earlier for earlier, later in itertools.pairwise(speeds[50:]))
-    assert speeds[-1] < 0.01 * COULOMB_SPEED
-
-
 @pytest.mark.parametrize(
     ("name", "parameters"),  # that of the speed before would be unstable: viscous, Coulomb or both
     [

@@ -34,8 +34,6 @@ from sim_bridge.urdf import Body, simulation_urdf
 # Of a sample of the sensor, N and Nm, and how many samples are averaged: 1 s at 1 kHz.
 NOISE = np.repeat([0.1, 0.005], 3)
 SAMPLES = 1000
-# What has to be found to how much.
-MASS, COM, BIAS = 0.01, 0.002, 0.01
 # Identifications of which z-scores are taken.  The mean of z^2 of so many, Student's t with 12
 # degrees of freedom or more, has a standard deviation of 0.045, that of z one of 0.025.
 RUNS = 2000
@@ -95,17 +93,6 @@ def test_without_noise_the_tool_and_the_bias_are_found_exactly(key, count):
     assert_close(found.bias, truth.bias, 10 * ALGEBRAIC)
     assert found.residual_force.shape == found.residual_torque.shape == (count,)
     assert max(found.residual_force.max(), found.residual_torque.max()) < 10 * ALGEBRAIC
-
-
-def test_with_the_noise_of_a_sensor_it_is_found_within_the_bars():
-    for key in range(1000):
-        truth = some(key)
-        found = measured(truth, key)
-        assert found.mass == pytest.approx(truth.mass, rel=MASS)
-        assert np.linalg.norm(found.com - truth.com) < COM
-        for part in (slice(3), slice(3, 6)):
-            error = np.linalg.norm(found.bias[part] - truth.bias[part])
-            assert error < BIAS * np.linalg.norm(truth.bias[part])
 
 
 FAR = Truth(0.5, np.array([0.0, 0.0, 5.0]), np.zeros(6))  # where the error of the mass counts most

@@ -74,10 +74,6 @@ def test_efforts_go_on_as_they_are_once_the_arm_is_seen_within_its_limits_also_a
     assert watch.effort(tau, 1.01) is tau or (watch.effort(tau, 1.01) == tau).all()
     assert (watch.effort(1e3 * tau, 1.02) == MODEL.limits.limit_effort(1e3 * tau)[0]).all()
     assert watch.mode is WatchMode.PASSING
-    plant = Plant()
-    for step in range(200):
-        plant.step(plant.gravity() if step % 20 == 0 else None)  # 40 ms: no silence
-    assert plant.watch.mode is WatchMode.PASSING
 
 
 def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays_unless_it_is_pushed():

@@ -84,9 +84,9 @@ CLOSED_LOOP = 5e-3
 E7_DEG, E7_MM = 5e-3, 0.02
 # The same of any robot of the catalogue.
 ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
-# dV_2, dV_3 over a tick against the mean of (43), (69) at its ends, of their largest values: the
-# effort is constant for a tick; the trapezium leaves dt^2 / 12 of the second derivative (4e3).
-V_2_SAMPLED, V_3_SAMPLED = 0.02, 5e-4
+# dV_3 over a tick against the mean of (69) at its ends, of its largest value: the trapezium leaves
+# dt^2 / 12 of the second derivative (4e3).
+V_3_SAMPLED = 5e-4
 # The work along a closed path of 2000 steps, of what is exchanged; clipped forces have corners.
 CLOSED_PATH = 1e-6
 # Poles of a free arm by differences of its accelerations, whose rounding is 1e-13 / STEP.
@@ -104,8 +104,6 @@ BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 
 # --- contact and nodes ----------------------------------------------------------------
 
-# A force in contact 0.5 s after a change: what the slow pole of the impedance leaves.
-BY_CONTACT = 0.02
 # What a spring of 1000 N/m exerts on a wall of 2e4 N/m after 10 s [N]; a pose at rest after it.
 FORCE_IN_CONTACT = 1e-3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
