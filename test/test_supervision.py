@@ -47,13 +47,13 @@ CHECKED = ControllerOptions(check_states=True)
 
 
 # --- the guard ----------------------------------------------------------------------------
-@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame"])
+@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame_row"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("limits", [LIMITS, None])
 def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(field, bad, limits):
     value, text = np.array([0.0, bad, 0.0]), f"non-finite {field}"
-    if field == "frame":
-        value, text = DesiredFrame(value, np.eye(3)), "compliant frame"
+    if field == "frame_row":
+        value, text = DesiredFrame(value, np.eye(3)).row, "compliant frame"
     with pytest.raises(UnsafeCommandError, match=text):
         CommandLimiter(limits)(JointCommand(**{field: value}), ZERO, DT)
 
@@ -211,19 +211,19 @@ class Failing:
 
 def alter(running, change):
     """Let the law of a controller command what ``change`` makes of its command."""
-    tick = running.scheme.tick
+    tick = running.scheme.step
 
     def altered(*args):
         found = tick(*args)
         return found._replace(command=change(found.command))
 
-    running.scheme.tick = altered
+    running.scheme.step = altered
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
 def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     running, t, q, dq, _ = following(scheme(limits=UR5.limits) if scheme is clik else scheme())
-    running.scheme.tick = Failing()
+    running.scheme.step = Failing()
     command = running.step(t + MS, q, dq)
     expected = r"internal error ZeroDivisionError: of all things \(test_supervision.py:\d+\)"
     assert re.fullmatch(expected, running.fault)
@@ -233,16 +233,16 @@ def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     else:
         g = UR5.dynamic_state(q, STILL).g
         np.testing.assert_allclose(command.effort, g, atol=20.0)  # held, not let go
-    del running.scheme.tick
+    del running.scheme.step
     running.step(t + 2 * MS, q, dq)
     assert "ZeroDivisionError" in running.fault  # until the next reference
 
 
 def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    running.scheme.tick = Failing(SingularityError)
+    running.scheme.step = Failing(SingularityError)
     command = running.step(t + MS, q, dq)
-    del running.scheme.tick  # the law has an answer again
+    del running.scheme.step  # the law has an answer again
     for step in range(2, 600):
         command = running.step(t + step * MS, command.q, command.dq)
         assert running.fault == "of all things"
@@ -258,7 +258,7 @@ def test_a_command_that_is_not_finite_never_leaves_the_controller():
     alter(running, lambda command: command._replace(q=command.q * math.nan))
     assert running.step(t + MS, q, dq) is None
     assert "non-finite q" in running.fault
-    del running.scheme.tick
+    del running.scheme.step
     command = running.step(t + 2 * MS, q, dq)
     assert np.isfinite(command.q).all()
     assert not command.dq.any()
@@ -493,12 +493,12 @@ def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go
 
 def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
-    tick, hold = running.scheme.tick, running.scheme.hold
-    running.scheme.tick = running.scheme.hold = Failing()
+    tick, hold = running.scheme.step, running.scheme.hold
+    running.scheme.step = running.scheme.hold = Failing()
     for step in range(1, 150):
         assert running.step(t + step * MS, q, STILL, now + step * DT) is None
     assert "ZeroDivisionError" in running.fault
-    running.scheme.tick, running.scheme.hold = tick, hold
+    running.scheme.step, running.scheme.hold = tick, hold
     braked = q - 0.02
     command = running.step(t + 150 * MS, braked, STILL, now + 150 * DT)
     np.testing.assert_allclose(command.q, braked, atol=HELD)
@@ -605,9 +605,9 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
     assert running.mode is Mode.RELEASING
     assert "runs away" in running.fault
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
-    running.scheme.tick = Failing()
+    running.scheme.step = Failing()
     running.step(t + MS, q, STILL, now + DT)
-    del running.scheme.tick
+    del running.scheme.step
     running.step(t + 1000 * MS, q, STILL, now + 1.0)
     for ask in asks(running, q, now + 1.0):
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
