@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from sim_bridge.environment.keys import checked, number
+from sim_bridge.environment.keys import Keyed, number, read
 
 _KEYS_OF = "environment.NAME.KEY, of every NAME the key shape and those of that shape"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Thing:
+class Thing(Keyed):
     """One thing of the environment; a subclass with a ``shape`` is a kind of its own.
 
     Poses are in the frame of the world, which is that of the robot's root link; its axes are
@@ -39,9 +39,7 @@ class Thing:
             Thing.kinds[shape] = cls
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = checked(field.name, getattr(self, field.name), field.metadata)
-            object.__setattr__(self, field.name, value)
+        super().__post_init__()
         if not self.end > self.start:
             raise ConfigurationError(
                 f"end is {self.end:g} s; expected it after start {self.start:g} s"
@@ -93,22 +91,8 @@ def _read(name: str, given: Thing | Mapping[str, Any]) -> Thing:
     if not isinstance(given, Mapping):
         raise ConfigurationError(f"{name} is {given!r}; expected {_KEYS_OF}")
     kind = _kind(name, given)
-    fields = {field.name: field for field in dataclasses.fields(kind)}
-    for key in given:
-        if key not in ("shape", *fields):
-            raise UnknownNameError(f"key of the {kind.shape}", f"{name}.{key}", _full(name, fields))
-    for key, field in fields.items():
-        if key not in given and field.default is dataclasses.MISSING:
-            raise ConfigurationError(f"{name}.{key} is missing; a {kind.shape} needs it")
-    values = {
-        key: checked(f"{name}.{key}", value, fields[key].metadata)
-        for key, value in given.items()
-        if key != "shape"
-    }
-    try:
-        return kind(**values)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{name}: {error}") from error
+    keys = {key: value for key, value in given.items() if key != "shape"}
+    return read(kind, f"the {kind.shape}", keys, f"{name}.")
 
 
 def _kind(name: str, given: Mapping[str, Any]) -> type[Thing]:
@@ -121,7 +105,3 @@ def _kind(name: str, given: Mapping[str, Any]) -> type[Thing]:
     if shape not in Thing.kinds:
         raise UnknownNameError(f"value of {name}.shape:", shape, Thing.kinds)
     return Thing.kinds[shape]
-
-
-def _full(name: str, fields: Mapping[str, Any]) -> list[str]:
-    return [f"{name}.{key}" for key in ("shape", *fields)]

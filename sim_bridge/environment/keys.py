@@ -1,7 +1,6 @@
-"""The keys of a thing: what a person may write for each of them, and how it is checked.
+"""Dataclasses that people write as YAML: what they may write for each key, and how it is checked.
 
-They come from YAML written by people: whole numbers stand for numbers, one number for
-equal ones on all axes.
+Whole numbers stand for numbers, one number for equal ones on all axes.
 """
 
 import dataclasses
@@ -33,8 +32,9 @@ def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> A
         default: its value when it is not given; without one it must be.
         **rule: ``least`` and ``most`` allowed; ``above`` which numbers must be; ``endless``:
             infinity is allowed; ``whole``: no other number is; ``size``: of a list; ``one``: or
-            one number for all of it; ``is_unit``: of norm 1; ``choices``: the words; ``text``:
-            what it is, for messages.
+            one number for all of it; ``several``: a list of any size; ``is_unit``: of norm 1;
+            ``choices``: the words; ``is_word``: any word is; ``text``: what it is, for messages;
+            ``key``: its name in YAML, where that is another.
     """
     metadata = {"unit": unit, "least": -math.inf, "above": -math.inf, **rule}
     return dataclasses.field(default=default, metadata=metadata)
@@ -42,6 +42,9 @@ def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> A
 
 number, word, vector = key, key, partial(key, size=3)
 """Fields for one number, for a word, and for a list of numbers."""
+
+numbers, any_word = partial(key, several=True), partial(key, is_word=True)
+"""Fields for as many numbers as are written, and for any word."""
 
 quaternion = partial(key, **_UNIT)
 """A field for a rotation, the unit quaternion x, y, z, w."""
@@ -53,13 +56,19 @@ def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
     Raises:
         ConfigurationError: if it is none; names ``name``, the value and what is expected.
     """
+    if not meta:  # it is no key
+        return value
     if choices := meta.get("choices"):
         if str(value) not in choices:
             raise UnknownNameError(f"value of {name}:", str(value), choices)
+        return str(value)
+    if meta.get("is_word"):
+        if not isinstance(value, str):
+            raise ConfigurationError(f"{name} is {value!r}; expected a name")
         return value
     numbers = _numbers(value)
-    size = meta.get("size")
-    fits = len(numbers) == (size or 1) or bool(meta.get("one") and len(numbers) == 1)
+    size = len(numbers) if meta.get("several") else meta.get("size")
+    fits = len(numbers) == (1 if size is None else size) or (meta.get("one") and len(numbers) == 1)
     if not (fits and all(_is_allowed(entry, meta) for entry in numbers)):
         raise ConfigurationError(f"{name} is {_shown(value)}; expected {_expected(meta)}")
     if size is None:
@@ -67,6 +76,53 @@ def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
     if meta.get("is_unit"):
         return _unit(name, numbers)
     return tuple(numbers) if len(numbers) == size else tuple(numbers) * size
+
+
+def keys_of(kind: type[Any]) -> dict[str, "dataclasses.Field[Any]"]:
+    """Return the fields of a dataclass by their keys in YAML."""
+    fields = (entry for entry in dataclasses.fields(kind) if entry.init)
+    return {entry.metadata.get("key", entry.name): entry for entry in fields}
+
+
+class Keyed:
+    """Base of a frozen dataclass of keys, which are checked whoever gives them."""
+
+    def __post_init__(self) -> None:
+        for key, entry in keys_of(type(self)).items():
+            value = checked(key, getattr(self, entry.name), entry.metadata)
+            object.__setattr__(self, entry.name, value)
+
+
+def read[K](
+    kind: type[K], what: str, given: Mapping[str, Any], prefix: str = "", **more: Any
+) -> K:
+    """Return a dataclass of keys from YAML.
+
+    Args:
+        kind: the dataclass.
+        what: it is, for messages.
+        given: the values by their keys.
+        prefix: of the keys in messages, such as ``environment.table.``.
+        more: values of fields that are no keys.
+
+    Raises:
+        UnknownNameError: for a key that it does not have; lists those that it has.
+        ConfigurationError: if one is missing, or a value impossible.
+    """
+    keys = {key: entry for key, entry in keys_of(kind).items() if entry.name not in more}
+    for key in given:
+        if key not in keys:
+            raise UnknownNameError(f"key of {what}", f"{prefix}{key}", [prefix + k for k in keys])
+    for key, entry in keys.items():
+        if key not in given and entry.default is dataclasses.MISSING:
+            raise ConfigurationError(f"{prefix}{key} is missing; {what} needs it")
+    for key, value in given.items():
+        more[keys[key].name] = checked(prefix + key, value, keys[key].metadata)
+    try:
+        return kind(**more)
+    except ConfigurationError as error:
+        where = f"{prefix.rstrip('.')}: " if prefix else ""
+        raise ConfigurationError(f"{where}{error}") from error
 
 
 def unit_quaternion(name: str, value: Any) -> tuple[float, ...]:
@@ -103,7 +159,7 @@ def _is_allowed(value: float, meta: Mapping[str, Any]) -> bool:
 
 def _expected(meta: Mapping[str, Any]) -> str:
     """Return what a field wants, in words."""
-    size, one = meta.get("size"), meta.get("one")
+    size, one = "some" if meta.get("several") else meta.get("size"), meta.get("one")
     count = "a finite number" if size is None else f"{size} finite numbers"
     count = f"one finite number or {size}" if one else count
     count = "a whole number" if meta.get("whole") else count

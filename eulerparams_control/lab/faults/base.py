@@ -1,9 +1,8 @@
 """Faults: their interface and registry, and their effect on the messages of a topic."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import Field, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, ClassVar, Self
 
@@ -13,7 +12,7 @@ import yaml
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.run.yaml_checks import known, require
 from eulerparams_control.parameters.schemes import COMMANDS
-from sim_bridge.environment.keys import checked, number
+from sim_bridge.environment.keys import Keyed, any_word, keys_of, number, read
 
 FROM_ROBOT = ("joint_states", "wrench")
 TO_CONTROLLER = (*FROM_ROBOT, "reference")
@@ -60,7 +59,7 @@ class Draw:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault:
+class Fault(Keyed):
     """A fault: what goes wrong, and when.
 
     Attributes:
@@ -80,10 +79,10 @@ class Fault:
     topics: ClassVar[tuple[str, ...]] = TOPICS
     shakes: ClassVar[bool] = False
 
-    topic: str
+    topic: str = any_word()
     at: float = setting(text="when it begins [s]", least=0.0, most=1e6)
     duration: float = setting(
-        text="for how long [s]; .inf is to the end", least=0.0, endless=True
+        key="for", text="for how long [s]; .inf is to the end", least=0.0, endless=True
     )
 
     def __init_subclass__(cls, **about: Any) -> None:
@@ -95,14 +94,9 @@ class Fault:
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        for key, entry in settings(type(self)).items():
-            value, where = getattr(self, entry.name), f"fault '{self.name}': {key}"
-            if entry.type is str:
-                require(isinstance(value, str), f"{where} is {value!r}; expected a name")
-                choices = self.topics if key == "topic" else entry.metadata.get("choices")
-                known(f"{key} of the fault '{self.name}'", value, choices or (value,))
-            else:
-                object.__setattr__(self, entry.name, checked(where, value, entry.metadata))
+        super().__post_init__()
+        if "topic" in keys_of(type(self)):
+            known(f"topic of the fault '{self.name}'", self.topic, self.topics)
 
     @classmethod
     def drawn(cls, draw: Draw, at: float, duration: float) -> Self:
@@ -130,19 +124,10 @@ class Fault:
 
     def __str__(self) -> str:
         """Return it as the flow-style YAML that it is read from."""
-        given = {key: getattr(self, entry.name) for key, entry in settings(type(self)).items()}
+        given = {key: getattr(self, entry.name) for key, entry in keys_of(type(self)).items()}
         content = {"fault": self.name, **given}
         text = yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=math.inf)
         return str(text).strip()
-
-
-def settings(kind: type[Fault]) -> dict[str, "Field[Any]"]:
-    """Return the settings of a kind of fault, by their key in YAML."""
-    return {
-        "for" if entry.name == "duration" else entry.name: entry
-        for entry in fields(kind)
-        if entry.init
-    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,15 +191,4 @@ def parse_fault(content: Any) -> Fault:
     given = {str(key): value for key, value in content.items()}
     name = str(given.pop("fault"))
     known("fault", name, Fault.registry)
-    keys = settings(Fault.registry[name])
-    for key in given:
-        known(f"key of the fault '{name}'", key, keys)
-    needed = [key for key, entry in keys.items() if entry.default is dataclasses.MISSING]
-    for key in needed:
-        text = f"the key '{key}' is missing; it needs {', '.join(needed)}"
-        require(key in given, f"fault '{name}': {text}")
-    values: dict[str, Any] = {keys[key].name: value for key, value in given.items()}
-    for entry in keys.values():
-        if entry.type is str and isinstance(values.get(entry.name), float):  # .nan can be a word
-            values[entry.name] = str(values[entry.name])
-    return Fault.registry[name](**values)
+    return read(Fault.registry[name], f"the fault '{name}'", given, f"{name}.")

@@ -19,6 +19,7 @@ from eulerparams_control.lab.faults.base import (
 )
 from eulerparams_control.lab.faults.fields import numbers, put_stamp, stamp_ns
 from eulerparams_control.parameters.schemes import schemes
+from sim_bridge.environment.keys import any_word
 
 FIRST = 0.1
 """Part of the run before the first fault begins: the controller is to be at work."""
@@ -133,7 +134,7 @@ class Nan(MessageFault, name="nan", shakes=True):
         value: that it gets: nan, inf, -inf, or random of these.
     """
 
-    field: str = ""
+    field: str = any_word(default="")
     value: str = setting(
         text="that it gets", choices=(*_NOT_FINITE, _ANY), default="nan", drawn=lambda *_: _ANY
     )
@@ -187,7 +188,7 @@ class Noise(MessageFault, name="noise", shakes=True):
     """
 
     std: float = setting(text="standard deviation", least=0.0, most=1e6, drawn=_drawn_noise)
-    field: str = ""
+    field: str = any_word(default="")
 
     def change(self, msg: Any, stage: Any, t: float) -> list[Any]:
         """See MessageFault."""
@@ -205,7 +206,7 @@ class ClockJump(MessageFault, name="clock_jump", topics=(*TOPICS, ROBOT)):
     """
 
     duration: float = setting(
-        text="for how long [s]; from then on", least=0.0, endless=True, default=math.inf
+        key="for", text="for how long [s]; from then on", least=0.0, endless=True, default=math.inf
     )
     by: float = setting(
         text="how far [s]", least=-1e6, most=1e6,
@@ -275,7 +276,7 @@ class Kill(Fault, name="kill"):
 
     topic: str = field(default="", init=False)
     duration: float = field(default=0.0, init=False)
-    node: str
+    node: str = any_word()
     restart_after: float = setting(
         text="until it is started again [s]", least=0.0, endless=True, default=math.inf
     )

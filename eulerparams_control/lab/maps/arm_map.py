@@ -19,6 +19,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
+from sim_bridge.environment.keys import any_word, number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +37,9 @@ class ArmMap(TurningMap):
 
     kind = "arm"
 
-    robot: str = "ur5"
-    error: float = 30.0
-    least_singular: float = 0.06
+    robot: str = any_word(default="ur5")
+    error: float = number(default=30.0, least=0.0)
+    least_singular: float = number(default=0.06, least=0.0)
 
     @cached_property
     def arm(self) -> tuple[Robot, Array]:

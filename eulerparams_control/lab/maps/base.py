@@ -9,7 +9,7 @@ import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -25,6 +25,10 @@ from eulerparams_control.laws.orientation import (
     OrientationRepresentation,
     representation,
 )
+from sim_bridge.environment.keys import Keyed, any_word, number
+
+count = partial(number, least=1, whole=True)
+"""A field for a count."""
 
 type Row = dict[str, float | str]
 """A cell, or a cell with its outcomes: every cell of a map has the same keys."""
@@ -34,7 +38,7 @@ type Table = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class MapVariant:
+class MapVariant(Keyed):
     """A representation of the orientation displacement, with its fair gain.
 
     Attributes:
@@ -45,9 +49,9 @@ class MapVariant:
     """
 
     label: str
-    orientation: str
-    sequence: str = "XYZ"
-    k_factor: float = 1.0
+    orientation: str = any_word()
+    sequence: str = any_word(default="XYZ")
+    k_factor: float = number(default=1.0, least=0.0)
 
     @cached_property
     def representation(self) -> OrientationRepresentation:
@@ -83,7 +87,7 @@ class Picture(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapKind(ABC):
+class MapKind(Keyed, ABC):
     """A kind of map; its fields are the options of ``config/maps/NAME.yaml``.
 
     Attributes:
@@ -97,9 +101,9 @@ class MapKind(ABC):
     registry: ClassVar[dict[str, type["MapKind"]]] = {}
 
     variants: tuple[MapVariant, ...]
-    samples: int = 100
-    batch: int = 20
-    seed: int = 1
+    samples: int = count(default=100)
+    batch: int = count(default=20)
+    seed: int = count(default=1)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

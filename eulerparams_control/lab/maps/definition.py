@@ -1,19 +1,15 @@
 """Content of ``config/maps/NAME.yaml``: the kind of map, the representations, the options."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from typing import Any
 
-from eulerparams_control.lab.maps.base import MapKind, MapVariant, kinds
+from eulerparams_control.lab.maps.base import MapKind, MapVariant, count, kinds
 from eulerparams_control.lab.run.fingerprint import code_of_nodes, digest, version
 from eulerparams_control.lab.run.yaml_checks import check_name, known, load, require
-from sim_bridge.environment.keys import checked, number
+from sim_bridge.environment.keys import checked, read
 
 _OWN = ("kind", "title", "question", "variants", "quick", "place")
-_ANY, _NOT_NEGATIVE = number().metadata, number(least=0.0).metadata
-_COUNT = number(least=1, whole=True).metadata
-_OF_VARIANT = ("orientation", "sequence", "k_factor")
 
 
 @dataclass(frozen=True)
@@ -75,36 +71,16 @@ def _definition(quick: bool, samples: int, name: str, told: Any) -> MapDefinitio
     cls = kinds()[told["kind"]]
     variants = tuple(_variant(str(label), about) for label, about in told["variants"].items())
     options = {key: value for key, value in told.items() if key not in _OWN}
-    kind = cls(variants=variants, **_options(cls, options))
-    for more in (told.get("quick") or {} if quick else {}, {"samples": samples} if samples else {}):
-        kind = replace(kind, **_options(cls, more))
+    options |= told.get("quick") or {} if quick else {}
+    options |= {"samples": samples} if samples else {}
+    kind = read(cls, f"the kind '{cls.kind}'", options, variants=variants)
     title, question = str(told.get("title", name)), str(told.get("question", ""))
-    return MapDefinition(name, title, question, kind, _like(99, "place", told.get("place", 99)))
+    place = checked("place", told.get("place", 99), count().metadata)
+    return MapDefinition(name, title, question, kind, place)
 
 
 def _variant(label: str, about: Any) -> MapVariant:
     require(isinstance(about, dict), f"variant '{label}': expected the key orientation")
-    for key in about:
-        known("key of a variant", key, _OF_VARIANT)
-    variant = MapVariant(label, **{"orientation": "", **about})
+    variant = read(MapVariant, "a variant", about, f"{label}.", label=label)
     _ = variant.representation  # raises if it is unknown
-    return replace(variant, k_factor=_like(1.0, "k_factor", variant.k_factor))
-
-
-def _options(cls: type[MapKind], told: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a kind, each of the type of its default."""
-    defaults = {field.name: field.default for field in fields(cls) if field.name != "variants"}
-    for key in told:
-        known(f"option of the kind '{cls.kind}'", key, defaults)
-    return {key: _like(defaults[key], key, value) for key, value in told.items()}
-
-
-def _like(default: Any, key: str, value: Any) -> Any:
-    """Return a value of the type of the default: a name, a count, a number, or some numbers."""
-    if isinstance(default, str):
-        require(isinstance(value, str), f"{key} is {value!r}; expected a word like {default!r}")
-        return value
-    if isinstance(default, tuple):
-        require(isinstance(value, list), f"{key} is {value!r}; expected a list of numbers")
-        return tuple(checked(key, each, _ANY) for each in value)
-    return checked(key, value, _COUNT if isinstance(default, int) else _NOT_NEGATIVE)
+    return variant

@@ -8,10 +8,11 @@ import numpy as np
 
 from eulerparams_control.analysis.labels import colour
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.lab.maps.base import Picture, Row, Table, multiples
+from eulerparams_control.lab.maps.base import Picture, Row, Table, count, multiples
 from eulerparams_control.lab.maps.pressed import PressedMap
 from eulerparams_control.lab.maps.sampling import directions, random_axis, with_tool_axis
 from eulerparams_control.laws.rotations import Array
+from sim_bridge.environment.keys import number
 
 _CLOSED: dict[str, tuple[str, Callable[[Array], Array]]] = {
     "euler_parameters": ("arcsin(m)", np.arcsin),
@@ -34,8 +35,8 @@ class DeflectionMap(PressedMap):
 
     kind = "deflection"
 
-    trials: int = 20
-    largest: float = 0.98
+    trials: int = count(default=20)
+    largest: float = number(default=0.98, least=0.0)
 
     def cells(self) -> list[Row]:
         """Return variants x sizes x trials; a trial has the same orientation for each size."""

@@ -10,6 +10,7 @@ from eulerparams_control.lab.maps.base import Picture, Row, Table, multiples
 from eulerparams_control.lab.maps.sampling import away, with_tool_axis
 from eulerparams_control.lab.maps.spheres import FAILED
 from eulerparams_control.lab.maps.turning import UNSETTLED, FreeTip, TurningMap
+from sim_bridge.environment.keys import number, vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +26,8 @@ class ErrorMap(TurningMap):
 
     kind = "error"
 
-    tool_axis: tuple[float, ...] = (0.5, 0.6, 0.62)
-    roll: float = 40.0
+    tool_axis: tuple[float, ...] = vector(default=(0.5, 0.6, 0.62))
+    roll: float = number(default=40.0, least=0.0)
 
     def cells(self) -> list[Row]:
         """Return variants x axes x sizes."""

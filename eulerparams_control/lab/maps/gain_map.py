@@ -12,6 +12,7 @@ from eulerparams_control.lab.maps.sampling import passing
 from eulerparams_control.lab.maps.turning import TurningMap
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
+from sim_bridge.environment.keys import number, numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,18 +31,16 @@ class GainMap(TurningMap):
 
     kind = "gain"
 
-    speed: float = 60.0
-    arc: float = 40.0
-    closest: tuple[float, ...] = (0.03, 30.0)
-    gains: tuple[float, ...] = (10.0, 1000.0)
+    speed: float = number(default=60.0, above=0.0)
+    arc: float = number(default=40.0, least=0.0)
+    closest: tuple[float, ...] = numbers(default=(0.03, 30.0))
+    gains: tuple[float, ...] = numbers(default=(10.0, 1000.0))
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, ends in (("closest", self.closest), ("gains", self.gains)):
             if len(ends) != 2 or not 0 < ends[0] < ends[1]:
                 raise ConfigurationError(f"{name} is {list(ends)}; expected a smaller and a larger")
-        if not self.speed > 0:
-            raise ConfigurationError("speed is 0; expected a motion")
 
     def cells(self) -> list[Row]:
         """Return variants x distances x gains."""

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from eulerparams_control.lab.maps.base import Picture, Row, Table, of_variant
+from eulerparams_control.lab.maps.base import Picture, Row, Table, count, of_variant
 from eulerparams_control.lab.maps.sampling import away, directions, random_axis, with_tool_axis
 from eulerparams_control.lab.maps.spheres import WHERE, spheres
 from eulerparams_control.lab.maps.turning import FAST, FreeTip, TurningMap
 from eulerparams_control.laws.rotations import Array, exp
 from eulerparams_control.motion.frames import DesiredFrame
+from sim_bridge.environment.keys import numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +31,9 @@ class OrientationMap(TurningMap):
 
     kind = "orientation"
 
-    trials: int = 4
-    errors: tuple[float, ...] = (30.0, 90.0, 150.0)
-    speeds: tuple[float, ...] = (60.0,)
+    trials: int = count(default=4)
+    errors: tuple[float, ...] = numbers(default=(30.0, 90.0, 150.0))
+    speeds: tuple[float, ...] = numbers(default=(60.0,))
 
     @property
     def _tasks(self) -> list[tuple[float, float]]:

@@ -13,6 +13,7 @@ from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFra
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.rotations import Array, log
 from eulerparams_control.motion.frames import DesiredFrame
+from sim_bridge.environment.keys import number, vector
 
 _AT_REST = 0.02  # [rad/s]
 
@@ -28,10 +29,10 @@ class PressedMap(MapKind):
         duration: [s] after which it is at rest.
     """
 
-    K_o: tuple[float, ...] = (100.0, 100.0, 100.0)
-    rate: float = 20.0
-    dt: float = 5e-3
-    duration: float = 0.8
+    K_o: tuple[float, ...] = vector(default=(100.0, 100.0, 100.0))
+    rate: float = number(default=20.0, above=0.0)
+    dt: float = number(default=5e-3, above=0.0)
+    duration: float = number(default=0.8, above=0.0)
 
     def law(self, variant: MapVariant) -> ComplianceLaw:
         """Return the compliance law."""

@@ -27,6 +27,7 @@ from eulerparams_control.laws.rotations import (
     quaternion,
     rotation_vector,
 )
+from sim_bridge.environment.keys import number
 
 _SHARES = np.linspace(0.0, 1.0, 41)[:, None]
 _LOST = 45.0  # [deg] beyond which a set-point has nothing to do with the two beside it
@@ -45,7 +46,7 @@ class SetPointsMap(MapKind):
 
     kind = "set_points"
 
-    step: float = 2.0
+    step: float = number(default=2.0, least=0.0)
 
     def cells(self) -> list[Row]:
         """Return variants x directions."""

@@ -12,6 +12,7 @@ from eulerparams_control.lab.maps.base import Picture, Row, Table
 from eulerparams_control.lab.maps.pressed import PressedMap
 from eulerparams_control.lab.maps.sampling import over_directions, with_tool_axis
 from eulerparams_control.lab.maps.spheres import WHERE, Cell, spheres
+from sim_bridge.environment.keys import key, word
 
 _NO_ANSWER = {"k_min": math.nan, "k_max": math.nan, "deviation": math.nan}
 _WHERE = (
@@ -33,8 +34,8 @@ class StiffnessMap(PressedMap):
 
     kind = "stiffness"
 
-    moment: float = 1e-3
-    shown: str = "stiffness"
+    moment: float = key(default=1e-3, least=0.0)
+    shown: str = word(default="stiffness", choices=("stiffness", "deviation"))
 
     def cells(self) -> list[Row]:
         """Return variants x directions."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.errors import SingularityError
 from eulerparams_control.lab.maps.base import MapKind, MapVariant
 from eulerparams_control.laws.clik import ClikLaw
 from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
@@ -20,6 +20,7 @@ from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
+from sim_bridge.environment.keys import number, word
 
 _NONE, _SIX, _J = np.zeros(3), np.zeros(6), np.eye(6)
 
@@ -102,20 +103,13 @@ class TurningMap(MapKind):
         fast: peak speed, over that of a direct turn, that counts as a failure.
     """
 
-    law: str = "dynamic"
-    rate: float = 20.0
-    dt: float = 2e-3
-    duration: float = 0.6
-    noise: float = 0.05
-    settled: float = 0.5
-    fast: float = 1.5
-
-    def __post_init__(self) -> None:
-        if self.law not in LAWS:
-            raise UnknownNameError("law", self.law, LAWS)
-        for name in ("rate", "dt", "duration"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} is 0; expected more")
+    law: str = word(default="dynamic", choices=LAWS)
+    rate: float = number(default=20.0, above=0.0)
+    dt: float = number(default=2e-3, above=0.0)
+    duration: float = number(default=0.6, above=0.0)
+    noise: float = number(default=0.05, least=0.0)
+    settled: float = number(default=0.5, least=0.0)
+    fast: float = number(default=1.5, least=0.0)
 
     def motion_law(self, variant: MapVariant, rate: float | None = None) -> MotionLaw:
         """Return the law with its fair gains: the same rate of small errors for all."""
