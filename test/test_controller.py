@@ -446,8 +446,8 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
 
 def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
     running, told = controller(), []
-    tick = running.scheme.tick
-    running.scheme.tick = lambda dt, *state: told.append(dt) or tick(dt, *state)
+    tick = running.scheme.step
+    running.scheme.step = lambda dt, *state: told.append(dt) or tick(dt, *state)
     back = T_0 - 1000 * MS
     for t in (T_0, T_0 + 7 * MS, T_0 + 8 * MS, back, back + MS, T_0 + 5000 * MS):
         running.step(t, HOME, STILL)

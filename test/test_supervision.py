@@ -524,7 +524,7 @@ def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
 def test_a_law_that_cannot_even_hold_has_a_defect_that_no_reference_leads_out_of():
     running, t, q, dq, _ = following(dynamic_control())
     running.scheme.hold = Failing(SingularityError)
-    running.guidance.tick = Failing(SingularityError)
+    running.guidance.tick = running.guidance.follow = Failing(SingularityError)
     assert running.step(t + MS, q, dq) is not None  # gravity compensation
     assert running.why.cause is Cause.DEFECT
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):

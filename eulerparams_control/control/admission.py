@@ -18,7 +18,6 @@ from eulerparams_control.control.clock import (
     take_step,
 )
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
-from eulerparams_control.control.steady import LONGEST_STEP, NOT_STEADY, admit_steady
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.rotations import Array
@@ -270,7 +269,7 @@ class Admission:
                 leapt = min(early, dt - max(silence, usual_now))
             if restart or not (is_set_back or usual_now < 2 * leapt):  # less is jitter
                 leapt = 0.0
-        longest = LONGEST_STEP * usual
+        longest = judge.LONGEST_STEP * usual
         if usual and (dt > longest or acted > longest):
             lost, acted = max(dt - longest, 0.0), min(acted, longest)
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
@@ -286,7 +285,7 @@ class Admission:
         self, velocity: Array, patient: bool, segments: tuple[Array, Array], longest: float,
         fine: tuple[float, float],
     ) -> None:  # fmt: skip
-        """Prepare for states of a steady stream, see :meth:`admit_steady`.
+        """Prepare for the states of a steady stream, see :meth:`admit_steady`.
 
         Args:
             velocity, patient: see :meth:`admit`.
@@ -322,10 +321,10 @@ class Admission:
         else:
             silence, behind = receipt - last.receipt, receipt - at.stamp / 1e9  # type: ignore[operator]
             times = silence, behind, receipt, True
-        code = admit_steady(
+        code = judge.admit_steady(
             *self._expected, q, dq, before, now, dt, *times, loop_rate, since, frame
         )
-        if code == NOT_STEADY:
+        if code == judge.NOT_STEADY:
             return None
         self.clock.last, self._before, self._now = at, now, before
         acted = dt if receipt is None or 0 < dt < silence else silence

@@ -5,16 +5,14 @@ gives it measured states and references.  A step is four stages: admit the state
 mode, ask the mode for a command, limit it.
 """
 
-import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.control.admission import Accept, Admission
 from eulerparams_control.control.clock import Instant, NominalPeriod
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.guidance import LONG, Guidance
+from eulerparams_control.control.guidance import Guidance
 from eulerparams_control.control.judge import AGAIN, AT_REST, SAME
 from eulerparams_control.control.mode import (
     DEACTIVATED,
@@ -27,8 +25,9 @@ from eulerparams_control.control.mode import (
     stuck,
     why_of,
 )
-from eulerparams_control.control.modes import ControlMode, Release
+from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
+from eulerparams_control.control.steady import Steady
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
 from eulerparams_control.laws.compiled import NONE
@@ -39,14 +38,6 @@ from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 
 __all__ = ["Controller", "ControllerOptions"]
-
-
-class _Steady(NamedTuple):
-    """What may go on: a mode, along a leg that starts at a stamp [ns] and lasts [s]."""
-
-    mode: ControlMode
-    start: int
-    lasts: float
 
 
 class Controller:
@@ -62,7 +53,6 @@ class Controller:
         guidance: the scheme on its desired motion.
         limiter: of the commands.
         supervisor: keeps the mode.
-        detours: how many states did not go the short way, see :mod:`.control.steady`.
     """
 
     def __init__(
@@ -77,8 +67,8 @@ class Controller:
         )
         self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
-        self._q, self._dq, self.detours = q, np.zeros_like(q), 0
-        self._steady: _Steady | None = None  # None: the next state goes the plain way
+        self._q, self._dq = q, np.zeros_like(q)
+        self._steady = Steady(self._admission, self.supervisor, self.guidance)
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
@@ -102,6 +92,11 @@ class Controller:
     def resets(self) -> int:
         """How often it started again after a jump of the stamps, or a silence."""
         return self.supervisor.resets
+
+    @property
+    def detours(self) -> int:
+        """How many states went the long way, see :class:`Steady`."""
+        return self._steady.detours
 
     @property
     def set_backs(self) -> int:
@@ -138,7 +133,8 @@ class Controller:
 
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
-        self.options, self._steady = options, None
+        self.options = options
+        self._steady.forget()
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:
             self._wanted = joints
@@ -226,38 +222,23 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor, steady = Instant(t, now), self.supervisor, self._steady
-        if steady is not None and steady.mode is supervisor.mode and self.guidance.is_at_full_rate:
-            since, frame = (t - steady.start) / 1e9, np.empty(24)
-            rate = self.scheme.loop_rate
-            if since <= steady.lasts and (
-                taken := self._admission.admit_steady(at, q, dq, rate, since, frame)
-            ):
-                q, dt, acted = taken
-                self._q, self._dq = q, dq
-                command = supervisor.ask(t, dt, q, dq, frame)
-                self._command = command = self._limit(command, acted, dt)
-                if command is not None:
-                    supervisor.left = at
-                return command
-        self.detours, self._steady = self.detours + 1, None
+        at, supervisor = Instant(t, now), self.supervisor
+        if taken := self._steady.take(at, q, dq):
+            q, dt, acted, desired = taken
+            self._q, self._dq = q, dq
+            command: JointCommand | None
+            try:
+                command = self.guidance.follow(t, dt, q, dq, desired)
+            except Exception as error:
+                command = supervisor.hold_after(error, dt, q, dq)
+            self._command = command = self._limit(command, acted, dt)
+            if command is not None:
+                supervisor.left = at
+            return command
         command = self._step(at, q, dq)
         if command is not None and self.limiter.limits is self._wanted:
-            self._expect_more()
+            self._steady.expect(self._runaway, not self.limiter.commands_efforts)
         return command
-
-    def _expect_more(self) -> None:
-        """Let the next states go the short way, if the motion allows it."""
-        mode, guidance = self.supervisor.mode, self.guidance
-        motion, leg = guidance.motion, guidance.motion.leg
-        is_plain = mode.is_led and guidance.is_plain and self._admission.goes_on
-        if not is_plain or leg.segments is None:
-            return
-        is_patient = not self.limiter.commands_efforts
-        longest = math.inf if motion.is_holding else LONG
-        fine = self.supervisor.fine_rate
-        self._admission.expect(self._runaway, is_patient, leg.segments, longest, fine)
-        self._steady = _Steady(mode, motion.start, leg.duration)
 
     @property
     def _runaway(self) -> Array:

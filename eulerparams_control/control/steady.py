@@ -1,76 +1,80 @@
-"""The next state of a steady stream, along a plain motion, in one compiled call.
+"""The short way of a state to its command, where all goes on as it did.
 
-What comes as it is expected goes this way; all else, and all that is not sure, goes the plain
-way through :class:`Admission` and :class:`Shaper`, which this one leaves as they would.
+What is the next state of a steady stream, along a plain motion, is taken by one compiled call,
+which says where the motion is then, too.  All else, and all that is not sure, goes the long way
+through :class:`Admission`, :class:`Supervisor` and :class:`Shaper`, which the short one leaves as
+they would: the commands are the same to the bit.
 """
 
 import math
+from typing import NamedTuple
 
-from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
-from eulerparams_control.control.judge import SWINGS, WOUND, code_of
-from eulerparams_control.laws.compiled import Input, Row, Rows, entry
-from eulerparams_control.motion.frames import put_frame
-from eulerparams_control.motion.trajectories import sampled
+import numpy as np
 
-NOT_STEADY = -1
-
-LONGEST_STEP = 3.0
-"""The longest step that a law integrates over [usual periods]."""
-
-# A state is early by less than this part of a usual period: the rest is for the plain way.
-_EARLY = 0.45
+from eulerparams_control.control.admission import Admission
+from eulerparams_control.control.clock import Instant
+from eulerparams_control.control.guidance import LONG, Guidance
+from eulerparams_control.control.modes import ControlMode
+from eulerparams_control.control.supervisor import Supervisor
+from eulerparams_control.laws.rotations import Array
 
 
-@entry
-def admit_steady(
-    velocity: Input, patient: bool, times: Row, segments: Rows, longest: float,
-    fine_period: float, fine_turn: float,
-    arm: Rows, believed: int, period: Row, latency: Row, most: float,
-    q: Input, dq: Input, before: Rows, now: Rows, dt: float, silence: float, behind: float,
-    receipt: float, is_timed: bool, loop_rate: float, since: float, frame: Row,
-) -> int:  # fmt: skip
-    """Take the next state, and sample the motion; return WOUND, 0, or NOT_STEADY.
+class _Way(NamedTuple):
+    """What may go on: a mode, along a leg that starts at a stamp [ns] and lasts [s]."""
 
-    Nothing is changed where the state is not as expected.
+    mode: ControlMode
+    start: int
+    lasts: float
+
+
+class Steady:
+    """Takes the states of a steady stream.
 
     Args:
-        velocity, arm, q, dq, before, now: see :func:`code_of`.
-        patient, most, behind, receipt: see :func:`late`, if ``is_timed``.
-        times, segments: of the motion; without times it rests at the start of the first.
-        longest: [s] of ``dt`` and of the time by when the state came.
-        fine_period, fine_turn: see :attr:`RateCheck.fine`.
-        believed: the codes that count.
-        period, latency: rows of :func:`take_step` and :func:`late`.
-        dt, silence: [s] since the last state, by the stamps and by when it came.
-        loop_rate: [1/s] of the law.
-        since: [s] on the motion.
-        frame: (24,) is filled with the desired frame.
+        admission, supervisor, guidance: of the controller.
+
+    Attributes:
+        detours: how many states went the long way.
     """
-    usual, acted = period[SECONDS], silence
-    if not is_timed or 0.0 < dt < silence:
-        acted = dt
-    longest = min(longest, LONGEST_STEP * usual)
-    if not (len(q) == before.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
-        return NOT_STEADY
-    period_now = smoothed(usual, dt)
-    if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
-        return NOT_STEADY
-    if is_timed:
-        early = best_at(latency, receipt) - behind
-        if not (silence >= 0.0 and -most <= early < _EARLY * usual):
-            return NOT_STEADY
-    code = believed & code_of(
-        q, dq, q[:0], velocity, arm, before, now, dt, True, True, False
-    )
-    if code & ~(WOUND | SWINGS):  # one that swings would be released only if it were held
-        return NOT_STEADY
-    if len(times) == 0:
-        frame[:] = segments[0]
-    else:
-        put_frame(frame, 0, sampled(times, segments, since))
-    if not math.isfinite(frame[3]):
-        return NOT_STEADY
-    take_step(period, dt)
-    if is_timed:
-        late(latency, behind, receipt, most, patient)
-    return code & WOUND
+
+    def __init__(self, admission: Admission, supervisor: Supervisor, guidance: Guidance) -> None:
+        self._admission, self._supervisor, self._guidance = admission, supervisor, guidance
+        self._way: _Way | None = None
+        self.detours = 0
+
+    def take(self, at: Instant, q: Array, dq: Array) -> tuple[Array, float, float, Array] | None:
+        """Take a state q, dq (n,) measured at an instant; None: it has to go the long way.
+
+        Returns:
+            q (n,), dt and acted [s], see :class:`Accept`, and the desired frame (24,).
+        """
+        way, guidance = self._way, self._guidance
+        if (
+            way is not None
+            and way.mode is self._supervisor.mode
+            and guidance.is_at_full_rate
+            and (since := (at.stamp - way.start) / 1e9) <= way.lasts
+        ):
+            frame, rate = np.empty(24), guidance.scheme.loop_rate
+            taken = self._admission.admit_steady(at, q, dq, rate, since, frame)
+            if taken is not None:
+                return *taken, frame
+        self.detours, self._way = self.detours + 1, None
+        return None
+
+    def forget(self) -> None:
+        """Let the next state go the long way."""
+        self._way = None
+
+    def expect(self, velocity: Array, patient: bool) -> None:
+        """Let the states that follow one with a command go the short way, if all is plain.
+
+        Args:
+            velocity, patient: see :meth:`Admission.admit`.
+        """
+        mode, guidance, admission = self._supervisor.mode, self._guidance, self._admission
+        motion, leg = guidance.motion, guidance.motion.leg
+        if mode.is_led and guidance.is_plain and admission.goes_on and leg.segments is not None:
+            longest = math.inf if motion.is_holding else LONG
+            admission.expect(velocity, patient, leg.segments, longest, self._supervisor.fine_rate)
+            self._way = _Way(mode, motion.start, leg.duration)

@@ -237,33 +237,36 @@ class Supervisor:
         """Hold from now on because of a defect; no reference is followed any more."""
         self.change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), REPORT_IT))
 
-    def ask(
-        self, t: int, dt: float, q: Array, dq: Array, desired: Array | None = None
-    ) -> JointCommand | None:
+    def ask(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand | None:
         """Return what the mode commands for q, dq (n,) stamped t [ns], dt [s] after the last.
 
-        ``desired`` (24,) is the desired frame, where it is known; see :meth:`Guidance.follow`.
         Where that fails it is what holds the arm; None if the scheme cannot even say that.
         """
+        try:
+            mode, guidance = self.mode, self._guidance
+            ask = guidance.tick if mode.is_led else partial(mode.command, guidance)
+            command, motion = ask(t, dt, q, dq), guidance.motion
+            if motion.waiting or motion.leap is not None or motion.ends is not None:
+                self._look_at_references(t)
+            return command
+        except Exception as error:
+            return self.hold_after(error, dt, q, dq)
+
+    def hold_after(
+        self, error: Exception, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return what holds the arm where a law has no answer; None if there is nothing."""
         scheme = self._scheme
         try:
-            try:
-                mode, guidance = self.mode, self._guidance
-                if desired is not None:
-                    return guidance.follow(t, dt, q, dq, desired)
-                ask = guidance.tick if mode.is_led else partial(mode.command, guidance)
-                command, motion = ask(t, dt, q, dq), guidance.motion
-                if motion.waiting or motion.leap is not None or motion.ends is not None:
-                    self._look_at_references(t)
-                return command
-            except LawError as law:
-                if isinstance(law.error, FollowingError):
+            if isinstance(error, LawError):
+                if isinstance(error.error, FollowingError):
                     scheme.resume(q)
                 command = scheme.hold(dt, q, dq)
-                self.change(ModeEvent.FAULT, why_of(law.error))
+                self.change(ModeEvent.FAULT, why_of(error.error))
                 return command
-        except Exception as error:  # a defect: nobody knows what the scheme is worth now
-            self.fail_for_good(error)
+        except Exception as another:
+            error = another
+        self.fail_for_good(error)  # a defect: nobody knows what the scheme is worth now
         with suppress(Exception):
             return scheme.hold(dt, q, dq)
         return None

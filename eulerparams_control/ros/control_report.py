@@ -163,6 +163,7 @@ class ControlReport:
             SATURATED: controller.guidance.saturated,
             "commands bounded by the guard": controller.limiter.bounded,
             "restarts after a gap of joint_states": controller.resets,
+            "states that went the long way": controller.detours,
         }
 
     def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
