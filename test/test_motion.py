@@ -257,17 +257,6 @@ def test_a_start_is_kept_to_the_nanosecond_until_then_the_present_goes_on_and_a_
         assert_same_frame(desired.sample(start + t), last.at_rest(), 0)
 
 
-def test_a_trajectory_whose_first_point_is_later_leaves_from_the_present_frame():
-    desired = Shaper(DesiredFrame(P_0, R_0))
-    goal = P_0 + 0.1 * X, samples.about(0, 0.3) @ R_0
-    desired.follow(way_points([2.0], [goal]), None)
-    assert_same_frame(desired.sample(0), DesiredFrame(P_0, R_0), tol.THROUGH_POINTS)
-    halfway = desired.sample(S_IN_NS)
-    tol.assert_close(halfway.p_d, P_0 + 0.05 * X, tol.THROUGH_POINTS)
-    tol.assert_close(halfway.R_d, samples.about(0, 0.15) @ R_0, tol.THROUGH_POINTS)
-    assert_same_frame(desired.sample(2 * S_IN_NS), DesiredFrame(*goal), 0)
-
-
 # --- rows of numbers ----------------------------------------------------------------------
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3

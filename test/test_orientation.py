@@ -146,16 +146,6 @@ def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name)
         assert max(change) < tol.ALGEBRAIC
 
 
-@every_representation
-def test_with_the_shortest_sign_the_law_does_not_depend_on_the_past(name):
-    law = make(name, sign="shortest")
-    pairs = regular_pairs(law)
-    for (R_d, R_e), past in zip(pairs, reversed(pairs), strict=True):
-        previous = law.displacement(*past)
-        omega = omega_of(law, R_d, R_e, previous=previous)
-        np.testing.assert_array_equal(omega, omega_of(law, R_d, R_e))
-
-
 # --- singularities ---------------------------------------------------------------------------
 def at_the_poles(sequence="XYZ"):
     """Return rotations at both poles of a sequence, exactly."""

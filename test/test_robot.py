@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from arms import reduced_model
 from samples import about, generator
 from test_simulator import ODD_ROBOT
 from tolerances import assert_close
@@ -371,17 +370,6 @@ def load_entry(entry: dict[str, Any], folder: Path) -> RobotDescription:
 def load_urdf(text: str, folder: Path) -> RobotDescription:
     (folder / "my.urdf").write_text(text)
     return load_robot(str(folder / "my.urdf"))
-
-
-@pytest.mark.parametrize("name", config_names("robots"))
-def test_a_robot_of_the_catalogue_has_its_frames_and_joints_in_its_urdf(name):
-    robot = load_robot(name)
-    model = reduced_model(robot.urdf, robot.joints)
-    assert robot.name == name
-    assert robot.urdf == robot.urdf_path.read_text()
-    assert tuple(model.names)[1:] == robot.joints
-    for frame in (robot.base_frame, robot.tip_frame, robot.sensor_frame):
-        assert model.existFrame(frame), frame
 
 
 def test_the_arms_end_where_the_experiments_take_them_to_end():
