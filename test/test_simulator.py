@@ -286,20 +286,6 @@ def test_a_robot_stands_braked_until_its_first_command(name, control):
     assert state.tau == pytest.approx(held, abs=HOLDING_TORQUE)
 
 
-def test_the_first_effort_takes_over_from_the_brakes_and_brake_gives_back():
-    sim, model = simulator("ur5", control="torque"), Model(robot("ur5"))
-    sim.command_effort(np.zeros(6))
-    assert np.abs(run(sim, 1).dq).max() > 1e-3
-    moving = run(sim, 20)
-    assert np.abs(moving.dq).max() > 0.1
-    sim.brake()
-    assert np.abs(run(sim, 100).dq).max() < MOTOR_SPEED
-    stopped = sim.read()
-    assert stopped.tau == pytest.approx(model.gravity(stopped.q), abs=HOLDING_TORQUE)
-    sim.command_effort(np.zeros(6))
-    assert np.abs(run(sim, 20).dq).max() > 0.1
-
-
 def test_brakes_and_servo_have_no_more_than_the_effort_limit():
     sim = simulator("ur5", control="position")
     sim.set_external_wrench([0.0, 0.0, 0.0, 0.0, 0.0, 32.0])  # the wrist has 28 Nm
