@@ -528,8 +528,9 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 def _say_once() -> None:
     """Say, once, that formulas are compiled."""
     print(
-        "eulerparams_control: compiling the formulas, once for this version and this machine; it "
-        f"takes up to a minute (kept in {cache_folder()})",
+        "eulerparams_control: compiling the formulas, once for this version and this machine: half "
+        "a minute for one controller on an idle processor, minutes on a busy one or for all "
+        f"(kept in {cache_folder()})",
         file=sys.stderr,
         flush=True,
     )
@@ -560,7 +561,7 @@ def cache_folder() -> str:
     except (OSError, RuntimeError) as error:  # the latter: there is no home
         warnings.warn(
             f"compiled formulas cannot be kept in {root} ({error}), so each start compiles them "
-            "again, for about a minute; set NUMBA_CACHE_DIR to a folder that can be written",
+            "again, for half a minute or more; set NUMBA_CACHE_DIR to a folder that can be written",
             stacklevel=2,
         )
         return tempfile.mkdtemp(prefix="eulerparams_control_")
