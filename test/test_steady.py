@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import HOME, UR5
+from arms import HOME, UR5, robot_named
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode, Why
@@ -22,15 +22,15 @@ NAMES = sorted(schemes())
 class Pair:
     """Two controllers on the same arm; one of them always goes the long way."""
 
-    def __init__(self, name: str, *, timed: bool, **more) -> None:
-        info = schemes()[name]
-        parameters = info.parameters(tip_frame=UR5.tip_frame, **more)
+    def __init__(self, name: str, *, timed: bool, robot=UR5, home=HOME) -> None:
+        info, self.robot = schemes()[name], robot
+        parameters = info.parameters(tip_frame=robot.tip_frame)
         self.needs_wrench, self.timed = "wrench" in info.inputs, timed
         self.parameters, self.sides = parameters, []
         for _ in range(2):
-            scheme = parameters.make_scheme(UR5, parameters.limits(UR5))
-            self.sides.append(Controller(scheme, ControllerOptions.of(parameters), HOME))
-        self.t, self.now, self.q, self.dq = 0, 0.0, HOME, np.zeros(6)
+            scheme = parameters.make_scheme(robot, parameters.limits(robot))
+            self.sides.append(Controller(scheme, ControllerOptions.of(parameters), home))
+        self.t, self.now, self.q, self.dq = 0, 0.0, home, np.zeros(robot.n)
         self.random = np.random.default_rng(7)
 
     def both(self, act) -> None:
@@ -57,9 +57,10 @@ class Pair:
         """
         self.t += round((stamp + alone) * MS)
         self.now += stamp / 1000
-        q, dq = self.q + noise * self.random.normal(size=6) + moved, self.dq
-        dq = fast * UR5.limits.velocity if fast else dq
-        wrench = SensedWrench(0.1 * self.random.normal(size=6), UR5.placement(""))
+        dq = self.dq
+        q = self.q + noise * self.random.normal(size=len(dq)) + moved
+        dq = fast * self.robot.limits.velocity if fast else dq
+        wrench = SensedWrench(0.1 * self.random.normal(size=6), self.robot.placement(""))
         now, found = self.now + late if self.timed else None, []
         for side, is_long in zip(self.sides, (False, True), strict=True):
             if is_long:
@@ -74,7 +75,8 @@ class Pair:
             else:
                 found.append(numbers_of(self.command))
             found.append((side.mode, side.why, side.period.seconds, side.resets, side.set_backs))
-            found.append((side.guidance.motion.last.row.tolist(), side.supervisor.rate.why))
+            motion = side.guidance.motion
+            found.append((motion.last.row.tolist(), motion.ahead, side.supervisor.rate.why))
         assert found[:3] == found[3:]
         command = self.command
         if command is not None and command.q is not None:
@@ -162,7 +164,7 @@ EVENTS = {
     "back": stamps(-1.0),
     "set back": stamps(-5.0, 1.0, 1.0, 1.0),
     "silence": stamps(60.0),
-    "slower": stamps(*np.linspace(1.0, 9.0, 300)),
+    "slower": stamps(*np.linspace(1.0, 4.9, 200), *[4.9] * 150, *np.linspace(4.9, 9.0, 50)),
     "stamps alone": lambda pair: pair.states(3, alone=0.6),
     "late": lambda pair: pair.states(40, late=0.0015),
     "later": lambda pair: [pair.state(late=k / 1000) for k in range(150)],
@@ -214,3 +216,17 @@ def test_a_steady_stream_along_a_trajectory_makes_no_detours(name, noise):
     assert short.detours == before
     assert long.detours == 440
     assert short.mode is Mode.FOLLOWING
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_joints_that_wind_go_the_short_way(name):
+    robot, home = robot_named("jaco")
+    pair = Pair(name, timed=True, robot=robot, home=home)
+    pair.states(30)
+    pair.state(moved=0.0)
+    turning = np.isinf(robot.limits.upper)
+    assert turning.any()
+    before = pair.sides[0].detours
+    pair.states(5, moved=2 * np.pi * turning)  # the driver counts turns otherwise now
+    pair.states(60)
+    assert pair.sides[0].detours < before + 10
