@@ -630,7 +630,9 @@ def test_the_limits_of_efforts_count_what_the_robot_adds():
     for added, options in ((0.0, {}), (state.g, {"gravity": False})):
         for way in (-0.09, 0.09):
             scheme = dynamic(limits_of(robot, 1e9), InverseDynamics(**options), q=q, robot=robot)
-            scheme.law = replace(scheme.law, k_Pp=1e4)
+            stiff = replace(scheme.law, k_Pp=1e4)
+            scheme.replace_law(stiff, scheme.dynamics, scheme.limits)
+            scheme.reset(q)
             goal = far._replace(p_d=far.p_d + [0.0, 0.0, way])
             effort = scheme.tick(1e-3, q, np.zeros(7), goal).command.effort
             total = np.abs(effort + added)

@@ -87,6 +87,7 @@ def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(
         targets.publish(target_wrench(arm, 0.0, 0.0, force))
         assert ns_from_ros(arm.commands.pop().header.stamp) == arm.t
     assert "target_wrench rejected" in process.log
+    assert "holding the measured pose, pressing with target_wrench" in process.log
 
 
 def test_a_target_that_nothing_takes_is_no_pair(world):

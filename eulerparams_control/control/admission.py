@@ -88,6 +88,10 @@ class Accept(NamedTuple):
     restart: Restart | None
 
 
+type Expected = tuple[Any, ...]
+"""What :func:`judge.admit_expected` takes first: all that is not of the state itself."""
+
+
 class Rate(Enum):
     """Whether states come often enough."""
 
@@ -192,7 +196,6 @@ class Admission:
         self._before, self._now = np.zeros((2, judge.WRAPS + 1, robot.n))
         self._before[judge.Q] = q
         self._latency = Latency(max_latency)
-        self._expected: tuple[Any, ...] = ()  # of the next state, by what is not its own
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
@@ -227,7 +230,8 @@ class Admission:
             self._back_at = at.stamp
             self.conflicts.append(at.seconds)
             raise InvalidMessageError(
-                f"the stamp goes back by {-dt:g} s; is there a second publisher of joint_states?"
+                f"the stamp goes back by {-dt:g} s: is there a second publisher of joint_states, "
+                "or was its clock set?"
             )
         is_set_back = self._back >= _SET_BACK
         if is_set_back:  # nothing is late
@@ -281,28 +285,30 @@ class Admission:
         """Whether the stamps of the last states went on, at a rate that is known."""
         return self._back == 0 and self.period.seconds > 0
 
-    def expect(
+    def expected(
         self, velocity: Array, patient: bool, segments: tuple[Array, Array], longest: float,
         fine: tuple[float, float],
-    ) -> None:  # fmt: skip
-        """Prepare for the states of a steady stream, see :meth:`admit_steady`.
+    ) -> Expected:  # fmt: skip
+        """Return what the next state of a steady stream is, for :meth:`admit_expected`.
 
         Args:
             velocity, patient: see :meth:`admit`.
             segments: of the motion, see :attr:`Leg.segments`.
             longest: [s] of a step.
-            fine: see :attr:`RateCheck.fine`; it is not judged again.
+            fine: see :attr:`RateCheck.fine`; the rate is not judged again.
         """
         given = velocity, patient, *segments, min(longest, self._timeout), *fine
         rows = self.period.row, self._latency.row
-        self._expected = *given, self._arm, self._believed, *rows, self._latency.most
+        return *given, self._arm, self._believed, *rows, self._latency.most
 
-    def admit_steady(
-        self, at: Instant, q: Array, dq: Array, loop_rate: float, since: float, frame: Array
-    ) -> tuple[Array, float, float] | None:
+    def admit_expected(
+        self, expected: Expected, at: Instant, q: Array, dq: Array, loop_rate: float,
+        since: float, frame: Array,
+    ) -> tuple[Array, float, float] | None:  # fmt: skip
         """Take a state that is just the one expected, and fill the desired frame (24,).
 
         Args:
+            expected: see :meth:`expected`.
             at, q, dq: see :meth:`admit`.
             loop_rate: [1/s] of the law.
             since: [s] on the motion.
@@ -310,21 +316,22 @@ class Admission:
 
         Returns:
             q (n,), dt and acted [s], see :class:`Accept`; None: the state is not sure to be the
-            next one, and nothing was changed.
+            one expected, and nothing was changed.
         """
-        last, receipt, silence, behind = self.clock.last, at.receipt, 0.0, 0.0
+        last, receipt, times = self.clock.last, at.receipt, (0.0, 0.0, 0.0, False)
         if last is None or (receipt is None) is not (last.receipt is None):
             return None
-        dt, before, now = (at.stamp - last.stamp) / 1e9, self._before, self._now
-        if receipt is None:
-            times = 0.0, 0.0, 0.0, False
-        else:
-            silence, behind = receipt - last.receipt, receipt - at.stamp / 1e9  # type: ignore[operator]
-            times = silence, behind, receipt, True
-        code = judge.admit_steady(
-            *self._expected, q, dq, before, now, dt, *times, loop_rate, since, frame
+        dt, silence = (at.stamp - last.stamp) / 1e9, 0.0
+        if receipt is not None and last.receipt is not None:
+            silence = receipt - last.receipt
+            times = silence, receipt - at.stamp / 1e9, receipt, True
+        if silence > self._timeout:
+            return None
+        before, now = self._before, self._now
+        code = judge.admit_expected(
+            *expected, q, dq, before, now, dt, *times, loop_rate, since, frame
         )
-        if code == judge.NOT_STEADY:
+        if code == judge.NOT_EXPECTED:
             return None
         self.clock.last, self._before, self._now = at, now, before
         acted = dt if receipt is None or 0 < dt < silence else silence

@@ -63,6 +63,12 @@ class CommandLimiter:
         if self._joints.shape[1] != n:
             self._joints, self._safe = np.zeros((2, n)), np.zeros((3, n))
 
+    @property
+    def runaway_limits(self) -> Array:
+        """Limits (n,) of the speeds of an arm that may run away; (0,): it cannot."""
+        limits = self.limits
+        return NONE if limits is None or not self.commands_efforts else limits.velocity
+
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last: tuple[Array, Array, Array] = NONE, NONE, NONE

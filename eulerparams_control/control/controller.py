@@ -27,10 +27,9 @@ from eulerparams_control.control.mode import (
 )
 from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
-from eulerparams_control.control.steady import Steady
+from eulerparams_control.control.short_way import ShortWay
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 from eulerparams_control.motion.frames import DesiredFrame
@@ -68,7 +67,8 @@ class Controller:
         self.supervisor = Supervisor(self.guidance, self.limiter, self._admission, options)
         self._release = Release(self.limiter)
         self._q, self._dq = q, np.zeros_like(q)
-        self._steady = Steady(self._admission, self.supervisor, self.guidance)
+        parts = self._admission, self.supervisor, self.guidance, self.limiter
+        self._short_way = ShortWay(*parts)
         self._command: JointCommand | None = None
         self.supervisor.begin(q)
         scheme.start_from(effort)
@@ -95,8 +95,8 @@ class Controller:
 
     @property
     def detours(self) -> int:
-        """How many states went the long way, see :class:`Steady`."""
-        return self._steady.detours
+        """How many states went the long way, see :class:`ShortWay`."""
+        return self._short_way.detours
 
     @property
     def set_backs(self) -> int:
@@ -134,7 +134,7 @@ class Controller:
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
         self.options = options
-        self._steady.forget()
+        self._short_way.forget()
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:
             self._wanted = joints
@@ -222,29 +222,20 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, supervisor = Instant(t, now), self.supervisor
-        if taken := self._steady.take(at, q, dq):
+        at = Instant(t, now)
+        if taken := self._short_way.take(at, q, dq):
             q, dt, acted, desired = taken
             self._q, self._dq = q, dq
             command: JointCommand | None
             try:
                 command = self.guidance.follow(t, dt, q, dq, desired)
             except Exception as error:
-                command = supervisor.hold_after(error, dt, q, dq)
-            self._command = command = self._limit(command, acted, dt)
-            if command is not None:
-                supervisor.left = at
-            return command
+                command = self.supervisor.hold_after(error, dt, q, dq)
+            return self._send(at, command, acted, dt)
         command = self._step(at, q, dq)
         if command is not None and self.limiter.limits is self._wanted:
-            self._steady.expect(self._runaway, not self.limiter.commands_efforts)
+            self._short_way.expect()
         return command
-
-    @property
-    def _runaway(self) -> Array:
-        """Limits (n,) of the speeds of an arm that may run away; (0,): it cannot."""
-        limits = self.limiter.limits
-        return NONE if limits is None or not self.limiter.commands_efforts else limits.velocity
 
     def _step(self, at: Instant, q: Array, dq: Array) -> JointCommand | None:
         """Return the command for a state, whatever it may be."""
@@ -252,7 +243,7 @@ class Controller:
         limiter, command = self.limiter, self._command
         limits, has_efforts = limiter.limits, limiter.commands_efforts
         told = None if command is None else command.q
-        state = admission.admit(at, q, dq, told, self._runaway, not has_efforts)
+        state = admission.admit(at, q, dq, told, limiter.runaway_limits, not has_efforts)
         if state.code & AGAIN:
             return self._answer_again(at, state)
         q = state.q
@@ -273,28 +264,33 @@ class Controller:
             self.guidance.wait(lost)
         if limits is not self._wanted:
             self._lower(dt)
-        self._command = command = self._limit(supervisor.ask(at.stamp, dt, q, dq), state.acted, dt)
-        if command is not None:
-            supervisor.left = at
-        return command
+        return self._send(at, supervisor.ask(at.stamp, dt, q, dq), state.acted, dt)
 
-    def _limit(self, command: JointCommand | None, acted: float, dt: float) -> JointCommand | None:
-        """Return the command within all bounds, or gravity compensation where there is none."""
+    def _send(
+        self, at: Instant, command: JointCommand | None, acted: float, dt: float
+    ) -> JointCommand | None:
+        """Keep, and return, the command within all bounds, or what follows where there is none."""
         supervisor, release = self.supervisor, self._release
+        self._command = None
         if supervisor.mode.mode is Mode.DISTRUSTING:
             return None
         try:
             if command is not None:
-                command, release.is_reached = self.limiter(command, self._q, acted, dt), False
+                self._command = command = self.limiter(command, self._q, acted, dt)
+                release.is_reached, supervisor.left = False, at
                 return command
         except UnsafeCommandError as error:
             supervisor.change(ModeEvent.FAULT, why_of(error))
         try:
             is_simulated = self._admission.clock.is_simulated
-            return release.command(self.scheme, self._q, self._dq, acted, is_simulated)
+            command = release.command(self.scheme, self._q, self._dq, acted, is_simulated)
         except UnsafeCommandError as error:
             supervisor.change(ModeEvent.FAULT, why_of(error))
             return None
+        self._command = command
+        if command is not None:
+            supervisor.left = at
+        return command
 
     def _answer_again(self, at: Instant, state: Accept) -> JointCommand | None:
         """Return the command of the state seen last, if it may act for longer."""

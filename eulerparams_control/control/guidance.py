@@ -15,8 +15,8 @@ from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.time_scale import TimeScale
 from eulerparams_control.robot.chain import TIP
 
-LONG = 0.005
-"""In a step that is longer than this [s] a jerk is not small."""
+# In a step that is longer than this [s] a jerk is not small.
+_LONG = 0.005
 
 # Limits that are lowered slow the tip by this part of its acceleration, since a motion may have its
 # own across that, and the joints by the other.
@@ -172,9 +172,14 @@ class Guidance:
                 scale.before = desired  # as it was planned
             else:
                 desired = scale.paced(dt, wanted, desired, motion.after)
-            if dt > LONG and not motion.is_holding:
+            if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
         return self._command(t, dt, q, dq, desired.row)
+
+    @property
+    def longest_plain_step(self) -> float:
+        """The longest step [s] in which nothing but the frame of now is asked of the motion."""
+        return _LONG if self.motion.leg.held is None else math.inf
 
     @property
     def is_plain(self) -> bool:
@@ -182,8 +187,9 @@ class Guidance:
 
         Then :meth:`follow` will do for the next tick while ``is_at_full_rate``.
         """
-        is_led = self.is_braking or self._jump
-        return not is_led and self._options.speed_override == 1.0 and self.motion.is_plain
+        if self.is_braking or self._jump:
+            return False
+        return self._options.speed_override == 1.0 and self.motion.is_plain
 
     @property
     def is_at_full_rate(self) -> bool:
@@ -200,6 +206,7 @@ class Guidance:
     def _command(self, t: int, dt: float, q: Array, dq: Array, desired: Array) -> JointCommand:
         """Return the command of the law for a desired frame in a row (24,)."""
         scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace
+        is_frozen = scheme.is_frozen
         try:
             tick = scheme.step(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
@@ -213,7 +220,7 @@ class Guidance:
             if scale.now == 0 or motion.is_at_rest:
                 motion.hold(motion.last)
                 self._rest()
-        elif tick.excess > 1 and self._options.motion is not None and not scheme.is_frozen:
+        elif tick.excess > 1 and self._options.motion is not None and not is_frozen:
             # the arm is behind already: time waits for it at once
             scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
         self._ticks, self.dt = (tick, self._ticks[0]), dt

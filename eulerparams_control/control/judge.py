@@ -1,5 +1,7 @@
 """Checks of the numbers of a state, in one compiled call; the words for them are elsewhere.
 
+The state that is expected is taken, and the motion sampled for it, in one call, too.
+
 A state is a table of n columns, of which the rows are named below.  What is asked of it is a bit
 of the code that :func:`code_of` returns.
 """
@@ -27,7 +29,7 @@ too fast, or too far from the last state; the arm is another one; positions stay
 it runs away, or would while it is held; positions are turns from what came."""
 JOINT = 9
 
-NOT_STEADY = -1
+NOT_EXPECTED = -1
 """Instead of a code: the state is not sure to be the one that was expected."""
 
 LONGEST_STEP = 3.0
@@ -117,16 +119,17 @@ def code_of(
 
 
 @entry
-def admit_steady(
+def admit_expected(
     velocity: Input, patient: bool, times: Row, segments: Rows, longest: float,
     fine_period: float, fine_turn: float,
     arm: Rows, believed: int, period: Row, latency: Row, most: float,
     q: Input, dq: Input, before: Rows, now: Rows, dt: float, silence: float, behind: float,
     receipt: float, is_timed: bool, loop_rate: float, since: float, frame: Row,
 ) -> int:  # fmt: skip
-    """Take the state that is expected, and sample the motion; return WOUND, 0, or NOT_STEADY.
+    """Take a state if it is the expected one, and sample the motion for it.
 
-    Nothing is changed where the state is another one, or not sure to be this one.
+    Return WOUND or 0; NOT_EXPECTED where it is another one, or not sure to be this one: then
+    nothing is changed.
 
     Args:
         velocity, arm, q, dq, before, now: see :func:`code_of`.
@@ -146,26 +149,26 @@ def admit_steady(
         acted = dt
     longest = min(longest, LONGEST_STEP * usual)
     if not (len(q) == before.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
-        return NOT_STEADY
+        return NOT_EXPECTED
     period_now = smoothed(usual, dt)
     if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
-        return NOT_STEADY
+        return NOT_EXPECTED
     if is_timed:
         early = best_at(latency, receipt) - behind
-        if not (silence >= 0.0 and -most <= early < _EARLY * usual):
-            return NOT_STEADY
+        if not -most <= early < _EARLY * usual:
+            return NOT_EXPECTED
     code = believed & code_of(
         q, dq, q[:0], velocity, arm, before, now, dt, True, True, False
     )
     # one that swings would be released only if it were held; a new stamp makes a new state
-    if code & ~(SAME | WOUND | SWINGS):
-        return NOT_STEADY
+    if code & ((1 << JOINT) - 1) & ~(SAME | WOUND | SWINGS):
+        return NOT_EXPECTED
     if len(times) == 0:
         frame[:] = segments[0]
     else:
         put_frame(frame, 0, sampled(times, segments, since))
     if not math.isfinite(frame[3]):
-        return NOT_STEADY
+        return NOT_EXPECTED
     take_step(period, dt)
     if is_timed:
         late(latency, behind, receipt, most, patient)

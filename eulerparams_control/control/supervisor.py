@@ -85,6 +85,7 @@ class Supervisor:
         was_halted, guidance, cause = self.mode.is_halted, self._guidance, self.mode.why.cause
         self.mode = self.mode.after(event, why if why.at else why._replace(at=self._clock.now()))
         if not self.mode.is_halted:
+            self._halted = 0.0
             return
         self.stops += not was_halted or self.mode.why.cause is not cause
         if why.cause not in ON_THE_PATH or self.mode.mode is not Mode.STOPPED:
@@ -181,7 +182,7 @@ class Supervisor:
             if mode.is_runaway:
                 return
         if self._limiter.commands_efforts and self._limiter.limits is not None:
-            self._halted = self._halted + state.dt if mode.is_halted else 0.0
+            self._halted += state.dt if mode.is_halted else 0.0
             if state.code & _FAST:
                 self._see_runaway(state, dq, self._limiter.limits.velocity)
 

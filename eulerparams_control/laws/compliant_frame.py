@@ -332,6 +332,8 @@ def _step(
         if is_less:
             has_state = _FRAMES
             put_frame(frame, 0, now)
+            if not math.isfinite(_square(frame)):
+                return _NOT_FINITE
     _put_memory(memory, 0, _Memory(has_state, True, f, mu, now, desired))
     memory[_width:behind], memory[behind:] = z, v_1
     return 0
@@ -545,9 +547,10 @@ class CompliantFrame:
             self._set(_FRAME, actual.at_rest().row)
         row = np.empty(24)
         _freeze(self._memory[_NOW], dt, T, row)
+        now = DesiredFrame.of(row)
         self._memory[1] = False
         self._set(_FRAME, row)  # the next step begins from here
-        return DesiredFrame.of(row)
+        return now
 
     def rearrange(self) -> None:
         """Go on from the same frame and velocities: what drives it means something else now."""

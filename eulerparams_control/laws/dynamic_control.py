@@ -401,6 +401,7 @@ class DynamicControl(Scheme):
         blend_time: [s] in which the command goes over to a law that replaces another.
 
     Attributes:
+        law, dynamics, limits: in force; see :meth:`replace_law`, :meth:`bound`.
         work: where the joints are, as :func:`place` fills it; see :meth:`efforts`.
         width: of the row of a tick.
 

@@ -346,6 +346,11 @@ class ImpedanceControl(Scheme):
         self.force.press(force)
 
     @property
+    def is_pressing(self) -> bool:
+        """Whether the tool exerts a force, or is to."""
+        return self.force.is_on
+
+    @property
     def is_at_its_end(self) -> bool:
         """Whether the tool is to press, but its frame may not go farther from the desired one."""
         most = _AT_ITS_END * self.law.compliance.bounds.position
@@ -620,7 +625,9 @@ class ImpedanceControl(Scheme):
         if self.is_frozen:
             self._was_frozen = not is_new
             self.force.restart()
-            return frame.freeze(dt, self._actual(row), self.stop_time).row
+            frame.freeze(dt, self._actual(row), self.stop_time)
+            assert frame.row is not None
+            return frame.row
         if self._was_frozen and frame.now is not None:
             law.refuse_return(DesiredFrame.of(desired), frame.now)
         self._was_frozen = False

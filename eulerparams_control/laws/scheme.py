@@ -238,6 +238,11 @@ class Scheme(ABC):
         """Bounds on the commands: the limits of the robot, unless the scheme has others."""
         return Bounds(self.robot.limits)
 
+    @property
+    def is_pressing(self) -> bool:
+        """Whether it exerts a force, or is to: see ``target_wrench``."""
+        return False
+
     def bound(self, joints: JointLimits) -> None:  # noqa: B027  not all have limits
         """Keep to limits of the joints from the next tick on."""
 

@@ -193,7 +193,7 @@ def apart(here: DesiredFrame, there: DesiredFrame) -> Ways:
 
 
 def carried_row(row: Array, point: Array) -> Array:
-    """Return the frame in a row (24,) that another carries at a :attr:`Placement.row`, likewise."""
+    """Return the frame (24,) that one in a row (24,) carries at a :attr:`Placement.row`."""
     return carried.rows(np.concatenate((row, point))[None])[0]
 
 

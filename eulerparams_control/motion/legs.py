@@ -53,7 +53,7 @@ class Leg:
         """
         if self.held is not None:
             return NONE, self.held.row[None]
-        return None if self.path is None or self.end is not None else self.path.segments
+        return None if self.path is None else self.path.segments
 
 
 def resting(frame: DesiredFrame) -> Leg:

@@ -181,7 +181,8 @@ class ControlReport:
         mode, why = now.mode, now.why
         near = pace.singularity, pace.limit, rate < 1
         slowly, note = controller.supervisor.rate.why, self._note
-        said = mode, why.cause, why.fault, why.note, now.latch, orientation
+        presses = controller.scheme.is_pressing
+        said = mode, why.cause, why.fault, why.note, now.latch, orientation, presses
         saying = *said, slowed, slowly.note, *near
         if saying == self._said:
             return
@@ -192,7 +193,8 @@ class ControlReport:
             self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", now.remedy, **status)
             return
         slow = _nearness(controller)
-        doing = f"active with {orientation}: {_doing(mode, why)}"
+        pressing = ", pressing with target_wrench" if presses else ""
+        doing = f"active with {orientation}: {_doing(mode, why)}{pressing}"
         warns = bool(slow or slowly.note or cause)
         self._health.set(
             diagnostics.WARN if warns else diagnostics.OK,
