@@ -7,7 +7,7 @@ The bag is one of impedance control at 1 kHz: joint_states, wrench, compliant_fr
 """
 
 import math
-import resource
+import os
 import struct
 import subprocess
 import sys
@@ -103,21 +103,27 @@ def analyze(quick: bool, seconds: int = 60) -> Iterator[Row]:
         write_bag(bag, seconds)
         size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
         command = [sys.executable, "-m", "eulerparams_control.analysis.main"]
-        times = [
-            (_seconds(sys.executable, "-c", _READ, str(bag)),
-             _seconds(*command, str(bag), "--out", str(page)))
+        rounds = [
+            (_took(sys.executable, "-c", _READ, str(bag)),
+             _took(*command, str(bag), "--out", str(page)))
             for _ in range(1 if quick or seconds > 60 else 3)
         ]  # fmt: skip
-        read, analyzed = (size / min(each) for each in zip(*times, strict=True))
-        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
-        figure = f"{analyzed:.0f} / {read:.0f} MB/s; at most {memory:.0f} MB of memory"
+        reads, pages = zip(*rounds, strict=True)
+        read, analyzed = (size / min(t for t, _ in each) for each in (reads, pages))
+        memory = max(memory for _, memory in pages)
+        figure = f"{analyzed:.0f} / {read:.0f} MB/s; {memory:.0f} MB of memory"
         yield Row("analyze, MB/s / mcap alone", f"{size:.0f} MB", analyzed / read, figure)
 
 
-def _seconds(*command: str) -> float:
+def _took(*command: str) -> tuple[float, float]:
+    """Return how long [s] a command took, and how much memory [MB]."""
     begin = time.perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - begin
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return time.perf_counter() - begin, usage.ru_maxrss / 1e3
 
 
 if __name__ == "__main__":
