@@ -35,13 +35,15 @@ PATIENCE = 30.0  # [s] a guard against hanging, not a measure
 
 # --- domains ---------------------------------------------------------------------------------
 
+# As with those of ros_processes.py, Linux gives none of their ports to outgoing connections.
+OWN = range(215, 219)
 Take = Callable[[int], list[Domain]]
 
 
 @pytest.fixture
 def take(monkeypatch: pytest.MonkeyPatch) -> Iterator[Take]:
     """Takes domains, of four that nothing else here uses, and gives them back at the end."""
-    monkeypatch.setattr(domains, "DOMAINS", range(101, 105))
+    monkeypatch.setattr(domains, "DOMAINS", OWN)
     held: list[Domain] = []
 
     def take(count: int) -> list[Domain]:
@@ -60,8 +62,8 @@ def numbers(held: list[Domain]) -> list[int]:
 
 def test_each_of_several_runs_has_a_domain_of_its_own_and_gives_it_back(take):
     held = take(4)
-    assert numbers(held) == [101, 102, 103, 104]
-    with pytest.raises(ConfigurationError, match="no ROS domain from 101 to 104 is free"):
+    assert numbers(held) == list(OWN)
+    with pytest.raises(ConfigurationError, match="no ROS domain from 215 to 218 is free"):
         Domain()
     held[2].release()
     assert numbers(take(1)) == [held[2].number]
@@ -82,19 +84,19 @@ def another_process(code: str, *args: object) -> Iterator[None]:
 
 def test_a_domain_that_another_process_has_is_left_alone(take):
     code = (
-        "from eulerparams_control.lab.run import domains; domains.DOMAINS = range(101, 104); "
+        "from eulerparams_control.lab.run import domains; domains.DOMAINS = range(215, 218); "
         "held = [domains.Domain() for _ in range(3)]"
     )
     with another_process(code):
-        assert numbers(take(1)) == [104]
-    assert numbers(take(3)) == [101, 102, 103]  # what a process had is free when it has ended
+        assert numbers(take(1)) == [218]
+    assert numbers(take(3)) == [215, 216, 217]  # what a process had is free when it has ended
 
 
 @pytest.mark.parametrize("participant", [0, 1, 4])
 def test_a_domain_in_which_any_participant_is_left_is_not_free(take, participant):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        port.bind(("", 7400 + 250 * 102 + 10 + 2 * participant))
-        assert numbers(take(3)) == [101, 103, 104]
+        port.bind(("", 7400 + 250 * 216 + 10 + 2 * participant))
+        assert numbers(take(3)) == [215, 217, 218]
 
 
 def test_what_killed_processes_left_of_a_domain_is_removed_and_no_more(tmp_path):
@@ -107,7 +109,7 @@ def test_what_killed_processes_left_of_a_domain_is_removed_and_no_more(tmp_path)
 
 
 def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory(take):
-    left = [domains._SHARED_MEMORY / f"fastrtps_port{7649 + 250 * d}" for d in range(101, 105)]
+    left = [domains._SHARED_MEMORY / f"fastrtps_port{7649 + 250 * d}" for d in OWN]
     for path in left:
         path.touch()
     take(4)
