@@ -35,7 +35,7 @@ def controller_of(info: SchemeInfo, robot: Robot, q: np.ndarray, orientation=DEF
         scheme.sense(SensedWrench(np.zeros(6), robot.placement(robot.tip_frame)))
     controller = Controller(scheme, ControllerOptions.of(parameters), q)
     frame = scheme.start_frame()
-    controller.follow(CIRCLE.trajectory(frame.p_d, frame.R_d), None, 0.0)
+    controller.orders.follow(CIRCLE.trajectory(frame.p_d, frame.R_d), None, 0.0)
     return controller
 
 

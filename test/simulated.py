@@ -20,7 +20,7 @@ class Simulated:
         self.simulator = Simulator(load_robot(robot), parameters)
         self.simulator.reset(q_0)
         self.controller = Controller(scheme, options, q_0)
-        self.controller.follow(motion, 0)
+        self.controller.orders.follow(motion, 0)
         self.ticks, self.efforts = [], []
 
     def step(self):

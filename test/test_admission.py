@@ -86,14 +86,14 @@ class Driver:
         q[joint] += angle
         goal = self.controller.scheme.frame_at(q)
         path = [(here.p_d, here.R_d), (goal.p_d, goal.R_d)]
-        self.controller.follow(way_points([0.0, duration], path), None, self.now)
+        self.controller.orders.follow(way_points([0.0, duration], path), None, self.now)
 
 
 def on_its_way(limits=UR5.limits, feedback="internal", options=CHECKED):
     """Return a UR5 under CLIK halfway to a goal, and that goal."""
     arm, goal = Driver(clik(limits=limits, feedback=feedback), HOME, options=options), moved(0.2)
     arm.run(0.1)
-    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.controller.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
     arm.run(0.75)
     return arm, goal
 
@@ -172,12 +172,12 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
     arm, goal = on_its_way(limits, options=options)
     if event == "halt":
-        arm.controller.halt()
+        arm.controller.orders.halt()
         arm.run(0.05)
     arm.step(stamps=jump)
     arm.run(0.05)
     if event == "aim":  # it goes on from where it is
-        arm.controller.aim(goal, arm.now)
+        arm.controller.orders.aim(goal, arm.now)
     else:
         stopped, jumped = (Mode.STOPPED, Cause.HALT), (Mode.HOLDING, Cause.STAMP_JUMP)
         expected = stopped if event == "halt" else jumped
@@ -251,7 +251,7 @@ def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap,
                 command = controller.step(T_0 + round(stamp * 1e9), q, dq, receipt)
                 tau = tau if command is None else command.effort  # None: at the same stamp again
         if step == 0:
-            controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+            controller.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
         ddq = plant.acceleration(plant.q, plant.dq, tau)
         if step > 345:
             a = plant.tip_acceleration(plant.q, plant.dq, ddq)
@@ -338,7 +338,9 @@ def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate,
         assert arm.controller.why.cause is Cause.RATE_TOO_LOW
         assert arm.step() is not None  # it is held
         with pytest.raises(InvalidMessageError, match="too seldom"):
-            arm.controller.follow(SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0)
+            arm.controller.orders.follow(
+                SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0
+            )
 
 
 def test_the_remedy_of_a_rate_that_is_too_low_helps():

@@ -69,7 +69,7 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     controller, q = Controller(scheme, ControllerOptions.of(parameters), HOME), HOME
     start = scheme.start_frame()
     circle = Circle(0.01, np.eye(3)[0], 4.0, ramp=1.0).trajectory(start.p_d, start.R_d)
-    controller.follow(circle, None, 0.0)
+    controller.orders.follow(circle, None, 0.0)
 
     def tick():
         nonlocal q

@@ -327,7 +327,7 @@ class Blocked:
         wall = {"shape": "plane", "position": position, "damping": 200.0, "end": seconds,
                 "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
         given = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
-        self.controller.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
+        self.controller.orders.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
         parameters = SimulatorParameters(control="torque", rate=rate, **given)
         self.simulator = Simulator(about_it, parameters)
         self.simulator.reset(q)
@@ -373,7 +373,7 @@ def test_a_blocked_arm_pushes_and_then_follows_without_a_stop_or_a_lunge(name, r
 def test_a_blocked_arm_pushes_no_more_while_its_motion_goes_on_and_can_be_called_back():
     run = Blocked("ur5", 200.0, 100.0).go(1.5)
     assert max(run.forces) < 1.1 * 50.0  # the acceleration of the motion is besides
-    run.controller.aim(run.start)
+    run.controller.orders.aim(run.start)
     run.go(0.7)
     assert_close(run.y, 0.0, 0.005)
     assert not run.controller.fault
@@ -382,7 +382,7 @@ def test_a_blocked_arm_pushes_no_more_while_its_motion_goes_on_and_can_be_called
 
 def test_where_no_spring_acts_a_tip_beyond_its_speed_is_braked():
     run = Blocked("ur5", 200.0, 0.01, K_p=(1000.0, 1000.0, 0.0))
-    run.controller.aim(run.start)
+    run.controller.orders.aim(run.start)
     run.simulator.set_external_wrench(np.array([0.0, 0.0, 20.0, 0.0, 0.0, 0.0]))
     run.go(2.0)
     assert 0.9 * run.most[0] < np.max(run.speeds, axis=0)[0] < 1.25 * run.most[0]
@@ -395,7 +395,7 @@ def test_where_no_spring_acts_a_tip_beyond_its_speed_is_braked():
 def test_a_force_is_added_to_that_of_the_springs_and_taken_back():
     """A wall of k = 2e4 N/m, 1 mm before the desired frame: f = 15 N + K_p (1 mm - f / k)."""
     run = Blocked("ur5", 200.0, 2.0)
-    run.controller.aim(run.start._replace(p_d=run.start.p_d + [0.0, 0.021, 0.0]))
+    run.controller.orders.aim(run.start._replace(p_d=run.start.p_d + [0.0, 0.021, 0.0]))
     run.go(1.0)
     force = run.start.R_d.T @ [0.0, 15.0, 0.0]
     run.scheme.press(force)
@@ -423,7 +423,7 @@ def test_a_force_ends_with_a_halt_and_the_springs_have_to_hold_it():
     run.scheme.press(np.array([0.0, 0.0, 5.0]))
     run.go(0.1)
     assert_close(run.scheme.fed, [0.0, 0.0, 5.0])
-    run.controller.halt()
+    run.controller.orders.halt()
     assert run.scheme.springs.law is run.scheme.law
     run.go(0.5)
     assert not run.scheme.is_pressing

@@ -80,7 +80,7 @@ def moving_controller(*chosen, **options):
     """Return a controller on its way, its last command and the stamp of it."""
     running = controller(*chosen, **options)
     goal = moved(0.1, 0.5)
-    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     for step in range(300):
         t = T_0 + step * MS
         command = running.step(t, HOME, STILL)
@@ -123,7 +123,7 @@ def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_noth
     after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
     np.testing.assert_array_equal(after.q, expected.q)
     np.testing.assert_array_equal(after.dq, expected.dq)
-    assert running.resets == 0
+    assert running.supervisor.resets == 0
 
 
 @pytest.mark.parametrize(("dq", "dx"), [(0.0, 0.01), (0.1, 0.0)])
@@ -144,7 +144,7 @@ def test_a_state_that_is_older_than_the_last_one_is_refused(back):
         running.step(t - back, HOME + 0.02, STILL)
     after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
     np.testing.assert_array_equal(after.q, expected.q)
-    assert running.resets == 0
+    assert running.supervisor.resets == 0
 
 
 def test_a_state_that_the_arm_cannot_have_reached_is_refused_while_limits_are_on():
@@ -170,11 +170,11 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     running, _, t = moving_controller(feedback=feedback)
     measured = HOME + 0.02
     command = running.step(t + jump, measured, STILL)
-    assert running.resets == 1
+    assert running.supervisor.resets == 1
     np.testing.assert_array_equal(command.q, measured)
     assert_close(command.dq, 0, 100 * HELD)
     assert_holds(running, t + jump + MS, measured)
-    assert running.resets == 1
+    assert running.supervisor.resets == 1
 
 
 def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
@@ -183,7 +183,7 @@ def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
     speed, a = np.linalg.norm(twist[:3]), LIMITS.linear_acceleration
     path = running.guidance.motion
     line = goal_line(moved(0.1, 0.5))
-    running.halt()
+    running.orders.halt()
     for step in range(1, 600):
         before, command = command, running.step(t + step * MS, HOME, STILL)
         frame = running.guidance.tick_now.desired
@@ -211,24 +211,24 @@ def move_in_all_ways():
     with patch("eulerparams_control.laws.compiled.entry", side_effect=AssertionError):
         go_on(3)
         for seconds in (0.1, 1.0):  # too fast, then within the limits, which join on the way
-            running.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
+            running.orders.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
             go_on(100)
         for dp_d in (dp, 0 * dp):
             for n in range(20):
                 there = running.guidance.motion.last
                 frame = DesiredFrame(there.p_d + 0.005 * n * dp, there.R_d, dp_d)
-                running.follow(SetPoint(frame, 0.1), None)
+                running.orders.follow(SetPoint(frame, 0.1), None)
                 go_on(5)
-        running.aim(goal)
+        running.orders.aim(goal)
         go_on(200)
-        running.jog(np.array([*dp, 0.0, 0.2, 0.0]))
+        running.orders.jog(np.array([*dp, 0.0, 0.2, 0.0]))
         go_on(100)
         running.changed(replace(options, motion=replace(options.motion, linear_speed=0.05)))
         running.changed(replace(options, speed_override=0.5))
         go_on(100)
         assert not running.guidance.motion.is_at_rest
         assert running.fault == ""
-        running.halt()
+        running.orders.halt()
         go_on(300)
     assert running.mode is Mode.STOPPED
 
@@ -244,7 +244,7 @@ def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
     law = ClikLaw(representation("rotation_vector"), 8.0, 8.0)
     scheme = Clik(UR5, law, feedback, UR5.limits, motion=LIMITS)
     running, q, tips = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), HOME, []
-    running.aim(moved(0.25, 0.9))
+    running.orders.aim(moved(0.25, 0.9))
     for step in range(60):
         last, q = q, running.step(T_0 + round(step * dt * 1e9), q, STILL).q
         way = pose_of(q).p_d - pose_of(last).p_d, log(pose_of(q).R_d @ pose_of(last).R_d.T)
@@ -264,7 +264,7 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     law = ClikLaw(representation("euler_parameters"), 100.0, 200.0)
     scheme = Clik(UR5, law, limits=joints, motion=LIMITS)
     running, home = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), pose_of(HOME)
-    running.aim(home._replace(p_d=home.p_d + way))
+    running.orders.aim(home._replace(p_d=home.p_d + way))
     command, v = JointCommand(HOME, STILL), np.zeros(3)
     for step in range(1500):
         command = running.step(T_0 + 4 * step * MS, command.q, command.dq)
@@ -280,13 +280,13 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
 def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():
     plant, scheme, goal = Plant(), dynamic_control(), moved(0.2)
     running = Controller(scheme, ControllerOptions(), HOME)
-    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     speeds = []
     for step in range(2000):
         if step == 600:
             low = replace(scheme.limits.joints.scaled(0.02), acceleration=np.full(6, 10.0))
             scheme.limits = replace(scheme.limits, joints=low)
-            running.changed(running.options)
+            running.changed(ControllerOptions())
             assert np.abs(plant.dq).max() > 2 * 1.5 * low.velocity.max()
         plant.step(running.step(T_0 + step * MS, plant.q, plant.dq).effort)
         speeds.append(np.abs(plant.dq))
@@ -305,11 +305,11 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
     options = ControllerOptions(motion=LIMITS)
     running, commands = controller(options, limits=limits), [JointCommand(HOME, STILL)]
     goal = moved(0.2)
-    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     for step in range(1800 // dt):
         if step == 700 // dt:
             running.scheme.limits = limits.scaled(0.02)
-            running.changed(running.options)
+            running.changed(options)
             assert np.abs(commands[-1].dq).max() > 0.1
         last = commands[-1]
         commands.append(running.step(T_0 + step * dt * MS, last.q, last.dq))
@@ -328,18 +328,18 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
 def test_a_target_that_no_arm_reaches_is_refused(value):
     running = controller()
     with pytest.raises(InvalidMessageError, match="target"):
-        running.aim(moved(value))
+        running.orders.aim(moved(value))
     if not math.isfinite(value):
         with pytest.raises(InvalidMessageError, match="target"):
-            running.jog(np.full(6, value))
+            running.orders.jog(np.full(6, value))
         with pytest.raises(InvalidMessageError):
-            running.follow(SetPoint(moved(value), 0.1), None)
+            running.orders.follow(SetPoint(moved(value), 0.1), None)
     assert running.mode is Mode.HOLDING
 
 
 def test_while_the_speed_override_is_0_a_reference_moves_nothing():
     running, goal = controller(ControllerOptions(motion=LIMITS, speed_override=0.0)), moved(0.1)
-    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     assert_holds(running, T_0, HOME)
     assert_holds(running, T_0 + 500 * MS, HOME)
 
@@ -357,7 +357,7 @@ def test_a_reference_that_begins_too_far_away_is_refused_with_numbers(x, angle, 
     frame = moved(x, angle)
     motion = Trajectory([0.0], [frame]) if as_trajectory else SetPoint(frame, 0.1)
     with pytest.raises(InvalidMessageError) as refusal:
-        running.follow(motion, None)
+        running.orders.follow(motion, None)
     away = f"begins {abs(x):.3f} m and {math.degrees(abs(angle)):.1f} deg away"
     assert away in str(refusal.value)
     assert_holds(running, T_0 + MS, HOME)
@@ -368,7 +368,7 @@ def test_a_reference_that_begins_near_is_followed_at_once(x, angle):
     running = controller()
     running.step(T_0, HOME, STILL)
     frame = moved(x, angle)
-    running.follow(SetPoint(frame, 0.1), None)
+    running.orders.follow(SetPoint(frame, 0.1), None)
     running.step(T_0 + MS, HOME, STILL)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, frame.p_d)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.R_d, frame.R_d)
@@ -381,19 +381,19 @@ def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_sin
     here, goal = moved(), moved(0.3, 1.0)
     late = way_points(times, [(here.p_d, here.R_d), (goal.p_d, goal.R_d)])
     with pytest.raises(InvalidMessageError, match=r"0\.300 m and 57\.3 deg"):
-        running.follow(late, T_0 - 5000 * MS)
+        running.orders.follow(late, T_0 - 5000 * MS)
     assert_holds(running, T_0 + MS, HOME)
     for start in (T_0, T_0 - 10 * MS, T_0 + 5000 * MS):
-        running.follow(late, start)
+        running.orders.follow(late, start)
 
 
 def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():
     running, _, t = moving_controller()
     for step in range(1, 1500):
         running.step(t + step * MS, HOME, STILL)
-    running.follow(SetPoint(moved(0.1, 0.5), 0.1), None)
+    running.orders.follow(SetPoint(moved(0.1, 0.5), 0.1), None)
     with pytest.raises(InvalidMessageError, match=r"begins 0\.100 m and 28\.6 deg"):
-        running.follow(SetPoint(moved(), 0.1), None)
+        running.orders.follow(SetPoint(moved(), 0.1), None)
 
 
 def test_where_a_reference_is_required_there_is_silence_until_the_first():
@@ -402,15 +402,15 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
         assert running.step(T_0 + step * MS, HOME, STILL) is None
     assert running.guidance.tick_now is None
     with pytest.raises(InvalidMessageError):
-        running.follow(SetPoint(moved(0.2), 0.1), None)
+        running.orders.follow(SetPoint(moved(0.2), 0.1), None)
     assert running.step(T_0 + 50 * MS, HOME, STILL) is None  # one refused is no reference
     assert running.step(T_0 + 9000 * MS, elsewhere, STILL) is None  # moved by others
-    running.follow(SetPoint(pose_of(elsewhere), 0.1), None)
+    running.orders.follow(SetPoint(pose_of(elsewhere), 0.1), None)
     assert_holds(running, T_0 + 9001 * MS, elsewhere)
-    assert running.resets == 0
+    assert running.supervisor.resets == 0
     running = controller(ControllerOptions(require_reference=True))
     running.step(T_0, HOME, STILL)
-    running.follow(SetPoint(moved(), 0.1), None)
+    running.orders.follow(SetPoint(moved(), 0.1), None)
     assert_holds(running, T_0 + MS, elsewhere)
     assert "moved before the reference began" in running.fault
 
@@ -421,7 +421,7 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
 def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
     running = controller(limits=UR5.limits, max_deviation=0.05)
     goal = moved(0.2, 0.8)
-    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     t = T_0
     while not running.fault:
         command = running.step(t, HOME, STILL)
@@ -441,7 +441,7 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
     running = controller()
     for speed, rests in ((0.0, True), (0.009, True), (0.011, False), (-0.5, False)):
         running.step(T_0 + int(1e9 * (1 + speed)), HOME, speed * np.eye(6)[3])
-        assert running.is_at_rest == rests
+        assert running.acting.is_at_rest == rests
 
 
 def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
@@ -452,20 +452,20 @@ def test_a_scheme_is_told_the_time_since_the_stamp_before_and_0_after_a_jump():
     for t in (T_0, T_0 + 7 * MS, T_0 + 8 * MS, back, back + MS, T_0 + 5000 * MS):
         running.step(t, HOME, STILL)
     assert told == [0.0, 0.007, 0.001, 0.0, 0.001, 0.0]
-    assert running.resets == 2
+    assert running.supervisor.resets == 2
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
 def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
     running = Controller(scheme(), ControllerOptions(), HOME)
     running.step(T_0, HOME, STILL)
-    running.halt()
+    running.orders.halt()
     first = running.step(T_0 + MS, HOME, STILL)
     sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
     for step in range(2, 50):
         command = running.step(T_0 + step * MS, HOME + sag, STILL)
         with pytest.raises(InvalidMessageError):
-            running.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
+            running.orders.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
     if command.q is not None:
         np.testing.assert_array_equal(command.q, first.q)
         return
@@ -476,16 +476,16 @@ def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
 
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
     running, _, t = moving_controller()
-    running.halt()
+    running.orders.halt()
     there, t = HOME + 0.3, t + MS  # moved by others
     running.step(t, there, STILL)
-    while not running.is_at_rest:  # its commands brake
+    while not running.acting.is_at_rest:  # its commands brake
         t += MS
         running.step(t, there, STILL)
-    running.resume()
+    running.orders.resume()
     with pytest.raises(InvalidMessageError):
-        running.follow(SetPoint(pose_of(HOME), 0.1), None)
-    running.follow(SetPoint(pose_of(there), 0.1), None)
+        running.orders.follow(SetPoint(pose_of(HOME), 0.1), None)
+    running.orders.follow(SetPoint(pose_of(there), 0.1), None)
     assert_holds(running, t + MS, there)
 
 
@@ -498,7 +498,7 @@ def test_a_stream_that_the_tip_lags_is_not_refused(rate, twists):
         if step % (1000 // rate) == 1:
             frame = moved(speed * (step - 1) / 1000)
             frame = frame._replace(dp_d=speed * np.eye(3)[0]) if twists else frame
-            running.follow(SetPoint(frame, 0.1), None)
+            running.orders.follow(SetPoint(frame, 0.1), None)
         running.step(T_0 + step * MS, HOME, STILL)
     tip = running.guidance.motion.last.p_d[0] - pose_of(HOME).p_d[0]
     assert tip > speed * (1.5 - 2 / rate - 0.15)
@@ -537,7 +537,7 @@ def feed(running, motions, steps=4, dt=8 * MS):
     t, q, dq, faults = T_0, HOME, STILL, 0
     for motion in motions:
         with suppress(InvalidMessageError):  # what is refused is not followed
-            running.follow(motion, None)
+            running.orders.follow(motion, None)
         for _ in range(steps):
             t += dt
             command = running.step(t, q, dq)
@@ -613,6 +613,6 @@ def test_garbage_does_not_survive_in_the_controller(scheme):
     if command.q is not None:
         assert_holds(running, t + 3 * MS, HOME)
         assert running.fault == ""
-    running.follow(SetPoint(pose_of(HOME), 0.05), None)
+    running.orders.follow(SetPoint(pose_of(HOME), 0.05), None)
     assert is_finite(running.step(t + 6 * MS, HOME, STILL))
     assert running.fault == ""

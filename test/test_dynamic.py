@@ -353,20 +353,20 @@ def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_refer
     rate, limits = 400.0, limits_of(rate=400.0, position=0.01, rotation=0.2)
     run = Run(dynamic(limits))
     run.steps(20)
-    run.controller.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
     run.steps(250)
     for name, gain in (("euler_angles", 900.0), ("angle_axis", 200.0)):
         run.scheme.replace_law(law(name, gain, k_Pp=gain), InverseDynamics(), limits)
         run.steps(60)
-    run.controller.halt()  # in the middle of the motion
+    run.controller.orders.halt()  # in the middle of the motion
     run.steps(600)
-    run.controller.resume()
-    run.controller.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.controller.orders.resume()
+    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
     run.steps(150)
     run.steps(600, held=True)  # somebody holds the arm until the error is too large
     assert "from the desired frame" in run.faults[-1]
     run.steps(600)  # a fault is left by a reference after a pause
-    run.controller.follow(towards(pose_of(UR5, HOME), 0.5), None)
+    run.controller.orders.follow(towards(pose_of(UR5, HOME), 0.5), None)
     run.steps(300)
     assert run.faults[-1] == ""
     fastest = assert_rate_is_kept(run.efforts, rate)
@@ -801,7 +801,7 @@ def test_only_euler_parameters_report_V_2_and_it_is_that_of_the_tick(name):
 
 def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():
     run = Run(dynamic())
-    run.controller.follow(towards(displaced(0.05, 0.3)), None)
+    run.controller.orders.follow(towards(displaced(0.05, 0.3)), None)
     run.steps(100)
     missing = [run.controller.guidance.lyapunov() is None]
     run.scheme.replace_law(law(k_Po=100.0), InverseDynamics(), EffortLimits())

@@ -157,7 +157,7 @@ def test_sliding_along_a_surface_leaves_the_force_as_it_is():
     arm.press(1.0)
     across = arm.start.R_d @ np.array([0.03, 0.0, 0.0])
     tilted = DesiredFrame(arm.start.p_d + across, arm.start.R_d)
-    arm.controller.aim(tilted)
+    arm.controller.orders.aim(tilted)
     arm.press(2.0)
     assert arm.error(lambda _: FORCE, 2.0) < 0.02 * FORCE
 
@@ -177,9 +177,9 @@ def test_where_pressing_ends_the_arm_stays_where_it_is(end):
     x, controller = arm.x[-1], arm.controller
     assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
     if end == "stream":
-        controller.settle(ENDED)
+        controller.orders.settle(ENDED)
     elif end == "halt":
-        controller.halt()
+        controller.orders.halt()
     else:
         arm.simulator.set_external_wrench(np.array([0.0, 0.0, -4.0, 0.0, 0.0, 0.0]))
         arm.run(0.01)
@@ -190,7 +190,7 @@ def test_where_pressing_ends_the_arm_stays_where_it_is(end):
     assert np.abs(arm.v[-900:]).max() < SPEED
     assert controller.mode is (Mode.HOLDING if end == "stream" else Mode.STOPPED)
     if end == "halt":  # nothing goes on by itself
-        controller.resume()
+        controller.orders.resume()
         arm.run(0.5)
         assert not arm.scheme.force.is_on
         assert arm.x[-1] == pytest.approx(x, abs=2e-3)
@@ -245,7 +245,7 @@ def slid(stiffness, rate):
                    max_linear_speed=0.05, solid={"shape": "sphere", "radius": 0.2})  # fmt: skip
     arm.press(1.0)
     across = arm.start.R_d @ np.array([0.06, 0.0, 0.0])
-    arm.controller.aim(DesiredFrame(arm.start.p_d + across, arm.start.R_d))
+    arm.controller.orders.aim(DesiredFrame(arm.start.p_d + across, arm.start.R_d))
     arm.press(1.0)
     return arm, arm.error(lambda _: FORCE, 0.95) / FORCE
 

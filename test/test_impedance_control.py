@@ -304,7 +304,7 @@ def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
     Z = Impedance(*map(np.diag, ([0.5, 1.0, 2.0], [8.0, 12.0, 16.0], [20.0, 50.0, 100.0])))
     scheme = admittance(o=Z, centre=CENTRE)
     controller = Controller(scheme, ControllerOptions(), at_the_middle())
-    controller.follow(SetPoint(MIDDLE, 10.0), 0)
+    controller.orders.follow(SetPoint(MIDDLE, 10.0), 0)
     R, rates = UR5.state(at_the_middle(), STILL).R_e, []
     for k in range(200):
         w = np.array([20.0, -30.0, 0.0, 8 * math.sin(0.03 * k), 5.0, -4 * math.cos(0.05 * k)])
@@ -420,7 +420,7 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
     scheme, R = admittance(), MIDDLE.R_d
     controller = Controller(scheme, ControllerOptions(), at_the_middle())
     path = Trajectory([0.0, 0.2], [MIDDLE, there])
-    controller.follow(path, 0)
+    controller.orders.follow(path, 0)
     for k in range(400):
         lost = 100 <= k < 200
         scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
@@ -428,7 +428,7 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
         t = k if k < 100 else max(99, k - 100)
         found, expected = controller.guidance.tick_now.desired, path.sample(t * DT)
         assert_close(found.p_d, expected.p_d, 1e-9)
-    controller.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
+    controller.orders.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
     for k in range(400, 501):
         controller.step(k * MS, at_the_middle(), STILL)  # the next one waits no more
     assert controller.guidance.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
@@ -442,7 +442,7 @@ def test_a_wrench_is_lost_and_back_and_the_motion_stays_within_the_acceleration(
     speeds = []
     for k in range(2000):
         if k % 20 == 0:
-            controller.jog(np.array([0.0, 0.15, 0.0, 0.0, 0.0, 0.0]))
+            controller.orders.jog(np.array([0.0, 0.15, 0.0, 0.0, 0.0, 0.0]))
         lost = 0 <= k - 400 < silence / DT
         scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
         frame = controller.step(k * MS, at_the_middle(), STILL).frame

@@ -66,7 +66,7 @@ class Pair:
         now, found = self.now + late if self.timed else None, []
         for side, is_long in zip(self.sides, (False, True), strict=True):
             if is_long:
-                side._short_way.forget()
+                side.short_way.forget()
             if self.needs_wrench:
                 side.scheme.sense(wrench)
             self.command = None
@@ -94,7 +94,7 @@ class Pair:
 
 
 # What is prepared, scratch, or kept in another form.
-UNALIKE = {"_short_way", "_now", "_safe", "work", "robot", "leg", "sample", "then", "end"}
+UNALIKE = {"short_way", "_now", "_safe", "work", "robot", "leg", "sample", "then", "end"}
 
 
 def numbers_in(thing, path="", seen=None) -> dict[str, str]:
@@ -124,7 +124,7 @@ def numbers_in(thing, path="", seen=None) -> dict[str, str]:
 def circle(controller, radius=0.02, period=2.0):
     start = controller.guidance.motion.last
     motion = Circle(radius, np.eye(3)[0], period, tilt=0.1, ramp=period / 2)
-    controller.follow(motion.trajectory(start.p_d, start.R_d), None)
+    controller.orders.follow(motion.trajectory(start.p_d, start.R_d), None)
 
 
 def moved_up(side):
@@ -144,18 +144,18 @@ def stamps(*steps):
 
 
 def halted_and_resumed(pair):
-    pair.both(Controller.halt)
+    pair.both(lambda side: side.orders.halt())
     pair.states(100)
-    pair.both(Controller.resume)
+    pair.both(lambda side: side.orders.resume())
 
 
 def halted_resumed_silent_and_halted(pair):
-    pair.both(Controller.halt)
+    pair.both(lambda side: side.orders.halt())
     pair.states(600)
-    pair.both(Controller.resume)
+    pair.both(lambda side: side.orders.resume())
     pair.state(stamp=300.0)
     pair.states(100)
-    pair.both(Controller.halt)
+    pair.both(lambda side: side.orders.halt())
     pair.states(3, fast=0.6)
 
 
@@ -198,20 +198,22 @@ def near_a_singularity(pair):
 
 def ends_while_it_moves(pair):
     end = moved_up(pair.sides[0])._replace(dp_d=np.array([0.0, 0.0, 0.01]))
-    pair.both(lambda side: side.follow(Trajectory([0.2], [end]), None))
+    pair.both(lambda side: side.orders.follow(Trajectory([0.2], [end]), None))
     pair.states(260)
 
 
 def a_stream(pair):
     for _ in range(30):
         point = SetPoint(pair.sides[0].guidance.motion.last.moved(1e-3), 0.05)
-        pair.both(lambda side, point=point: side.follow(point, pair.t + MS))
+        pair.both(lambda side, point=point: side.orders.follow(point, pair.t + MS))
         pair.state()
     pair.states(60)
 
 
 def later(pair):
-    pair.both(lambda side: side.follow(Trajectory([0.2], [moved_up(side)]), pair.t + 50 * MS))
+    pair.both(
+        lambda side: side.orders.follow(Trajectory([0.2], [moved_up(side)]), pair.t + 50 * MS)
+    )
     pair.states(100)
 
 
@@ -242,18 +244,18 @@ EVENTS = {
     "other gains": other_gains,
     "presses": presses,
     "not a number": lambda pair: pair.state(moved=np.nan),
-    "goal": lambda pair: pair.both(lambda side: side.aim(moved_up(side))),
+    "goal": lambda pair: pair.both(lambda side: side.orders.aim(moved_up(side))),
     "stream": a_stream,
     "motion to come": later,
-    "twist": lambda pair: pair.both(lambda side: side.jog(np.full(6, 0.01))),
+    "twist": lambda pair: pair.both(lambda side: side.orders.jog(np.full(6, 0.01))),
     "beyond limits": lambda pair: pair.both(lambda side: circle(side, 0.1, 0.5)),
     "slower and back": slower_and_back,
     "near a singularity": near_a_singularity,
     "ends": ends_while_it_moves,
     "wrench lost": loses_its_wrench,
     "wrench lost and back": wrench_lost_and_back,
-    "settled": lambda pair: pair.both(lambda side: side.settle(Why())),
-    "contested": lambda pair: pair.both(lambda side: side.contest(["a", "b"])),
+    "settled": lambda pair: pair.both(lambda side: side.orders.settle(Why())),
+    "contested": lambda pair: pair.both(lambda side: side.supervisor.contest(["a", "b"])),
 }
 
 
@@ -267,12 +269,12 @@ def test_both_ways_command_the_same_whatever_comes(name, event):
         pair = Pair(name, timed=timed, **more)
         short = pair.sides[0]
         pair.states(30)
-        before = short.detours
+        before = short.short_way.detours
         pair.states(5)
-        assert short.detours == before  # a pose that is held is steady, too
+        assert short.short_way.detours == before  # a pose that is held is steady, too
         pair.both(circle)
         pair.states(60)
-        assert short.detours == before + 1
+        assert short.short_way.detours == before + 1
         EVENTS[event](pair)
         pair.states(60)
 
@@ -285,10 +287,10 @@ def test_a_steady_stream_along_a_trajectory_makes_no_detours(name, noise):
     pair.both(circle)
     pair.states(10, noise=noise)
     short, long = pair.sides
-    before = short.detours
+    before = short.short_way.detours
     pair.states(400, noise=noise)
-    assert short.detours == before
-    assert long.detours == 440
+    assert short.short_way.detours == before
+    assert long.short_way.detours == 440
     assert short.mode is Mode.FOLLOWING
 
 
@@ -300,9 +302,9 @@ def test_joints_that_wind_go_the_short_way(name):
     turning = np.isinf(robot.limits.upper)
     assert turning.any()
     pair.states(5, moved=2 * np.pi * turning)  # the driver counts turns otherwise now
-    before = pair.sides[0].detours
+    before = pair.sides[0].short_way.detours
     pair.states(60, moved=2 * np.pi * turning)
-    assert pair.sides[0].detours == before
+    assert pair.sides[0].short_way.detours == before
 
 
 def test_a_halt_that_is_over_counts_for_no_other():

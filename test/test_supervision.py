@@ -170,7 +170,7 @@ def following(scheme, now=None):
     """Return a controller on its way, and the stamp and state of its last step."""
     running = Controller(scheme, CHECKED, HOME)
     goal = moved(0.1, 0.4)
-    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     q, dq = HOME.copy(), STILL
     for step in range(200):
         t = T_0 + step * MS
@@ -248,7 +248,7 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
         assert running.fault == "of all things"
     assert not command.dq.any()
     here = running.scheme.frame_at(command.q)
-    running.follow(way_points([1.0], [(here.p_d, here.R_d)]), None)
+    running.orders.follow(way_points([1.0], [(here.p_d, here.R_d)]), None)
     running.step(t + 600 * MS, command.q, command.dq)
     assert (running.mode, running.fault) == (Mode.FOLLOWING, "")
 
@@ -290,7 +290,7 @@ def test_after_a_jump_of_the_stamps_no_command_jumps_while_the_robot_obeys(jump)
         command = running.step(jumped + step * MS, moving, np.full(6, 0.5), now + step * DT)
         assert np.all(np.abs(command.effort - before) <= rate * DT + GUARD_ROUNDING)
         before = command.effort
-    assert running.resets == 1
+    assert running.supervisor.resets == 1
 
 
 def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
@@ -339,7 +339,7 @@ def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
 def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands():
     running, t, q, _, _ = following(clik(limits=UR5.limits))
     limit = UR5.limits.velocity
-    running.halt()
+    running.orders.halt()
     assert running.step(t + MS, q + 0.003, 1.6 * limit) is not None  # it takes positions
     running, t, q, _, _ = following(dynamic_control())
     for step in range(1, 100):  # in lock-step the robot does not go on without a command
@@ -348,11 +348,11 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands(
     assert "runs away" in running.fault
     np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
     running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.halt()
+    running.orders.halt()
     assert running.step(t + MS, q, 0.9 * limit, now + DT) is not None  # its efforts stop it
     t_0, t = t, lets_go(running, t + 2 * MS, q + 0.003, 1.6 * limit, now + 2 * DT)
     assert "runs away" in running.fault
-    q, now = running._q, now + (t - t_0) / 1e9
+    q, now = running.acting.q, now + (t - t_0) / 1e9
     for step in range(198):  # it stands, but may only have come to a turning point
         assert running.step(t + step * MS, q, STILL, now + step * DT) is None
     command = running.step(t + 210 * MS, q, STILL, now + 0.21)
@@ -363,7 +363,7 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_stands(
 def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
     """A loop that is late swings instead of coming to rest."""
     running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.halt()
+    running.orders.halt()
     commands = []
     for step in range(1, 700):
         dq = np.full(6, 2.5 * math.cos(step / 20))
@@ -385,7 +385,7 @@ def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_t
             pass
     assert taken[0] == pytest.approx(1000, abs=90)
     assert taken == list(range(taken[0], 1200))
-    assert running.resets == 1  # it holds: the motion is over
+    assert running.supervisor.resets == 1  # it holds: the motion is over
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     for step in range(1, 3000):  # under efforts never
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
@@ -400,7 +400,7 @@ def test_after_an_outage_what_was_under_way_is_refused(scheme):
     with pytest.raises(InvalidMessageError, match="later than the best one"):
         running.step(t + 500 * MS, q, STILL, now + 1.501)
     assert running.step(t + 1502 * MS, q, STILL, now + 1.502) is not None
-    assert running.resets == 1
+    assert running.supervisor.resets == 1
 
 
 @pytest.mark.parametrize("duration", [0.0, 0.02, 0.6, 1.6])
@@ -408,13 +408,13 @@ def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration)
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
     here = running.scheme.frame_at(q)
     motion = SetPoint(here, 0.1) if not duration else way_points([duration], [(here.p_d, here.R_d)])
-    running.follow(motion, None, now - 0.02)
+    running.orders.follow(motion, None, now - 0.02)
     running.step(t, q + 1e-6, STILL, now)  # another state under the same stamp
     assert running.why.cause is Cause.STAMP_STUCK
     for step in range(100):  # no states come meanwhile
         with pytest.raises(InvalidMessageError, match="send nothing for"):
-            running.follow(motion, None, now + 0.02 * step)
-    running.follow(motion, None, now + 0.02 * 99 + 0.51)
+            running.orders.follow(motion, None, now + 0.02 * step)
+    running.orders.follow(motion, None, now + 0.02 * 99 + 0.51)
     assert running.fault == ""
 
 
@@ -425,10 +425,10 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
         dp_d=np.array([10.0, 0.0, 0.0]), ddp_d=np.array([-200.0 if accelerates else 0.0, 0.0, 0.0])
     )
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
-        running.follow(SetPoint(there_and_back, 0.1), None)
+        running.orders.follow(SetPoint(there_and_back, 0.1), None)
     spinning = pose_of(HOME)._replace(omega_d=np.array([0.0, 0.0, 2 * math.pi / 0.1]))
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
-        running.follow(SetPoint(spinning, 0.1), None)
+        running.orders.follow(SetPoint(spinning, 0.1), None)
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -465,7 +465,7 @@ def test_an_arm_that_stands_gets_efforts_again_though_its_speeds_are_noisy():
     random = generator(603)
     t_0, t = t, lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
     assert "wrist_1_joint at 5.12 rad/s" in running.fault
-    q, now = running._q, now + (t - t_0) / 1e9
+    q, now = running.acting.q, now + (t - t_0) / 1e9
     answers = [
         running.step(
             t + k * MS, q + random.normal(0, 1e-4, 6), random.normal(0, 0.01, 6), now + k * DT
@@ -487,7 +487,7 @@ def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go
     running.scheme.hold = lambda *a: never_finite(hold(*a))
     t_0, t = t, lets_go(running, t + MS, q, dq, now + DT)
     assert "non-finite effort" in running.fault
-    q, now = running._q, now + (t - t_0) / 1e9
+    q, now = running.acting.q, now + (t - t_0) / 1e9
     assert [running.step(t + k * MS, q, dq, now + k * DT) for k in range(50)] == [None] * 50
 
 
@@ -512,10 +512,10 @@ def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
     running.scheme.reset = Failing()
     with pytest.raises(ZeroDivisionError) as planted:
         running.step(t + 10_000 * MS, moved_by_hand, STILL, now + 10.0)
-    running.fail_for_good(planted.value)
+    running.supervisor.fail_for_good(planted.value)
     running.scheme.reset = reset
     command = running.step(t + 10_001 * MS, moved_by_hand, STILL, now + 10.001)
-    assert running.resets == 2
+    assert running.supervisor.resets == 2
     if command is not None:
         np.testing.assert_allclose(command.q, moved_by_hand, atol=HELD)
     assert running.why.cause is Cause.DEFECT
@@ -528,7 +528,7 @@ def test_a_law_that_cannot_even_hold_has_a_defect_that_no_reference_leads_out_of
     assert running.step(t + MS, q, dq) is not None  # gravity compensation
     assert running.why.cause is Cause.DEFECT
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-        running.follow(SetPoint(running.scheme.frame_at(q), 0.1), None)
+        running.orders.follow(SetPoint(running.scheme.frame_at(q), 0.1), None)
 
 
 def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follows_it():
@@ -547,10 +547,10 @@ def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follow
 def asks(running, q, now):
     """Yield what asks for a motion, each kind of reference at rest where the arm is."""
     here = running.scheme.frame_at(q)
-    yield lambda: running.follow(SetPoint(here, 0.1), None, now)
-    yield lambda: running.follow(way_points([2.0], [(here.p_d, here.R_d)]), None, now)
-    yield lambda: running.aim(here, now)
-    yield lambda: running.jog(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), now)
+    yield lambda: running.orders.follow(SetPoint(here, 0.1), None, now)
+    yield lambda: running.orders.follow(way_points([2.0], [(here.p_d, here.R_d)]), None, now)
+    yield lambda: running.orders.aim(here, now)
+    yield lambda: running.orders.jog(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), now)
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -561,7 +561,7 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
             if when in faults:
                 running.step(t, q + 1e-6, STILL, now)  # another state under the same stamp
             if when == 0:
-                running.halt()
+                running.orders.halt()
         for step in range(1, 800):
             t_step, now_step = t + step * MS, now + step * DT
             running.step(t_step, q, STILL, now_step)
@@ -570,7 +570,7 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
                     with pytest.raises(InvalidMessageError, match="call ~/resume"):
                         ask()
         assert running.mode is Mode.STOPPED
-        running.resume()
+        running.orders.resume()
         assert (running.mode, running.why.fault) == (Mode.HOLDING, "")
         command = running.step(t_step + MS, q, STILL, now_step + DT)
         if command.q is not None:
@@ -587,10 +587,10 @@ def test_a_fault_is_resumed_at_once_but_not_while_the_arm_moves():
     running.step(t, q + 1e-6, STILL, now)
     running.step(t + MS, q, STILL + 0.1, now + DT)
     with pytest.raises(InvalidMessageError, match="ask when it is at rest"):
-        running.resume()
+        running.orders.resume()
     assert running.why.cause is Cause.STAMP_STUCK
     running.step(t + 2 * MS, q, STILL, now + 2 * DT)
-    running.resume()
+    running.orders.resume()
     assert running.mode is Mode.HOLDING
 
 
@@ -601,7 +601,7 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         with pytest.raises(InvalidMessageError, match="runs away"):
             ask()
     with pytest.raises(InvalidMessageError, match="runs away"):
-        running.resume()
+        running.orders.resume()
     assert running.mode is Mode.RELEASING
     assert "runs away" in running.fault
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
@@ -613,7 +613,7 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
             ask()
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-        running.resume()
+        running.orders.resume()
     assert running.why.cause is Cause.DEFECT
 
 

@@ -177,6 +177,12 @@ class Guidance:
         return self._command(t, dt, q, dq, desired.row)
 
     @property
+    def stop_time(self) -> float:
+        """The time [s] in which the motion can come to rest from its present speed."""
+        limits, now = self._options.motion, self.motion.last
+        return 0.0 if limits is None else limits.stop_time(now.dp_d, now.omega_d)
+
+    @property
     def longest_plain_step(self) -> float:
         """The longest step [s] in which nothing but the frame of now is asked of the motion."""
         return _LONG if self.motion.leg.held is None else math.inf

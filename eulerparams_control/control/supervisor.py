@@ -1,6 +1,7 @@
-"""Changes of the mode of a controller: by references, and by the measured states."""
+"""The mode of a controller, and its changes by the measured states."""
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -18,10 +19,10 @@ from eulerparams_control.control.mode import (
     SILENT,
     STREAM_ENDED,
     Cause,
-    Latch,
     Mode,
     ModeEvent,
     Why,
+    contested,
     leaps,
     runs_away,
     why_of,
@@ -29,11 +30,9 @@ from eulerparams_control.control.mode import (
 from eulerparams_control.control.modes import ControlMode, Distrusting, Holding, Releasing, Waiting
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
-from eulerparams_control.errors import FollowingError, InvalidMessageError, defect
+from eulerparams_control.errors import FollowingError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.motion.references import Goal, Jog
-from eulerparams_control.motion.shaper import Reference
 
 # Time [s] in which efforts should have stopped an arm; codes of one that may run away.
 _HALTED, _FAST = 0.5, judge.SWINGS | judge.RUNS
@@ -46,9 +45,11 @@ class Supervisor:
         guidance: the law on its desired motion.
         limiter: of the commands.
         admission: of the states.
+        references: of which those are refused that jump.
         options: how time and references are treated.
 
     Attributes:
+        limiter: of the commands.
         mode: the present mode.
         resets: how often the states started again after a jump of the stamps, or a silence.
         stops: how often the arm was stopped, or stopped for another reason.
@@ -61,11 +62,12 @@ class Supervisor:
         guidance: Guidance,
         limiter: CommandLimiter,
         admission: Admission,
+        references: References,
         options: ControllerOptions,
     ) -> None:
-        self._guidance, self._limiter, self._clock = guidance, limiter, admission.clock
-        self._scheme, self._timeout = guidance.scheme, options.state_timeout
-        self._references = References(options.max_jump_position, options.max_jump_rotation)
+        self._guidance, self.limiter, self._clock = guidance, limiter, admission.clock
+        self._references, self._timeout = references, options.state_timeout
+        self._scheme = guidance.scheme
         self._halted = 0.0  # for how long [s] efforts were to stop the arm
         self._is_strict = options.check_states  # a simulation without limits may diverge
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
@@ -78,7 +80,7 @@ class Supervisor:
         """Start at the measured q (n,), whether or not the command before still acts."""
         self._guidance.begin(q, acts=acts)
         if not acts:
-            self._limiter.forget()
+            self.limiter.forget()
 
     def change(self, event: ModeEvent, why: Why = Why()) -> None:  # noqa: B008  it is frozen
         """Go over to the mode after an event."""
@@ -93,42 +95,6 @@ class Supervisor:
                 guidance.halt()
         elif not was_halted:
             guidance.brake()
-
-    def follow(self, motion: Reference, start: int | None, now: float | None, q: Array) -> None:
-        """Follow a motion, the arm being at q (n,); see ``Controller.follow``."""
-        clock, desired = self._clock, self._guidance.motion
-        self._references.refuse_after_fault(self.mode, clock.time(now))
-        if self.rate.is_too_low:
-            raise InvalidMessageError(f"{self.rate.why.fault}; {self.rate.why.remedy}")
-        was_halted = self.mode.is_halted
-        here = self._scheme.frame_at(q) if was_halted else desired.expected
-        if self._guidance.is_braking and was_halted:
-            raise InvalidMessageError("the arm brakes; send it when it is at rest")
-        if isinstance(motion, (Goal, Jog)):
-            self._references.refuse_target(motion)
-        else:
-            self._references.refuse_jump(motion, clock.late(start), here)
-        if was_halted:  # only now: what is refused does not move what is held
-            self._scheme.resume(q)
-            desired.hold(here)
-        elif self._guidance.is_braking and clock.last is not None:
-            self._guidance.release(clock.last.stamp)
-        desired.follow(motion, start)
-        self.change(ModeEvent.REFERENCE)
-
-    def resume(self, q: Array, *, is_at_rest: bool) -> None:
-        """Go on from a stop, holding the pose at q (n,); see ``Controller.resume``."""
-        mode = self.mode
-        if mode.latch is Latch.NONE:
-            return
-        held = f"the arm is held ({mode.why.fault or mode.why.cause})"
-        if mode.is_latched or mode.mode not in (Mode.STOPPED, Mode.WAITING):
-            raise InvalidMessageError(f"not resumed: {held}; {mode.remedy}")
-        if mode.mode is Mode.STOPPED:
-            if not is_at_rest:
-                raise InvalidMessageError(f"not resumed: {held}, and moves; ask when it is at rest")
-            self._guidance.begin(q, acts=True)
-        self.change(ModeEvent.RESUME)
 
     def begin_again(self, at: Instant, state: Accept) -> Accept:
         """Begin where the state is the first, or follows a gap.
@@ -181,10 +147,10 @@ class Supervisor:
                 self.change(ModeEvent.RECOVERED)
             if mode.is_runaway:
                 return
-        if self._limiter.commands_efforts and self._limiter.limits is not None:
+        if self.limiter.commands_efforts and self.limiter.limits is not None:
             self._halted += state.dt if mode.is_halted else 0.0
             if state.code & _FAST:
-                self._see_runaway(state, dq, self._limiter.limits.velocity)
+                self._see_runaway(state, dq, self.limiter.limits.velocity)
 
     @property
     def fine_rate(self) -> tuple[float, float]:
@@ -233,6 +199,11 @@ class Supervisor:
             self.change(ModeEvent.FAULT, why)
         elif motion.is_stalled(t):
             self.change(ModeEvent.FAULT, NEVER_BEGINS)
+
+    def contest(self, names: Sequence[str]) -> None:
+        """Hold from the next state on, as nodes of these names publish states in turns."""
+        if self.mode.why.cause is not Cause.TWO_PUBLISHERS:
+            self.change(ModeEvent.FAULT, contested(names))
 
     def fail_for_good(self, error: Exception) -> None:
         """Hold from now on because of a defect; no reference is followed any more."""

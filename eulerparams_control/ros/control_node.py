@@ -220,10 +220,10 @@ class ControlNode(ManagedNode):
 
     def _see_rivals(self, controller: Controller) -> None:
         """Stop the arm if states contradict each other, and two nodes publish them."""
-        if controller.is_contested:
+        if controller.admission.is_contested:
             names = publishers_of(self, self._states.topic_name)
             if len(names) > 1:
-                controller.contest(sorted(names))
+                controller.supervisor.contest(sorted(names))
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""
@@ -257,13 +257,13 @@ class ControlNode(ManagedNode):
     def _follow(self, controller: Controller, robot: Robot, msg: MultiDOFJointTrajectory) -> None:
         frames = robot.base_frame, robot.tip_frame
         motion, start = motion_from_ros(msg, *frames, self._params.reference_timeout)
-        controller.follow(motion, start, self._now)
+        controller.orders.follow(motion, start, self._now)
 
     def _aim(self, controller: Controller, robot: Robot, msg: PoseStamped) -> None:
-        controller.aim(self._targets.pose(msg, robot, self._input.measured), self._now)
+        controller.orders.aim(self._targets.pose(msg, robot, self._input.measured), self._now)
 
     def _jog(self, controller: Controller, robot: Robot, msg: TwistStamped) -> None:
-        controller.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
+        controller.orders.jog(self._targets.twist(msg, robot, self._input.measured), self._now)
 
     def _drag(self, controller: Controller, robot: Robot, msg: InteractiveMarkerFeedback) -> None:
         goal = self._marker.released(msg, (controller, controller.supervisor.stops))
@@ -279,7 +279,7 @@ class ControlNode(ManagedNode):
         """Bring the arm to rest; only ``~/resume`` leads on."""
         if self._controller is None:
             return _answered(answer, _NOT_ACTIVE)
-        self._controller.halt()
+        self._controller.orders.halt()
         return self._ordered(answer)
 
     def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
@@ -287,7 +287,7 @@ class ControlNode(ManagedNode):
         if self._controller is None:
             return _answered(answer, _NOT_ACTIVE)
         try:
-            self._controller.resume()
+            self._controller.orders.resume()
         except InvalidMessageError as error:
             self._health.complain(str(error))
             return _answered(answer, str(error))
@@ -361,7 +361,7 @@ class ControlNode(ManagedNode):
     @property
     def _timeout(self) -> float:
         """After which silence [s] joint_states have stopped; not before the next one is due."""
-        due = 2 * self._controller.period.seconds if self._controller is not None else 0.0
+        due = 2 * self._controller.admission.period.seconds if self._controller is not None else 0.0
         return self._input.timeout(max(self._params.state_timeout, due), self._is_simulated)
 
     def watch(self) -> None:
@@ -375,7 +375,7 @@ class ControlNode(ManagedNode):
         self._health.values.update(self._input.read() | self.values_now())
         if self._controller is None:
             return
-        self._health.values["joint_states missed"] = self._controller.period.missed
+        self._health.values["joint_states missed"] = self._controller.admission.period.missed
         self._report.once_a_second(self._controller, self._states.topic_name)
         if self._commands.count_subscribers() == 0 and self.commands_joints:
             self._health.complain(

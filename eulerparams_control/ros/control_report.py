@@ -80,7 +80,8 @@ class ControlReport:
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
-        again, self._restarts = controller.resets - self._restarts, controller.resets
+        resets = controller.supervisor.resets
+        again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.supervisor.rate.is_too_low:
             names = ", ".join(sorted(publishers_of(self._node, states_topic)))
             self._health.complain(
@@ -162,8 +163,8 @@ class ControlReport:
             "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
             "commands bounded by the guard": controller.limiter.bounded,
-            "restarts after a gap of joint_states": controller.resets,
-            "states that went the long way": controller.detours,
+            "restarts after a gap of joint_states": controller.supervisor.resets,
+            "states that went the long way": controller.short_way.detours,
         }
 
     def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:

@@ -29,8 +29,8 @@ class Ending:
         """End a controller, if there is one; call ``then`` when its arm is released."""
         if controller is not None and self._controller is None:
             self._controller = controller
-            self._deadline = steady.now() + LONGEST + 2 * controller.stop_time
-            controller.end()
+            self._deadline = steady.now() + LONGEST + 2 * controller.guidance.stop_time
+            controller.orders.end()
         self._then += then
         self.review()
 
@@ -39,7 +39,7 @@ class Ending:
         controller = self._controller
         if controller is not None:
             in_time = self._is_followed() and steady.now() < self._deadline
-            if in_time and not controller.is_at_rest:
+            if in_time and not controller.acting.is_at_rest:
                 return
         self.finish()
 

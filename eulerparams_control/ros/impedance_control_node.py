@@ -176,7 +176,7 @@ class ImpedanceControlNode(ControlNode):
         if robot is None:
             return
         if controller is not None:
-            before, self._set_backs = self._set_backs, controller.set_backs
+            before, self._set_backs = self._set_backs, controller.admission.set_backs
             if self._set_backs > before:
                 self._sensor.set_back()
         is_new = self._sensor.choose(t, q, robot.limits)

@@ -298,7 +298,7 @@ class ManagedNode(LifecycleNode):
         if self._controller is None or not self._is_followed():
             return
         try:
-            command = self._controller.last_command()
+            command = self._controller.acting.last()
             if command is not None:
                 self._commands.publish(self._stamp, command)
         except Exception as error:  # then none is safe: the robot has to brake itself
@@ -353,5 +353,5 @@ class ManagedNode(LifecycleNode):
             mode = Lifecycle.INACTIVE if self._robot else Lifecycle.UNCONFIGURED
             self._tell(ERROR, defect(error), mode, Cause.DEFECT, REPORT_IT)
         else:
-            self._controller.fail_for_good(error)
+            self._controller.supervisor.fail_for_good(error)
             self._say()

@@ -61,7 +61,7 @@ def clik(
     scheme = Clik(robot, ClikLaw(law, *gains), limits=None)
     options = ControllerOptions(max_jump_rotation=math.pi, require_reference=True)
     controller = Controller(scheme, options, q_0)
-    controller.follow(motion, None)
+    controller.orders.follow(motion, None)
     q, dq = q_0, np.zeros_like(q_0)
     for step in range(round(duration * 1e9 / STEP_NS) + 1):
         command = controller.step(step * STEP_NS, q, dq)
