@@ -1,12 +1,14 @@
 """From bags to numbers and figures, without ROS.
 
-    from eulerparams_control import analysis
+```python
+from eulerparams_control import analysis
 
-    run = analysis.load("out/demo/clik_euler_parameters")
-    run.leading.t, run.leading.orientation_error              # (N,) [s], (N,) [rad]
-    analysis.measure("peak_orientation_error", run)           # [deg], as in the table
-    analysis.columns(run)["orientation_error [deg]"]            # all quantities, named with units
-    analysis.figure([run], "orientation_error").savefig("error.pdf")
+run = analysis.load("out/demo/clik_euler_parameters")
+run.leading.t, run.leading.orientation_error              # (N,) [s], (N,) [rad]
+analysis.measure("peak_orientation_error", run)           # [deg], as in the table
+analysis.columns(run)["orientation_error [deg]"]            # all quantities, named with units
+analysis.figure([run], "orientation_error").savefig("error.pdf")
+```
 """
 
 from collections.abc import Sequence

@@ -349,9 +349,7 @@ class Admission:
         self.clock.last, self._back = at, 0
         self._before, self._now = self._now, self._before
 
-    def _restart(
-        self, at: Instant, dt: float, silence: float, usual: float, code: int
-    ) -> Restart:
+    def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
         """Return what happened before a state whose stamp is dt [s] after the last one."""
         is_silence, is_same_arm = silence > self._timeout, not code & judge.MOVED
         # by the stamps alone a silence and a clock that was set forward look the same

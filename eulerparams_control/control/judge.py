@@ -157,9 +157,7 @@ def admit_expected(
         early = best_at(latency, receipt) - behind
         if not -most <= early < _EARLY * usual:
             return NOT_EXPECTED
-    code = believed & code_of(
-        q, dq, q[:0], velocity, arm, before, now, dt, True, True, False
-    )
+    code = believed & code_of(q, dq, q[:0], velocity, arm, before, now, dt, True, True, False)
     # one that swings would be released only if it were held; a new stamp makes a new state
     if code & ((1 << JOINT) - 1) & ~(SAME | WOUND | SWINGS):
         return NOT_EXPECTED

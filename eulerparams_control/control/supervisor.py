@@ -224,9 +224,7 @@ class Supervisor:
         except Exception as error:
             return self.hold_after(error, dt, q, dq)
 
-    def hold_after(
-        self, error: Exception, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
+    def hold_after(self, error: Exception, dt: float, q: Array, dq: Array) -> JointCommand | None:
         """Return what holds the arm where a law has no answer; None if there is nothing."""
         scheme = self._scheme
         try:

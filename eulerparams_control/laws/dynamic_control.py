@@ -558,9 +558,7 @@ class DynamicControl(Scheme):
         """Return the pose of the tip at the measured q."""
         return self.frame_at(self._q)
 
-    def tick(
-        self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE
-    ) -> Tick:
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, also against a contact, eq. (48).
 
         Args:

@@ -51,7 +51,6 @@ _REPEATS, _MOVED = 0.1, 0.02
 _STILL = 0.005
 
 
-
 class _Numbers(NamedTuple):
     """The options in numbers; without a weight to be taken out there is no gravity."""
 

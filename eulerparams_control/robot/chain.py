@@ -283,9 +283,7 @@ def states(chain: Rows, q: Inputs, dq: Inputs, arms: Rows) -> None:
 
 
 @entry
-def dynamic_state(
-    chain: Rows, q: Input, dq: Input, arm: Row, B: Rows, C_dq: Row, g: Row
-) -> None:
+def dynamic_state(chain: Rows, q: Input, dq: Input, arm: Row, B: Rows, C_dq: Row, g: Row) -> None:
     """Fill in the row of an arm, and the terms of eq. (32)."""
     n = len(q)
     work, still = np.empty((n, WORK)), np.zeros(n)

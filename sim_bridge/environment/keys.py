@@ -93,9 +93,7 @@ class Keyed:
             object.__setattr__(self, entry.name, value)
 
 
-def read[K](
-    kind: type[K], what: str, given: Mapping[str, Any], prefix: str = "", **more: Any
-) -> K:
+def read[K](kind: type[K], what: str, given: Mapping[str, Any], prefix: str = "", **more: Any) -> K:
     """Return a dataclass of keys from YAML.
 
     Args:

@@ -141,9 +141,7 @@ class MessageFault(Fault):
 
     keeps_order: ClassVar[bool] = False
 
-    probability: float = setting(
-        text="of a message to be hit", least=0.0, most=1.0, default=1.0
-    )
+    probability: float = setting(text="of a message to be hit", least=0.0, most=1.0, default=1.0)
 
     def __init_subclass__(cls, **about: Any) -> None:
         """Register a kind, which has a ``change`` of its own."""
